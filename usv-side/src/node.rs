@@ -72,7 +72,7 @@ const ATTITUDE: usize = 3;
 pub struct SourceCounts {
     /// Measurements passed to the filter.
     pub taken: u64,
-    /// Passed measurements with a component that the filter's gate rejected; inertial samples count in pairs.
+    /// Passed measurements with a component that the filter's gate rejected; inertial samples count by filter step.
     pub gated: u64,
     /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,

@@ -6,11 +6,11 @@ mod sentences;
 pub mod table;
 mod wrapping;
 
-use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
+use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Measurement, Mount, Remark, SourceMeasurement, plausible};
+use crate::sensors::{Measurement, Mount, Remark, SourceMeasurement, plausible};
 
 /// Text about the supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
@@ -68,34 +68,18 @@ pub struct SensorRecording {
 struct Gather {
     first_ns: Option<i64>,
     measurements: Vec<Measurement>,
-    average: [Average; 2],
     overflowed: bool,
 }
 
 impl Gather {
-    /// Adds a measurement of `source`; inertial samples are averaged to the filter's rate.
+    /// Adds a measurement of `source`.
     fn push(&mut self, SourceMeasurement { at_ns, measurement }: SourceMeasurement, source: u8) {
         let first = *self.first_ns.get_or_insert(at_ns);
-        match measurement {
-            Measurement::Imu(m) => {
-                let sample = ImuSample { source, ..m };
-                let k = usize::from(source).min(1);
-                let means = self.average.get_mut(k).map(|a| a.push(at_ns, &sample));
-                for (at_ns, m) in means.into_iter().flatten().flatten() {
-                    self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
-                }
-            }
-            Measurement::Gnss(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
-                self.add(at_ns.saturating_sub(first), measurement, source);
-            }
-        }
-    }
-    fn add(&mut self, at_ns: i64, measurement: Measurement, source: u8) {
         if self.measurements.len() >= MAX_MEASUREMENTS {
             self.overflowed = true;
             return;
         }
-        let at: Time<VesselClock> = Time::from_nanos(at_ns);
+        let at: Time<VesselClock> = Time::from_nanos(at_ns.saturating_sub(first));
         self.measurements.push(measurement.of(source, at));
     }
     /// Text about missing kinds of measurements; empty if there are none.
@@ -137,14 +121,6 @@ impl Gather {
     }
     /// All measurements, or the reason why they are unusable; `found` describes the file's content.
     fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
-        let first = self.first_ns.unwrap_or_default();
-        for k in 0..self.average.len() {
-            let rest = self.average.get_mut(k).and_then(Average::finish);
-            if let Some((at_ns, m)) = rest {
-                let source = m.source;
-                self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
-            }
-        }
         let whole = |message: String| LogError::new(origin, message);
         if self.overflowed {
             return Err(whole(format!(

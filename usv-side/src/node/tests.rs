@@ -124,6 +124,106 @@ fn accelerometer_that_clips_for_a_while() {
     );
 }
 
+/// The node of a vessel that heads north at this speed (m/s) with compasses that read `off` (second) more, rad, and an
+/// estimate of each second.
+fn headed<const N: usize>(
+    (until_s, speed): (i64, f64),
+    off: impl Fn(f64) -> [f64; N],
+) -> (VesselNode, Vec<VesselEstimate<VesselClock>>) {
+    let (mut n, mut estimates) = (node(), Vec::new());
+    for k in 0..100 * until_s {
+        let (t, mut input) = (0.01 * k as f64, rest(k));
+        let noise = 0.01 * (k / 10 % 3 - 1) as f64;
+        for fix in &mut input.gnss {
+            fix.position[0] += speed * t;
+            fix.velocity[0] = speed;
+        }
+        let headings = input.heading.drain(..).flat_map(|h| {
+            let read = |(source, off)| HeadingFix {
+                source: source as u8,
+                heading: alight_shared::frames::wrap_angle(h.heading + off + noise),
+                ..h
+            };
+            off(t).into_iter().enumerate().map(read).collect::<Vec<_>>()
+        });
+        input.heading = headings.collect();
+        let estimate = n.step(time(k), &input.into()).estimate;
+        if estimate.is_some() && estimates.len() as i64 <= k / 100 {
+            estimates.extend(estimate);
+        }
+    }
+    (n, estimates)
+}
+/// Error of the heading, rad, and its standard deviation.
+fn heading_error(e: &VesselEstimate<VesselClock>) -> (f64, f64) {
+    (e.eta[5].abs(), e.covariance(5)[0].sqrt())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn heading_whose_first_second_was_wrong(
+        off in prop_oneof![0.1..core::f64::consts::PI, Just(core::f64::consts::PI)],
+        sign in prop::sample::select(vec![-1.0, 1.0]),
+    ) {
+        let (_, all) = headed((20, 0.0), |t| [if t < 1.0 { sign * off } else { 0.0 }]);
+        for e in all.iter().filter(|e| e.header.at >= time(500)) {
+            let (error, sd) = heading_error(e);
+            prop_assert!(error <= 3.0 * sd, "{error} +- {sd} at {:?}", e.header.at);
+            prop_assert!(e.header.at < time(1500) || error < 0.1, "{error} at {:?}", e.header.at);
+        }
+    }
+}
+
+/// By its gyroscope the vessel has not turned: the compass is off, or was before.
+#[test]
+fn compass_that_is_corrected() {
+    for (speed, limit) in [(0.0, 0.35), (2.0, 0.15)] {
+        let (n, all) = headed((50, speed), |t| [if t < 30.0 { 0.3 } else { 0.0 }]);
+        assert!(n.source(HEADING, 0).gated < 40, "{:?}", n.source(HEADING, 0));
+        for e in all.iter().filter(|e| e.header.at >= time(3500)) {
+            let (error, sd) = heading_error(e);
+            assert!(error <= 3.0 * sd, "{error} +- {sd} at {:?}", e.header.at);
+        }
+        let (error, _) = heading_error(&all[49]);
+        assert!(error < limit, "{error} at {speed} m/s");
+    }
+}
+
+#[test]
+fn compass_that_is_disturbed() {
+    for lasts_s in [2.0, 8.0] {
+        let off = |t: f64| {
+            [if (30.0..30.0 + lasts_s).contains(&t) {
+                0.5
+            } else {
+                0.0
+            }]
+        };
+        let (_, all) = headed((50, 0.0), off);
+        assert!(all.iter().all(|e| heading_error(e).0 < 0.05), "{lasts_s} s");
+        let (_, sd) = heading_error(&all[49]);
+        assert!(sd < 0.03, "{sd} after {lasts_s} s");
+    }
+}
+
+#[test]
+fn compass_beside_another() {
+    let (n, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }, 0.0]);
+    let (error, sd) = heading_error(&all[44]);
+    assert!(
+        error < 0.02 && sd < 0.03,
+        "{error} +- {sd}: the other contradicts it"
+    );
+    assert!(n.source(HEADING, 0).gated > 140 && n.source(HEADING, 1).gated == 0);
+    let (_, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }; 2]);
+    let (error, sd) = heading_error(&all[44]);
+    assert!(
+        (error - 0.5).abs() < 0.05 && sd < 0.05,
+        "{error} +- {sd}: both say so"
+    );
+}
+
 #[test]
 fn estimate_of_a_vessel_at_rest() {
     let mut n = node();

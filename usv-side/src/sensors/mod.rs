@@ -4,7 +4,6 @@
 //! offset between the source's clock and the vessel's.
 
 mod age_counts;
-mod average;
 mod bus;
 mod clock;
 mod config;
@@ -19,7 +18,6 @@ mod signalk;
 mod stuck;
 mod ubx;
 
-pub use average::Average;
 pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;

@@ -13,7 +13,7 @@ use super::age_counts::AgeCounts;
 use super::plausible::Plausibility;
 use super::rtcm::RtcmTraffic;
 use super::{
-    Average, Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
+    Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
     SourcesConfig,
 };
 use crate::VesselNodeConfig;
@@ -68,7 +68,6 @@ struct Source {
     latency: Span,
     /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and of headings, which the estimator takes a little late.
@@ -94,7 +93,6 @@ impl Source {
             rtcm: config.is_base().then(|| RtcmTraffic::new(antenna_m)),
             latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),
-            average: Default::default(),
             newest: Default::default(),
             ages: no_ages(),
             plausible: Default::default(),
@@ -123,16 +121,6 @@ impl Source {
         if let (Format::Rtcm, Some(rtcm)) = (self.format, &self.rtcm) {
             rtcm.count(&mut self.status);
         }
-    }
-
-    /// Inertial samples at the filter's rate; other measurements as they are.
-    fn average(&mut self, m: SourceMeasurement) -> [Option<SourceMeasurement>; 2] {
-        let Measurement::Imu(sample) = m.measurement else {
-            return [Some(m), None];
-        };
-        let average = self.average.get_mut(usize::from(sample.source).min(1));
-        let means = average.map(|a| a.push(m.at_ns, &sample)).unwrap_or_default();
-        means.map(|mean| mean.map(|(at_ns, mean)| SourceMeasurement::new(at_ns, mean)))
     }
 
     /// The vessel's time of a time of the source's own clock.
@@ -307,11 +295,7 @@ impl Node for SensorNode {
                 source.push(now, bytes, &mut decoded, &mut rtcm);
             }
             decoded.extend(input.samples.get(k).into_iter().flatten().copied());
-            let mut dated = Vec::new();
-            for m in decoded.drain(..) {
-                let averaged = source.average(m).into_iter().flatten();
-                dated.extend(averaged.filter_map(|m| source.date(now, &m)));
-            }
+            let mut dated: Vec<_> = decoded.drain(..).filter_map(|m| source.date(now, &m)).collect();
             for m in source.decoder.timeless() {
                 dated.extend(source.date_by_arrival(now, m));
             }
