@@ -55,7 +55,7 @@ computer! {
         };
     }
     /// The drone's processes: there is no other list of them.
-    PROCESSES: Installed
+    PROCESSES: Installed, RowVisitor
 }
 
 /// Configurations of the nodes of a drone's computer.

@@ -142,7 +142,7 @@ computer! {
         };
     }
     /// The vessel's processes: there is no other list of them.
-    PROCESSES: Installed
+    PROCESSES: Installed, RowVisitor
 }
 
 /// Configurations of the nodes of a vessel's computer.

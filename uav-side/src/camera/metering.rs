@@ -8,7 +8,7 @@
 //! tags by night, which are overexposed, or a lamp or glint next to a deck in the dark. Both are tried in turns, each
 //! from the setting in which its last turn ended.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::light::{ImageLight, TagLight};
 
@@ -59,7 +59,7 @@ impl SettingRange {
 }
 
 /// Exposure and gain of a device.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
     /// Exposure, s.
     pub exposure_s: f64,
@@ -77,7 +77,7 @@ pub enum Light {
 }
 
 /// Exposure of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposed {
     /// Exposure and gain.
     pub setting: Setting,

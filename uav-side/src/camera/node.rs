@@ -7,7 +7,7 @@ use alight_shared::node::Node;
 use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
@@ -63,7 +63,7 @@ impl Exposures {
 }
 
 /// The images since the last step.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraIn {
     pub frames: Vec<CameraFrame>,
     /// Exposure of the newest of them; None where the drone does not set it.
