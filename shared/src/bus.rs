@@ -6,10 +6,14 @@
 
 mod absent;
 
+use core::any::Any;
+
+use serde::de::DeserializeOwned;
+
 use crate::node::Node;
 use crate::plain::Plain;
 use crate::process::{InputState, ProcessKind};
-use crate::step::{Recorded, Step};
+use crate::step::{Parts, Recorded, Step};
 use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
@@ -64,10 +68,15 @@ pub trait Writer<M> {
     }
 }
 
-/// Node with a declared wiring.
-pub trait Wired: Node + Sized {
+/// A node whose wiring is declared. Its steps can be recorded and computed again.
+pub trait Wired: Node<In: Recorded + Clone + DeserializeOwned, Out: Recorded> + Sized {
     /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
+
+    /// Shows the parts of an input that topics bring, each an `Option` or a `Vec` of messages.
+    fn read_parts(input: &mut Self::In, each: &mut dyn FnMut(&mut dyn Any));
+    /// Shows the parts of an output that go to topics, each a collection of messages.
+    fn written_parts(out: &Self::Out, each: &mut dyn FnMut(&dyn Any));
 }
 
 /// Ports of a node on one bus.
@@ -162,8 +171,8 @@ pub struct RowStep<N: Node> {
     pub out: N::Out,
 }
 
-impl<N: Node<In: Recorded, Out: Recorded>> RowStep<N> {
-    /// View of this step for observers. `boot` is the boot id of the process.
+impl<N: Wired> RowStep<N> {
+    /// As observers see it, of the start of a process with this boot id.
     pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
         Step {
             process,
@@ -171,7 +180,18 @@ impl<N: Node<In: Recorded, Out: Recorded>> RowStep<N> {
             now_ns: self.at.nanos(),
             input: &self.input,
             output: &self.out,
+            parts: self,
         }
+    }
+}
+impl<N: Wired> Parts for RowStep<N> {
+    fn input_with(&self, change: &mut dyn FnMut(&mut dyn Any)) -> Box<dyn Recorded> {
+        let mut input = self.input.clone();
+        N::read_parts(&mut input, change);
+        Box::new(input)
+    }
+    fn written(&self, each: &mut dyn FnMut(&dyn Any)) {
+        N::written_parts(&self.out, each);
     }
 }
 
@@ -288,7 +308,7 @@ impl ReadCounts {
 ///         predictor: Predictor => ProcessKind::Predictor, |of, boot| Predictor::new(&of.drone.predictor(), boot);
 ///     }
 ///     /// Their processes.
-///     PROCESSES: Installed
+///     PROCESSES: Installed, RowVisitor
 /// }
 /// ```
 #[macro_export]
@@ -297,7 +317,7 @@ macro_rules! computer {
         $(#[$doc:meta])* $computer:ident of $nodes:ty {
             $($(#[$about:meta])* $row:ident: $node:ty => $process:expr, $make:expr;)*
         }
-        $(#[$list_doc:meta])* $list:ident: $kind:ident
+        $(#[$list_doc:meta])* $list:ident: $kind:ident, $visitor:ident
     ) => {
         $(#[$doc])*
         pub struct $computer<B: $crate::bus::Bus> {
@@ -345,6 +365,20 @@ macro_rules! computer {
                 make(nodes, boot)
             }
         })*
+        /// Does something for a row, whichever node it is.
+        pub trait $visitor: Sized {
+            /// What it gives.
+            type Found;
+            /// For the row of this node.
+            fn row<N: $kind + 'static>(self) -> Self::Found;
+            /// For the row of this process; None: the computer has none.
+            fn visit(self, process: $crate::process::ProcessKind) -> Option<Self::Found> {
+                $(if process == $process {
+                    return Some(self.row::<$node>());
+                })*
+                None
+            }
+        }
     };
 }
 pub use crate::computer;
@@ -443,6 +477,15 @@ macro_rules! wiring {
         }
         impl $crate::bus::Wired for $node {
             type Ports<B: $crate::bus::Bus> = $ports<B>;
+
+            #[allow(unused_variables, reason = "a node may read nothing")]
+            fn read_parts(input: &mut $input, each: &mut dyn FnMut(&mut dyn core::any::Any)) {
+                $(each(&mut input.$in);)*
+            }
+            #[allow(unused_variables, reason = "a node may write nothing")]
+            fn written_parts(out: &$output, each: &mut dyn FnMut(&dyn core::any::Any)) {
+                $(each(&out.$out);)*
+            }
         }
     };
 }
@@ -450,11 +493,12 @@ pub use crate::wiring;
 
 #[cfg(test)]
 mod tests {
-    use core::any::Any;
     use core::cell::RefCell;
     use core::convert::Infallible;
     use core::marker::PhantomData;
     use std::rc::Rc;
+
+    use serde::{Deserialize, Serialize};
 
     use super::*;
     use crate::msg::{MissionCheckpoint, MissionState, Plan, RangeSample};
@@ -516,13 +560,14 @@ mod tests {
     }
 
     pub struct Echo;
+    #[derive(Clone, Default, Serialize, Deserialize)]
     pub struct In {
         plan_in: Option<Plan>,
         ranges: Vec<RangeSample>,
         frames: Vec<u8>,
         kept: Option<MissionCheckpoint>,
     }
-    #[derive(Default)]
+    #[derive(Default, Serialize)]
     pub struct Out {
         states: Vec<MissionState>,
         plan: Option<Plan>,
@@ -585,6 +630,14 @@ mod tests {
         assert!(ports.read(0).kept.is_none());
 
         assert_eq!((ports.states(0).len(), ports.unsent()), (2, 3));
+        let (mut read, mut written) = (0, 0);
+        Echo::read_parts(&mut In::default(), &mut |part| {
+            read += usize::from(part.is::<Option<Plan>>() || part.is::<Vec<RangeSample>>());
+        });
+        Echo::written_parts(&Out::default(), &mut |part| {
+            written += usize::from(part.is::<Vec<MissionState>>())
+        });
+        assert_eq!((read, written), (2, 1));
         assert_eq!(
             EchoPorts::wakes(&wire),
             Ok(vec![crate::topics::RANGE.name, crate::topics::PLAN.name])

@@ -21,6 +21,10 @@ macro_rules! processes {
             pub const fn name(self) -> &'static str {
                 match self { $(ProcessKind::$kind => $name,)* }
             }
+            /// The process of this name.
+            pub fn named(name: &str) -> Option<ProcessKind> {
+                match name { $($name => Some(ProcessKind::$kind),)* _ => None }
+            }
         }
     };
 }

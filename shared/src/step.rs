@@ -11,17 +11,20 @@ use crate::wire::{self, WireError};
 pub trait Recorded: Any {
     /// Appends the value to `to` as a record. Returns an error if the record is longer than [`wire::MAX_RECORD_BYTES`].
     fn append(&self, to: &mut Vec<u8>) -> Result<(), WireError>;
-    /// Hash by [`wire::hash_record`].
-    fn hash(&self) -> Result<u64, WireError>;
 }
 
 impl<T: Serialize + Any> Recorded for T {
     fn append(&self, to: &mut Vec<u8>) -> Result<(), WireError> {
         wire::append_record(to, self)
     }
-    fn hash(&self) -> Result<u64, WireError> {
-        wire::hash_record(self)
-    }
+}
+
+/// The parts of a step that are messages of topics.
+pub trait Parts {
+    /// The input with `change` applied to each part that a topic brought, an `Option` or a `Vec` of messages.
+    fn input_with(&self, change: &mut dyn FnMut(&mut dyn Any)) -> Box<dyn Recorded>;
+    /// Shows each part of the output that goes to a topic.
+    fn written(&self, each: &mut dyn FnMut(&dyn Any));
 }
 
 /// One step of a node.
@@ -37,6 +40,8 @@ pub struct Step<'a> {
     pub input: &'a dyn Recorded,
     /// Output of the step.
     pub output: &'a dyn Recorded,
+    /// Messages in both.
+    pub parts: &'a dyn Parts,
 }
 
 impl Step<'_> {
@@ -58,18 +63,25 @@ mod tests {
 
     #[test]
     fn step_by_the_types_of_its_ends() {
+        struct NoParts;
+        impl Parts for NoParts {
+            fn input_with(&self, _: &mut dyn FnMut(&mut dyn Any)) -> Box<dyn Recorded> {
+                Box::new(())
+            }
+            fn written(&self, _: &mut dyn FnMut(&dyn Any)) {}
+        }
         let step = Step {
             process: ProcessKind::Pilot,
             boot: 1,
             now_ns: 5,
             input: &7_u32,
             output: &"up".to_string(),
+            parts: &NoParts,
         };
         assert_eq!((step.input::<u32>(), step.input::<u64>()), (Some(&7), None));
         assert_eq!(step.output::<String>().map(String::as_str), Some("up"));
         let mut bytes = Vec::new();
         step.input.append(&mut bytes).unwrap();
         assert_eq!(bytes, wire::encode_record(&7_u32).unwrap());
-        assert_eq!(step.output.hash().unwrap(), wire::hash_record(&"up").unwrap());
     }
 }

@@ -56,8 +56,8 @@ fn config() -> impl bincode::config::Config {
         .with_limit::<MAX_WIRE_BYTES>()
 }
 
-/// Maximum size of a record of a process's inputs or outputs, bytes.
-pub const MAX_RECORD_BYTES: usize = 1 << 20;
+/// No record of a process's inputs or outputs is longer: two images of 1920 x 1080 px.
+pub const MAX_RECORD_BYTES: usize = 4 << 20;
 
 fn record_config() -> impl bincode::config::Config {
     bincode::config::standard()

@@ -54,8 +54,8 @@ computer! {
             Pilot::new(&nodes.drone.pilot, &nodes.drone.airframe, nodes.id(), boot)
         };
     }
-    /// Processes of the drone; every other list is derived from this one.
-    PROCESSES: Installed
+    /// The drone's processes: there is no other list of them.
+    PROCESSES: Installed, RowVisitor
 }
 
 #[derive(Clone, Debug)]

@@ -131,8 +131,8 @@ computer! {
             node
         };
     }
-    /// Processes of the vessel's computer, listed only here.
-    PROCESSES: Installed
+    /// The vessel's processes: there is no other list of them.
+    PROCESSES: Installed, RowVisitor
 }
 
 #[derive(Clone, Debug)]

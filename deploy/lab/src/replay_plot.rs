@@ -7,10 +7,12 @@ use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::CliError;
 use alight_computer::playback::Plot;
 use alight_computer::record::log::{Log, ProcessStart};
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::observer::StepObserver;
 use alight_shared::msg::{DeckForecast, DroneState};
+use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::harness::trace::{Trace, TracePoint};
+use alight_uav::pilot::PilotOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -100,15 +102,15 @@ fn point(
 }
 
 impl StepObserver for BeliefPlot {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        match step {
-            NodeStep::Predictor(now, i, o) => self.predicted(t.secs(), now, i, o),
-            NodeStep::Pilot(now, _, o) => {
-                let contact = |touchdown_at: Time<DroneClock>| (t - (now - touchdown_at)).secs();
-                let touchdown = o.touchdown.as_ref().map(|c| contact(c.suspected_at));
-                self.trace.touchdown_s = touchdown.or(self.trace.touchdown_s);
-            }
-            NodeStep::Vessel(..) | NodeStep::Bridge(..) | NodeStep::Mission(..) | NodeStep::Planner(..) => {}
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        let now = Time::from_nanos(step.now_ns);
+        if let (Some(i), Some(o)) = (step.input(), step.output()) {
+            self.predicted(t.secs(), now, i, o);
+        }
+        if let Some(o) = step.output::<PilotOut>() {
+            let contact = |touchdown_at: Time<DroneClock>| (t - (now - touchdown_at)).secs();
+            let touchdown = o.touchdown.as_ref().map(|c| contact(c.suspected_at));
+            self.trace.touchdown_s = touchdown.or(self.trace.touchdown_s);
         }
     }
 }

@@ -82,7 +82,7 @@ fn replay_of_processes_that_were_killed() {
     let replay = json(&alight(format!("replay {} --json", recording.display())));
     assert_eq!(replay["identical"], true, "{replay}");
     let starts = replay["nodes"].as_array().unwrap().len();
-    assert_eq!(starts, 8, "six nodes, two of them twice: {replay}");
+    assert_eq!(starts, 11, "eight rows, three of them twice: {replay}");
 }
 
 #[test]

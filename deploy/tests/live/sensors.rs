@@ -9,7 +9,7 @@ use std::time::Duration;
 use alight_transport::memory::{Instance, Memory, Services};
 use serde_json::Value;
 
-use crate::common::{Running, alight, free_udp, instance, once, run, scratch, service, signal};
+use crate::common::{Running, alight, errors, free_udp, instance, once, run, scratch, service, signal};
 use crate::landing::pid;
 
 fn sentence(body: &str) -> String {
@@ -106,10 +106,13 @@ fn vessel_process_with_its_sensors() {
     let directory = scratch("sensors-vessel");
     std::fs::create_dir_all(&directory).unwrap();
     let config = directory.join("vessel.toml");
+    let flights = directory.join("flights");
     let text = format!(
-        "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
-         connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
-        instance("mast")
+        "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[recorder]\ndirectory = \"{}\"\n\
+         [[sensor.sources]]\nname = \"mast\"\nconnect = \"udpin://{udp}\"\n\
+         [[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
+        instance("mast"),
+        flights.display()
     );
     std::fs::write(&config, text).unwrap();
     let mut program = service("vessel", &directory, &[]);
@@ -165,5 +168,21 @@ fn vessel_process_with_its_sensors() {
     );
     end.send(()).unwrap();
     mast.join().unwrap();
+    // Both starts of the sensors, the killed one too, compute the same measurements again.
+    let flight = std::fs::read_dir(&flights).unwrap().flatten().next().unwrap();
+    let replay = run(format!("replay {} --json", flight.path().display()));
+    assert!(replay.status.success(), "{}", errors(&replay));
+    let replay: Value = serde_json::from_slice(&replay.stdout).unwrap();
+    let of_sensors = |n: &&Value| n["node"].as_str().is_some_and(|n| n.starts_with("sensors-"));
+    let starts: Vec<&Value> = replay["nodes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(of_sensors)
+        .collect();
+    assert!(
+        starts.len() == 2 && starts.iter().all(|n| n["steps"].as_u64() > Some(20)),
+        "{replay}"
+    );
     std::fs::remove_dir_all(directory).unwrap();
 }

@@ -460,7 +460,7 @@ impl SimulatedDroneComputer {
         self.step_bridge((t, now), packets, reports_status, tap);
         if self.linked.is_some() {
             self.receive_from_autopilot((t, now), physics, tap);
-            self.sense((t, now), physics);
+            self.sense((t, now), physics, tap);
             self.step_predictor((t, now), physics, foresight, tap);
             self.plans
                 .arrived(t)

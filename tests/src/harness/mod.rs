@@ -16,5 +16,5 @@ pub mod storm;
 pub mod tap;
 pub mod trace;
 pub mod trial;
-mod vessel_computer;
+pub mod vessel_computer;
 pub mod world;

@@ -18,8 +18,7 @@ pub trait Tap {
         _drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
     }
-    /// A step of the vessel's computer, or of the first drone's bridge, predictor, mission, planner, pilot or link to the
-    /// autopilot, in the order in which data flow.
+    /// A step of a row of the vessel's computer or the first drone's, in the order in which data flow.
     fn step(&mut self, _t: Time<TrueTime>, _step: &Step<'_>) {}
 }
 

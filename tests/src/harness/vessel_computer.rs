@@ -130,7 +130,7 @@ impl VesselSide {
         (t, now): (Time<TrueTime>, Time<VesselClock>),
         measured: Readings,
         mut received: ComputerIn,
-        look: impl FnOnce(&Step<'_>),
+        mut look: impl FnMut(&Step<'_>),
     ) -> ComputerOut {
         let measured = self.sensors.arrived(t, measured);
         let waited = core::mem::take(&mut self.waiting);
@@ -146,7 +146,8 @@ impl VesselSide {
         }
         if let Some(row) = &mut self.rows.sensors {
             let mut device = edge::<SensorNode>(|i| i.samples = vec![samples(&measured)], |_, _| {});
-            row.step(|| now, &mut device);
+            let step = row.step(|| now, &mut device);
+            look(&step.of(ProcessKind::Sensors, self.boot));
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
@@ -167,7 +168,7 @@ impl VesselSide {
 
 /// The vessel's device, whose measurements arrive with the world's ticks: it has one clock, against which the kind that comes
 /// soonest counts.
-fn sources(scenario: &Scenario) -> SourcesConfig {
+pub fn sources(scenario: &Scenario) -> SourcesConfig {
     let s = &scenario.sensors;
     let attitude_s = s.vessel_attitude.as_ref().map(|a| a.latency_s);
     let latencies_s = [

@@ -4,7 +4,8 @@ use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::wire::hash_bytes;
 use nalgebra::Vector2;
-use serde::{Serialize, Serializer};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use thiserror::Error;
 
 /// Minimum side of an image, px: a tag needs 10 cells, and the detector works on tiles.
@@ -44,6 +45,8 @@ pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
+    /// Its record holds the pixels.
+    is_kept: bool,
 }
 
 /// Checks a lens's image: its size (width and height, px), its scale and its principal point.
@@ -79,7 +82,17 @@ pub(super) fn check_image(
 /// Recordings contain the size and a hash of the pixels.
 impl Serialize for GreyImage {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        (self.width, self.height, hash_bytes(&self.pixels)).serialize(to)
+        let pixels = self.is_kept.then_some(&self.pixels);
+        (self.width, self.height, hash_bytes(&self.pixels), pixels).serialize(to)
+    }
+}
+impl<'de> Deserialize<'de> for GreyImage {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let (width, height, _, pixels) = <(_, _, u64, Option<Vec<u8>>)>::deserialize(from)?;
+        let pixels = pixels.ok_or_else(|| D::Error::custom("an image is recorded by its hash alone"))?;
+        let mut image = GreyImage::new(width, height, pixels).map_err(D::Error::custom)?;
+        image.keep();
+        Ok(image)
     }
 }
 
@@ -96,9 +109,14 @@ impl GreyImage {
             width,
             height,
             pixels,
+            is_kept: false,
         })
     }
-    /// Reads a binary PGM: `P5`, width, height and 255, comments from `#` to the end of the line, one whitespace, rows.
+    /// Its record holds the pixels from now on, and not their hash alone.
+    pub fn keep(&mut self) {
+        self.is_kept = true;
+    }
+    /// A binary PGM: `P5`, width, height and 255, comments from `#` to the line's end, one blank, rows.
     pub fn from_pgm(bytes: &[u8]) -> Result<GreyImage, ImageError> {
         let rest = bytes.strip_prefix(b"P5").ok_or(ImageError::Pgm("no P5"))?;
         let (width, rest) = number(rest)?;
@@ -166,7 +184,8 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
     Ok((value, rest))
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+/// An image and when it was taken.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraFrame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
@@ -185,6 +204,18 @@ mod tests {
         let text = b"P5 # made by a person\n# 7\n40\t33 255\n";
         let bytes = [&text[..], image.pixels()].concat();
         assert_eq!(GreyImage::from_pgm(&bytes), Ok(image));
+    }
+
+    #[test]
+    fn record_of_an_image_by_hash_and_by_content() {
+        use alight_shared::wire::{decode_record, encode_record};
+        let mut image = GreyImage::new(40, 33, vec![7; 40 * 33]).unwrap();
+        let hash = encode_record(&image).unwrap();
+        assert_eq!(hash.len(), 3 * 8 + 1);
+        assert!(decode_record::<GreyImage>(&hash).is_err());
+        image.keep();
+        let whole = encode_record(&image).unwrap();
+        assert_eq!(decode_record::<GreyImage>(&whole).unwrap(), image);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! at night that are overexposed, or a lamp or glint next to a dark deck. Metering alternates between the two in turns;
 //! each turn starts from the setting with which its last one ended.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::light::{ImageLight, TagLight};
 
@@ -59,7 +59,8 @@ impl SettingRange {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// Exposure and gain of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
     pub exposure_s: f64,
     /// In the device's unit.
@@ -72,7 +73,8 @@ pub enum Light {
     Image(ImageLight),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// Exposure of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposed {
     pub setting: Setting,
     /// Whether exposure and gain are at their maximum.

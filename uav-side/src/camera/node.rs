@@ -7,7 +7,7 @@ use alight_shared::node::Node;
 use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
@@ -58,7 +58,8 @@ impl Exposures {
     }
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// The images since the last step.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraIn {
     pub frames: Vec<CameraFrame>,
     /// Exposure of the newest image; None when the drone does not control it.

@@ -11,6 +11,7 @@ use alight_bridge::BridgeConfig;
 use alight_shared::admission::Sender;
 use alight_shared::config;
 use alight_shared::process::ProcessKind;
+use alight_shared::wire::MAX_RECORD_BYTES;
 use alight_transport::clock::ProcessClock;
 use alight_transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -133,6 +134,16 @@ config! {
             at.table("autopilot").require(false, "receiver", receiver, &why)?;
         }
         let own = &this.drone;
+        let (lens, uv) = (&own.camera.lens, &own.camera.uvdar.lens);
+        let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+        let largest = pixels([lens.width_px, lens.height_px]).max(pixels([uv.width_px, uv.height_px]));
+        // A step has two images at most.
+        at.table("recorder").require(
+            !this.recorder.images || 2 * largest + 200 <= MAX_RECORD_BYTES as u64,
+            "images",
+            this.recorder.images,
+            &format!("false: an image of {largest} px is too large for a recording"),
+        )?;
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(
             fx.max(fy),

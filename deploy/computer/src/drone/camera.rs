@@ -16,7 +16,6 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
 use alight_shared::node::Node;
-use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::ProcessClock;
 use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
@@ -51,8 +50,9 @@ const LIGHT_MEMORY: Span = Span::from_millis(1000);
 /// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
-pub trait Detector: Installed + Node<In = CameraIn, Out: Recorded, Clock = DroneClock> {
-    /// Source of the images, and their width and height, px.
+/// A node that detects something in a camera's images.
+pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
+    /// The source of its images, and their width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
     /// Times of the detections, each with its printed line.
@@ -329,7 +329,7 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
         computer.clock,
     );
     let make = |boot| Ok(D::installed(&computer.nodes(), boot));
-    let process = Process::start(D::KIND, &args.process.unrecorded(), of, make)?;
+    let process = Process::start(D::KIND, &args.process, of, make)?;
     let memory = process.memory.as_ref();
     let shown = memory.filter(|_| D::IS_SHOWN);
     let mut edge = CameraEdge::<D> {
@@ -342,6 +342,7 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
         input: CameraIn::default(),
         number: 0,
         over: false,
+        keeps_images: computer.recorder.images,
         opened: 0,
         light: LightRecord::default(),
         ages: Quantiles::default(),
@@ -362,6 +363,9 @@ struct CameraEdge<D> {
     input: CameraIn,
     number: u64,
     over: bool,
+    /// They are recorded whole.
+    keeps_images: bool,
+    /// The source broke so often.
     opened: u32,
     light: LightRecord,
     /// Time from exposure to detection, s.
@@ -376,6 +380,9 @@ impl<D: Detector> Edge<D> for CameraEdge<D> {
     fn read(&mut self, input: &mut CameraIn) {
         *input = core::mem::take(&mut self.input);
         input.exposed = self.light.exposed;
+        if self.keeps_images {
+            input.frames.iter_mut().for_each(|frame| frame.image.keep());
+        }
     }
     fn write<B: Bus>(&mut self, _input: &CameraIn, out: &mut D::Out, ports: &mut D::Ports<B>) -> bool {
         ports.write(out);

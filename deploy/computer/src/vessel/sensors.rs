@@ -71,9 +71,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
     let of = (Some(computer.instance.as_str()), computer.clock);
-    let process = Process::start(ProcessKind::Sensors, &args.unrecorded(), of, |boot| {
-        node(&computer, boot)
-    })?;
+    let process = Process::start(ProcessKind::Sensors, args, of, |boot| node(&computer, boot))?;
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut edge = SensorEdge {

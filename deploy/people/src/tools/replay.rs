@@ -157,7 +157,9 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
         values: [live].into(),
         ..log.about.clone()
     };
-    Recorder::create(to, &headers, &about, |_| Ok(())).map(|(recorder, ())| recorder)
+    let (mut recorder, ()) = Recorder::create(to, &about, |_| Ok(()))?;
+    headers.into_iter().for_each(|header| recorder.begin(header));
+    Ok(recorder)
 }
 
 /// Viewer of a replay.

@@ -2,18 +2,13 @@
 
 use std::collections::VecDeque;
 
-use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
+use alight_computer::record::messages::Message;
 use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, VesselEstimate};
+use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State};
 use alight_shared::process::ProcessState;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::PilotOut;
-use alight_uav::planner::PlannerOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::ComputerOut;
 
 use crate::status::Status;
 use crate::view::camera_image::ShownImage;
@@ -56,6 +51,8 @@ pub struct Board {
     track: GroundTrack,
     /// The newest motion is the vessel's own estimate.
     is_own: bool,
+    /// Messages come from the vessel's own computer.
+    has_vessel: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
     begun: Option<Time<TrueTime>>,
@@ -82,6 +79,7 @@ impl Board {
             motion: MotionHistory::default(),
             track: GroundTrack::default(),
             is_own: false,
+            has_vessel: false,
             log: VecDeque::new(),
             flights: VecDeque::new(),
             begun: None,
@@ -106,49 +104,56 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
-        self.moved(t, o.vessel.estimate.as_ref().map(|e| motion(&e.eta)));
-    }
-    pub fn received(&mut self, t: Time<TrueTime>, estimate: Option<&VesselEstimate<DroneClock>>) {
-        self.moved(t, estimate.map(|e| motion(&e.eta)));
-    }
-    pub fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        let snapshot = &mut self.situation.snapshot;
-        snapshot.link.set(t.nanos(), o.link);
-        snapshot.grant.set(t.nanos(), o.deck);
-        snapshot.wave.set(t.nanos(), o.wave);
-    }
-    pub fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
-        self.situation.snapshot.drone.set(t.nanos(), i.drone);
-        self.situation.snapshot.forecast.set(t.nanos(), o.forecast);
-        if let Some(drone) = i.drone {
-            let ground = |[north, east, _]: [f64; 3]| [north, east];
-            let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
-            let deck = forecast.and_then(|f| f.stages.first());
-            let deck = deck.map(|s| ground(s.position));
-            self.track
-                .add(t, drone.frames, Some(ground(drone.position)), deck);
+    /// A message that came at `t`.
+    pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        let (snapshot, ns) = (&mut self.situation.snapshot, t.nanos());
+        match *message {
+            Message::OwnEstimate(e) => {
+                self.has_vessel = true;
+                self.moved(t, motion(&e.eta));
+            }
+            // The vessel is looked at herself.
+            Message::Estimate(_) if self.has_vessel => {}
+            Message::Estimate(e) => self.moved(t, motion(&e.eta)),
+            Message::Link(m) => snapshot.link.set(ns, Some(*m)),
+            Message::Deck(m) => snapshot.grant.set(ns, Some(*m)),
+            Message::Wave(m) => snapshot.wave.set(ns, Some(*m)),
+            Message::Forecast(m) => {
+                snapshot.forecast.set(ns, Some(*m));
+                self.sample(t);
+            }
+            Message::Drone(drone) => {
+                snapshot.drone.set(ns, Some(*drone));
+                let ground = |[north, east, _]: [f64; 3]| [north, east];
+                let forecast = snapshot.forecast.fresh(ns);
+                let deck = forecast.and_then(|f| f.stages.first());
+                let deck = deck.map(|s| ground(s.position));
+                self.track
+                    .add(t, drone.frames, Some(ground(drone.position)), deck);
+            }
+            Message::Autopilot(a) => {
+                let was_armed = snapshot.autopilot.map(|a| a.armed);
+                snapshot.autopilot.set(ns, Some(*a));
+                if was_armed == Some(false) && a.armed {
+                    self.flight_begins();
+                }
+            }
+            Message::Mission(m) => {
+                snapshot.mission.set(ns, Some(*m));
+                self.entered(t, m);
+                self.flare_m = flare_m(m).or(self.flare_m);
+            }
+            Message::Plan(_, m) => snapshot.plan.set(ns, Some(*m)),
+            Message::SetPoint(_, m) => snapshot.response = Some(m.response),
+            Message::Sensors(_)
+            | Message::OwnWave(_)
+            | Message::Tag(_)
+            | Message::Uvdar(_)
+            | Message::Range(_)
+            | Message::Command(_)
+            | Message::FlownPlan(_)
+            | Message::Touchdown(_) => {}
         }
-        self.sample(t);
-    }
-    pub fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        let was_armed = self.situation.snapshot.autopilot.map(|a| a.armed);
-        if was_armed == Some(false) && i.autopilot.is_some_and(|a| a.armed) {
-            self.flight_begins();
-        }
-        self.situation.snapshot.autopilot.set(t.nanos(), i.autopilot);
-        if let Some(m) = &o.state {
-            self.entered(t, m);
-            self.flare_m = flare_m(m).or(self.flare_m);
-        }
-        self.situation.snapshot.mission.set(t.nanos(), o.state);
-    }
-    pub fn planner(&mut self, t: Time<TrueTime>, o: &PlannerOut) {
-        self.situation.snapshot.plan.set(t.nanos(), o.plan);
-    }
-    pub fn pilot(&mut self, o: &PilotOut) {
-        let newest = o.set_point.map(|s| s.response);
-        self.situation.snapshot.response = newest.or(self.situation.snapshot.response);
     }
     pub fn reported(&mut self, report: Option<ComputerReport>) {
         if let Some(report) = report {
@@ -161,12 +166,12 @@ impl Board {
         self.situation.snapshot.processes.extend(reports);
     }
 
-    fn moved(&mut self, t: Time<TrueTime>, motion: Option<[f64; 3]>) {
-        self.own_motion = motion.map(|m| (t, m)).or(self.own_motion);
+    fn moved(&mut self, t: Time<TrueTime>, motion: [f64; 3]) {
+        self.own_motion = Some((t, motion));
         self.sample(t);
     }
-    /// Samples the motion of the vessel's own estimate, or of the drone's forecast if that is missing.
-    fn sample(&mut self, t: Time<TrueTime>) {
+    /// The motion at `t` by the vessel's own estimate; by the drone's forecast where that does not come.
+    pub fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
         let of_forecast = stage.map(|s| [s.euler[0], s.euler[1], -s.position[2]]);

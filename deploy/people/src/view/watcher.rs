@@ -1,13 +1,15 @@
 //! Watcher: puts messages of the nodes on the board and shows the board to the viewers.
 
-use alight_shared::msg::ComputerReport;
+use alight_shared::msg::{ComputerReport, DeckForecast, DroneState};
+use alight_shared::process::ProcessKind;
+use alight_shared::step::Step;
 use std::time::Duration;
 
-use alight_bridge::BridgeOut;
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::playback::{Bodies, Viewer};
 use alight_computer::process::supervisor::pause;
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::messages::{Message, each_message};
+use alight_computer::record::observer::StepObserver;
 use alight_computer::record::scenery::Scenery;
 use alight_computer::record::views::Views;
 use alight_shared::time::{Span, Time, TrueTime};
@@ -31,6 +33,9 @@ struct Live {
     sink: LiveSink,
     views: Views,
     scenery: Option<Scenery>,
+    /// Not drawn yet.
+    forecast: Option<DeckForecast>,
+    drone: Option<DroneState>,
 }
 
 /// Observer of steps that serves viewers.
@@ -65,6 +70,8 @@ impl Watcher {
                 views: opened,
                 scenery: scenery.transpose().doing("opening Foxglove's channels")?,
                 sink,
+                forecast: None,
+                drone: None,
             });
         }
         let mut board = Board::new(known);
@@ -100,8 +107,23 @@ impl Watcher {
             ..Picture::default()
         });
     }
+    /// Takes a message that came at `t`.
+    pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        self.board.message(t - self.offset, message);
+        if let Message::Drone(_) = message {
+            self.pace.begin(t);
+        }
+        if let Some(live) = &mut self.live {
+            live.message(t, message);
+        }
+    }
+    /// All messages of `t` have come: shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
+        self.board.sample(t - self.offset);
+        if let Some(live) = &mut self.live {
+            live.draw(t);
+        }
         if t.nanos() >= self.next_ns {
             self.next_ns = t.nanos() + PICTURE_PERIOD_NS;
             self.server.show(self.board.picture(t - self.offset));
@@ -121,56 +143,35 @@ impl Viewer for Watcher {
 }
 
 impl StepObserver for Watcher {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        let at = t - self.offset;
-        match step {
-            NodeStep::Vessel(_, _, o) => self.board.vessel(at, o),
-            NodeStep::Bridge(_, _, o) => self.board.bridge(at, o),
-            NodeStep::Predictor(_, i, o) => {
-                self.board.predictor(at, i, o);
-                self.pace.begin(t, i.drone.is_some());
-            }
-            NodeStep::Mission(_, i, o) => self.board.mission(at, i, o),
-            NodeStep::Planner(_, _, o) => self.board.planner(at, o),
-            NodeStep::Pilot(_, _, o) => self.board.pilot(o),
-        }
-        if let Some(live) = &mut self.live {
-            live.step(t, step);
-        }
-        match step {
-            NodeStep::Vessel(..) => self.show(t),
-            NodeStep::Mission(..) => {
-                self.show(t);
-                self.pace.hold(t);
-            }
-            NodeStep::Bridge(..) | NodeStep::Predictor(..) | NodeStep::Planner(..) | NodeStep::Pilot(..) => {}
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        each_message(step, &mut |message| self.message(t, &message));
+        self.show(t);
+        if step.process == ProcessKind::Mission {
+            self.pace.hold(t);
         }
     }
 }
 
 impl Live {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        let Live { sink, views, scenery } = self;
-        let NodeStep::Predictor(_, i, o) = step else {
-            return views.step(sink, t, step);
-        };
-        // The drone's position in the scene is the reported one, except for the water level.
-        let at = i.drone.map(|d| d.position);
-        let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
-        views.true_drone = at.or(views.true_drone);
-        views.step(sink, t, step);
-        if let Some(scenery) = scenery {
-            scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
+    fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        if let Message::Forecast(forecast) = *message {
+            self.forecast = Some(*forecast);
         }
+        if let Message::Drone(drone) = *message {
+            // It is where it reports: its NED is the scene's, but for the water's level.
+            let at = drone.position;
+            let at = self.scenery.as_ref().map_or(at, |s| s.in_scene(at));
+            (self.views.true_drone, self.drone) = (Some(at), Some(*drone));
+        }
+        self.views.message(&mut self.sink, t, message);
     }
-}
-
-impl Watcher {
-    /// Takes the vessel's broadcast as the bridge received it, when the vessel itself is not observed.
-    pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        self.board.received(t - self.offset, o.estimate.as_ref());
-        if let Some(live) = &mut self.live {
-            live.views.received(&mut live.sink, t, o);
+    /// Vessel and drone, where something came of them.
+    fn draw(&mut self, t: Time<TrueTime>) {
+        let (forecast, drone) = (self.forecast.take(), self.drone.take());
+        if let Some(scenery) = &mut self.scenery
+            && (forecast.is_some() || drone.is_some())
+        {
+            scenery.show(&mut self.sink, &self.views, t, forecast.as_ref(), drone.as_ref());
         }
     }
 }
@@ -185,8 +186,9 @@ enum Pace {
 }
 
 impl Pace {
-    fn begin(&mut self, t: Time<TrueTime>, appeared: bool) {
-        if matches!(self, Pace::Waiting) && appeared {
+    /// The drone is there.
+    fn begin(&mut self, t: Time<TrueTime>) {
+        if matches!(self, Pace::Waiting) {
             *self = Pace::From(steady_ns() - t.nanos());
         }
     }

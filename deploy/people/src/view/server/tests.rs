@@ -3,12 +3,11 @@ use alight_shared::msg::ComputerReport;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase};
+use alight_shared::msg::{MissionState, State as Phase};
 use alight_shared::time::Time;
-use alight_uav::mission::{MissionIn, MissionOut};
 
 use crate::status::{StateView, Status};
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::messages::Message;
 
 use crate::view::watcher::Watcher;
 
@@ -381,15 +380,8 @@ fn foxglove_viewer_topics_and_rates() {
             state: Phase::Tracking,
             ..MissionState::default()
         };
-        let out = MissionOut {
-            state: Some(state),
-            ..MissionOut::default()
-        };
-        let input = MissionIn {
-            commands: Vec::<MissionCommand>::new(),
-            ..MissionIn::default()
-        };
-        watcher.step(Time::from_nanos(t), NodeStep::Mission(Time::EPOCH, &input, &out));
+        watcher.message(Time::from_nanos(t), &Message::Mission(&state));
+        watcher.show(Time::from_nanos(t));
     };
     let received = |viewer: &mut Viewer| {
         let message = viewer.read().unwrap();
@@ -428,15 +420,11 @@ fn foxglove_viewer_that_does_not_read() {
         .collect();
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{}]}}"#, all.join(","));
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
-    // An hour of states, of which the queue keeps the newest; the next viewer is served.
-    let input = MissionIn::default();
+    // An hour of states, of which its queue keeps the newest; and whoever comes next is served.
+    let state = MissionState::default();
     for k in 0..36_000_i64 {
-        let out = MissionOut {
-            state: Some(MissionState::default()),
-            ..MissionOut::default()
-        };
-        let step = NodeStep::Mission(Time::EPOCH, &input, &out);
-        watcher.step(Time::from_nanos(k * 100_000_000), step);
+        watcher.message(Time::from_nanos(k * 100_000_000), &Message::Mission(&state));
+        watcher.show(Time::from_nanos(k * 100_000_000));
     }
     let mut other = foxglove(watcher.server.foxglove().unwrap());
     assert!(topics(&mut other).len() >= 22);
