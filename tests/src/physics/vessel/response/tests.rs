@@ -302,8 +302,8 @@ fn sea_heights_and_periods() {
         // Half of JONSWAP's energy is between about 0.85 and 1.25 of the peak.
         let peak = TAU / 6.0;
         let near = |c: &&SeaComponent| (0.85..1.25).contains(&(c.frequency / peak));
-        let share = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
-        assert!((0.5..0.8).contains(&share), "{share}");
+        let fraction = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
+        assert!((0.5..0.8).contains(&fraction), "{fraction}");
     }
     let cross: SeaConfig = "jonswap:0.8,4.5+jonswap:1,8@90".parse().unwrap();
     let sea = Sea::linear(&cross, &Streams::new(2));
