@@ -97,7 +97,7 @@ fn fly(
             impact = impact.max(touch.normal_mps);
         }
     }
-    assert!(touched, "it never met the deck");
+    assert!(touched, "no contact with the deck");
     let off = physics.drone(0).unwrap_or_default().position.0 - physics.deck().position.0;
     (hover, impact, off.xy().norm())
 }
@@ -121,7 +121,10 @@ fn ardupilot_plant_take_off_hover_and_landing() {
         ardupilot::rotors(&c, &servos)
     });
     assert!(hover < 0.3, "hover within {hover} m");
-    assert!((0.05..1.2).contains(&impact), "met the deck at {impact} m/s");
+    assert!(
+        (0.05..1.2).contains(&impact),
+        "contact with the deck at {impact} m/s"
+    );
     assert!(off < 0.5, "{off} m from the deck's centre");
 }
 
@@ -168,7 +171,7 @@ fn px4_plant_take_off_hover_and_landing() {
                         answer = Some(stand_in::motor_answer(s.time_us, u, wanted.is_some()));
                     }
                 }
-                _ => panic!("PX4 knows no such message of a simulator"),
+                _ => panic!("PX4 does not accept this message from a simulator"),
             }
         }
         if let Some(a) = answer {
@@ -178,7 +181,10 @@ fn px4_plant_take_off_hover_and_landing() {
     });
     assert!((340..=352).contains(&fixes), "{fixes} fixes in 35 s");
     assert!(hover < 0.6, "hover within {hover} m");
-    assert!((0.05..1.5).contains(&impact), "met the deck at {impact} m/s");
+    assert!(
+        (0.05..1.5).contains(&impact),
+        "contact with the deck at {impact} m/s"
+    );
     assert!(off < 0.8, "{off} m from the deck's centre");
 }
 
