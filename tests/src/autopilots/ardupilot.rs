@@ -22,7 +22,6 @@ pub struct Servos {
     pub rate_hz: u16,
     /// Packet counter; a repeated number marks a retransmission.
     pub frame: u32,
-    /// Pulse widths, us.
     pub pwm_us: Vec<u16>,
 }
 

@@ -4,7 +4,6 @@ use alight_shared::config;
 
 use crate::physics::drone::MAX_ROTORS;
 
-/// Ticks of the world per second.
 const TICKS_HZ: u32 = 100;
 
 config! {

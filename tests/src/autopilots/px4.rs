@@ -10,13 +10,11 @@ use crate::physics::drone::{MAX_ROTORS, PlantState};
 
 /// Default port of a simulator.
 pub const PORT: u16 = 4560;
-/// Exchange rate, Hz.
 pub const EXCHANGE_HZ: u32 = 400;
 /// Maximum number of samples per answer.
 const MAX_ANSWER_PERIOD: u64 = 4;
 /// MAVLink address of PX4's simulators.
 const US: Address = Address::new(1, 200);
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
 
 /// The plant's end of the connection.
@@ -105,7 +103,6 @@ impl Px4Plant {
         self.decoder = Decoder::default();
         (self.answered_us, self.every_us) = (0, 0);
     }
-    /// Number of answers.
     pub fn answers(&self) -> u64 {
         self.answers
     }

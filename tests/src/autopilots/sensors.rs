@@ -92,7 +92,6 @@ impl FirmwareSensors {
         }
     }
 
-    /// GNSS fix, if one is due.
     pub fn fix(&mut self, truth: &PlantState) -> Option<HilGps> {
         let n = &self.navigation;
         let due = self

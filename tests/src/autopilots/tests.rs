@@ -108,13 +108,11 @@ fn ardupilot_plant_take_off_hover_and_landing() {
     let c = FirmwareConfig::default();
     let (mut frame, mut grounded) = (0_u32, false);
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
-        // The plant's line, parsed as by ArduPilot.
         let line = ardupilot::answer(truth, 0.0);
         assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
         let b = stand_in::read_line(&line).expect("each key");
         grounded |= t_s > 20.0 && b.velocity.norm() < 0.05 && b.specific_force.norm() > 9.0;
         let u = plan(t_s, start, deck, grounded).map_or([0.0; MAX_ROTORS], |(p, v)| outputs(&b, &p, v));
-        // The servo outputs, as bytes.
         frame += 1;
         let servos = ardupilot::servos(&stand_in::servo_packet(frame, u)).expect("a packet");
         assert_eq!(servos.frame, frame);

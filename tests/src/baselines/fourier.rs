@@ -7,7 +7,6 @@ pub(super) const POINTS: usize = 1024;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Peak {
-    /// Frequency, Hz.
     pub frequency: f64,
     /// Amplitude in the unit of the record.
     pub amplitude: f64,

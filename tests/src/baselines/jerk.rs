@@ -2,7 +2,6 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// Number of stages of the horizon.
 pub const STAGES: usize = 10;
 /// Maximum number of Newton steps; problems without a barrier need one or two.
 const NEWTON_STEPS: usize = 12;
@@ -65,7 +64,6 @@ pub struct JerkAxis {
 }
 
 impl JerkAxis {
-    /// Responses for a step, s.
     pub fn new(step: f64) -> Self {
         let h = step;
         let by = |k: usize| {
@@ -87,7 +85,6 @@ impl JerkAxis {
         ]
     }
 
-    /// State after each stage.
     pub fn states(&self, start: [f64; 3], jerk: &PerStage) -> [[f64; 3]; STAGES] {
         let mut x = start;
         jerk.map(|u| {

@@ -9,9 +9,7 @@ use std::collections::VecDeque;
 
 use super::fourier::{self, POINTS};
 
-/// Detections per second.
 const RATE_HZ: f64 = 30.0;
-/// Maximum number of oscillators per degree of freedom.
 pub const MODES: usize = 4;
 /// Number of filter states: offset, and sine and cosine part of each mode.
 const N: usize = 1 + 2 * MODES;
@@ -19,16 +17,13 @@ const N: usize = 1 + 2 * MODES;
 const WAVY: usize = 3;
 /// Amplitude below which modes are noise: m, rad, rad.
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
-/// Range of frequencies, Hz.
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
 /// Gap after which the record starts again, s.
 const GAP_S: f64 = 2.0;
-/// Maximum number of samples.
 const KEPT: usize = POINTS;
 /// Length of the record for the transform, and minimum length, s.
 const WINDOW_S: f64 = 20.0;
 const MIN_S: f64 = 10.0;
-/// Interval between estimates of the frequencies, s.
 const REFRESH_S: f64 = 1.0;
 /// Amplitude relative to the largest mode below which modes are dropped.
 const GATE: f64 = 0.15;
@@ -51,7 +46,6 @@ const TILT: Noise = Noise {
     walk: 0.03,
     offset_walk: 0.0005,
 };
-/// Noise of heave, roll and pitch.
 const NOISE: [Noise; WAVY] = [
     Noise {
         sd: 0.03,
@@ -160,7 +154,6 @@ impl SpectralModes {
         self.analysed.is_some()
     }
 
-    /// Takes a detection.
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {

@@ -153,14 +153,12 @@ impl Law for MpcNe {
             .filter(|_| flies(mission.state))
             .and_then(|f| self.plan(now, mission, f));
         if plan.is_none() {
-            // Another planner flies now.
             self.solved = None;
         }
         plan
     }
 }
 
-/// Whether it flies in this mission state.
 fn flies(mode: Mode) -> bool {
     match mode.phase() {
         Phase::Follow | Phase::Landing => true,

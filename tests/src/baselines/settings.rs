@@ -15,7 +15,6 @@ const VISION_ONLY_S: f64 = 4.5;
 const WAITING_S: f64 = 120.0;
 
 impl Baseline {
-    /// Predictor configuration for this planner.
     pub fn predictor(&self, base: PredictorConfig) -> PredictorConfig {
         match self {
             Baseline::Mpc => base,
@@ -28,7 +27,6 @@ impl Baseline {
         }
     }
 
-    /// Mission configuration for this planner.
     pub fn mission(&self, base: MissionConfig) -> MissionConfig {
         match self {
             // With and without alignment, the flare is the same.

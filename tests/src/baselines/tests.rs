@@ -116,7 +116,6 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
             begun = true;
         }
         let mut plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
-        // Stamp of the planner.
         plan.header.at = at(t);
         let stage = plan.sample(at(t + 0.02)).unwrap();
         let (p, v) = (stage.position, stage.velocity);

@@ -14,7 +14,6 @@ use alight_shared::plain::Plain;
 use alight_shared::process::{InputState, ProcessKind};
 
 struct Ring<M> {
-    /// Messages sent so far.
     sent: u64,
     newest: VecDeque<M>,
 }
@@ -22,15 +21,12 @@ struct Ring<M> {
 /// Changes messages on their way. Arguments: the reader's clock or the stamp of the written message (ns), and the
 /// messages.
 pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
-/// Slot for a wrapper.
 type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
 /// Direction of a row's messages that a wrapper changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum BusSide {
-    /// Messages that the row reads.
     Read,
-    /// Messages that the row writes.
     Written,
 }
 

@@ -12,10 +12,8 @@ use crate::sensors::night::NightConfig;
 use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::render::{Renderer, Shot};
 
-/// Maximum number of images under way.
 const MAX_UNDER_WAY: usize = 256;
 
-/// Link of a camera, with its latency.
 struct ImageDelay {
     latency: Span,
     line: DelayLine<Shot>,
@@ -28,7 +26,6 @@ impl ImageDelay {
             line: DelayLine::new(MAX_UNDER_WAY),
         }
     }
-    /// Renders the images that have arrived by `t`.
     fn frames(
         &mut self,
         t: Time<TrueTime>,
@@ -100,7 +97,6 @@ impl NightExposure {
     }
 }
 
-/// The belly camera with its link.
 struct Belly {
     renderer: Renderer,
     delay: ImageDelay,

@@ -66,7 +66,6 @@ impl Wire {
     }
 }
 
-/// The autopilot and both ends of the wire.
 pub struct LinkedAutopilot {
     pub autopilot: SimulatedAutopilot,
     /// The cable is disconnected.
@@ -99,7 +98,6 @@ impl LinkedAutopilot {
             lighter: 0.0,
         }
     }
-    /// Applies these faults from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
         let (faults, autopilot) = (&failing.autopilot, &mut self.autopilot);
         (self.cut, self.weak) = (faults.cut, failing.weak);
@@ -116,7 +114,6 @@ impl LinkedAutopilot {
         autopilot.remote_control_lost = faults.remote_control_lost;
         autopilot.data_link_lost = faults.data_link_lost;
     }
-    /// Removes a fraction of the drone's weight.
     pub(super) fn lighten(&mut self, fraction: f64) {
         self.lighter = fraction.clamp(0.0, 0.5);
     }

@@ -32,9 +32,7 @@ pub enum Mutant {
     OrderKept,
     /// The motors stop on the rangefinder alone.
     StopsByRange,
-    /// Forecasts do not age.
     StaleForecast,
-    /// The mission's state does not age.
     StaleMission,
     /// Resets of the autopilot's frame go unnoticed.
     FramesIgnored,
@@ -118,7 +116,6 @@ fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     own
 }
 
-/// Changes each message that a row writes.
 fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut M) + 'static) {
     bus.wrap(row, BusSide::Written, move |_, mut written: Vec<M>| {
         written.iter_mut().for_each(&change);

@@ -19,9 +19,7 @@ pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 pub const MAX_STOP_S: f64 = 2.0;
 /// Time between the stop of the motors and the rest on the deck, s.
 pub const SETTLE_S: f64 = 1.0;
-/// Required time at rest on the deck, s.
 pub const REST_S: f64 = 3.0;
-/// Time limit from the start, s.
 pub const TIME_LIMIT_S: f64 = 180.0;
 /// Maximum height of a foot that counts as on the deck, m.
 pub const ON_DECK_M: f64 = 0.02;
@@ -53,7 +51,6 @@ pub enum Ending {
     FalseStop,
     /// Not landed, or motors not stopped, in time.
     Timeout,
-    /// The mission aborted for good.
     GaveUp,
     /// Entered a keep-out volume, or hit another drone.
     Collision,
@@ -86,16 +83,12 @@ pub struct ContactEvent {
     pub foot: bool,
     /// The upper surface of the deck was touched; otherwise its side.
     pub on_deck: bool,
-    /// Approach speed along the deck's normal, m/s.
     pub normal_mps: f64,
-    /// Speed along the deck, m/s.
     pub tangential_mps: f64,
 }
 
-/// One tick's input of the judge.
 #[derive(Clone, Debug)]
 pub struct TrialObservation<'a> {
-    /// Time since the start, s.
     pub t_s: f64,
     /// New impacts in this tick.
     pub contacts: &'a [ContactEvent],
@@ -108,11 +101,9 @@ pub struct TrialObservation<'a> {
     /// Horizontal distance from the drone to the deck centre, m.
     pub horizontal_m: f64,
     pub motors_on: bool,
-    /// The mission is in descent or flare.
     pub descending: bool,
     /// Number of descents begun.
     pub attempts: u32,
-    /// The mission aborted for good.
     pub gave_up: bool,
     /// Reason why the mission has not entered its next state.
     pub waiting: Reason,
@@ -120,7 +111,6 @@ pub struct TrialObservation<'a> {
     pub in_water: bool,
     /// Distance from the drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
     pub keep_out_gap_m: Option<f64>,
-    /// Number of collisions with other drones.
     pub collisions: u32,
 }
 
@@ -146,13 +136,10 @@ pub struct Outcome {
     pub attempts: u32,
     /// Number of contacts that exceed the limits.
     pub unsafe_contacts: u32,
-    /// Number of contacts with water.
     #[serde(default)]
     pub water_contacts: u32,
-    /// Number of collisions with other drones.
     #[serde(default)]
     pub collisions: u32,
-    /// Number of contacts faster than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
     /// Maximum over the contacts of metric divided by limit: 1 or more exactly when the trial was unsafe; 0 without a
@@ -171,7 +158,6 @@ pub struct Outcome {
     pub rest_position_error_m: Option<f64>,
     /// Speed along the deck's normal at first contact, m/s.
     pub touchdown_speed_mps: Option<f64>,
-    /// Speed along the deck at first contact, m/s.
     pub tangential_speed_mps: Option<f64>,
     /// Angle between the normals at first contact, deg.
     pub tilt_error_deg: Option<f64>,
@@ -185,7 +171,6 @@ pub struct Outcome {
     pub landing_time_s: Option<f64>,
     /// Time from first being within 2 m horizontally to first contact, s.
     pub over_deck_time_s: Option<f64>,
-    /// Time from first contact to motor stop, s.
     pub stop_time_s: Option<f64>,
     /// Age at first contact of the vessel's newest estimate in the forecast, s; null when no estimate was used.
     #[serde(default)]
@@ -204,7 +189,6 @@ pub struct Outcome {
     pub harm: Option<f64>,
     /// Simulated time, warm-up included, s.
     pub sim_time_s: f64,
-    /// Computing time, s.
     pub wall_time_s: f64,
     /// Hash of every true state and set-point of the trial: equal digests mean equal bits.
     pub digest: String,
@@ -232,7 +216,6 @@ struct FirstContact {
     euler: [f64; 3],
 }
 
-/// Observes a trial and judges it.
 #[derive(Default)]
 pub struct Judge {
     descent_began: Option<f64>,
@@ -421,7 +404,6 @@ impl Judge {
         self.failure.get_or_insert((ending, reason));
     }
 
-    /// Time from the start to first contact, s.
     pub fn first_contact_s(&self) -> Option<f64> {
         self.first.as_ref().map(|f| f.t_s)
     }

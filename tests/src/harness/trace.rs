@@ -2,15 +2,12 @@
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TracePoint {
-    /// Time since the start, s.
     pub t_s: f64,
     /// Drone's centre of mass, NED, m.
     pub drone: [f64; 3],
     /// Deck centre, NED, m.
     pub deck: [f64; 3],
-    /// Drone's velocity, m/s.
     pub drone_velocity: [f64; 3],
-    /// Deck centre's velocity, m/s.
     pub deck_velocity: [f64; 3],
     /// Deck's yaw, rad.
     pub deck_yaw: f64,
@@ -22,7 +19,6 @@ pub struct TracePoint {
 
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
-    /// Time between points, s.
     pub step_s: f64,
     pub points: Vec<TracePoint>,
     /// Time of first contact, s; None if the drone did not land.

@@ -15,9 +15,7 @@ use crate::harness::world::World;
 /// Event to show to a user while the trial runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The mission entered a state.
     Phase {
-        /// Time since the start, s.
         t_s: f64,
         name: &'static str,
         reason: Reason,
@@ -33,7 +31,6 @@ pub struct Watch<'a> {
 
 pub struct FlownTrial {
     pub outcome: Outcome,
-    /// History of the trial, if requested.
     pub trace: Option<Trace>,
 }
 

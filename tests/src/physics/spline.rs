@@ -75,7 +75,6 @@ impl<const N: usize> Splines<N> {
         Some(Splines { x, y, m })
     }
 
-    /// First and last knot.
     pub fn range(&self) -> (f64, f64) {
         (self.x[0], self.x[self.x.len() - 1])
     }

@@ -16,7 +16,6 @@ const BURST_STEP_S: f64 = 0.025;
 /// Number of steps after which the chain's state is independent of its start.
 const MAX_BURST_STEPS: u32 = 1000;
 
-/// Direction of packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     ToDrone,
@@ -32,7 +31,6 @@ impl Direction {
     }
 }
 
-/// Packet counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChannelCounts {
     /// Packets passed to the channel.
@@ -154,7 +152,6 @@ impl RadioChannel {
         [Some(arrival), twice.then(|| self.in_order(on_air + second))]
     }
 
-    /// Applies this fault from now on.
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.fault = fault;
     }

@@ -44,7 +44,6 @@ pub enum Transport {
     Quic,
 }
 
-/// Congestion control of the kernel's stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Congestion {
@@ -176,11 +175,9 @@ impl<T: Clone> SimulatedRadio<T> {
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
-    /// Arrival time of the next packet under way.
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.line.next()
     }
-    /// Applies this fault from now on.
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.channel.fail(fault);
     }

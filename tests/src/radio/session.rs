@@ -24,7 +24,6 @@ const KEEP_ALIVES: f64 = 4.0;
 /// Size of a handshake packet and of a keep-alive, bytes.
 const SMALL: usize = 80;
 
-/// Messages of one direction.
 #[derive(Clone, Debug)]
 enum OneWayLink<T> {
     Datagrams(Box<SimulatedRadio<T>>),
@@ -156,7 +155,6 @@ impl<A: Clone, B: Clone> Session<A, B> {
     pub fn counts(&self) -> [ChannelCounts; 2] {
         [self.to_drone.counts(), self.to_vessel.counts()]
     }
-    /// Number of times that the session was reopened.
     pub const fn reopened(&self) -> u32 {
         self.reopened
     }

@@ -17,7 +17,6 @@ use crate::sensors::delay::DelayLine;
 
 /// Maximum payload of a segment, bytes: 1500 less IP and TCP headers and time stamps.
 const SEGMENT: u64 = 1448;
-/// Headers of a segment, bytes.
 const HEADERS: usize = 52;
 /// Maximum number of segments and acknowledgements under way.
 const QUEUE: usize = 4096;
@@ -57,7 +56,6 @@ enum Timer {
     Reorder,
     /// Tail-loss probe.
     Probe,
-    /// Retransmission time-out.
     TimeOut,
 }
 
@@ -75,9 +73,7 @@ struct Acknowledgement {
 
 #[derive(Clone, Debug)]
 enum Event {
-    /// A segment arrives.
     Data(Range, Time<TrueTime>),
-    /// An acknowledgement arrives.
     Ack(Acknowledgement),
 }
 
@@ -115,7 +111,6 @@ pub struct RadioStream<T> {
     timer: Option<(Time<TrueTime>, Timer)>,
     /// Due time of the retransmission time-out, whatever the timer is set to.
     time_out_at: Option<Time<TrueTime>>,
-    // State of the receiver.
     received: Vec<Range>,
     delivered: u64,
     ready: Vec<(Time<TrueTime>, T)>,
@@ -235,7 +230,6 @@ impl<T: Clone> RadioStream<T> {
             self.set_timer(t);
         }
     }
-    /// Retransmits a segment.
     fn retransmit(&mut self, t: Time<TrueTime>, k: usize) {
         let Some(segment) = self.flight.get_mut(k) else {
             return;

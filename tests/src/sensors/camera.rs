@@ -68,7 +68,6 @@ impl CameraMount {
     }
 }
 
-/// The camera at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMotion {
     /// Optical centre.
@@ -96,9 +95,7 @@ impl CameraMotion {
 /// A pinhole lens without distortion, as after rectification.
 #[derive(Clone, Copy, Debug)]
 pub struct PinholeLens {
-    /// Image size, px.
     pub size_px: [f64; 2],
-    /// Focal length, px.
     pub focal_px: f64,
 }
 
@@ -114,7 +111,6 @@ impl PinholeLens {
     pub fn project(&self, p: Vector3<f64>) -> Option<Vector2<f64>> {
         (p.z > 1e-3).then(|| p.xy() * (self.focal_px / p.z) + self.centre())
     }
-    /// Whether the pixel is in the image.
     pub fn holds(&self, px: Vector2<f64>) -> bool {
         (0.0..=self.size_px[0]).contains(&px.x) && (0.0..=self.size_px[1]).contains(&px.y)
     }

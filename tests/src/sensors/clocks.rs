@@ -50,7 +50,6 @@ impl ClockModel {
     pub const fn drift(&self) -> f64 {
         self.drift
     }
-    /// Reading at `t`.
     pub fn read<C: Clock>(&self, t: Time<TrueTime>) -> Time<C> {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
         Time::<C>::from_nanos(t.nanos()) + self.offset + ahead

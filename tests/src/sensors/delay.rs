@@ -44,7 +44,6 @@ impl<T> DelayLine<T> {
         }
         self.queue.pop_front()
     }
-    /// Arrival time of the next value.
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.queue.front().map(|(arrival, _)| *arrival)
     }
@@ -52,7 +51,6 @@ impl<T> DelayLine<T> {
     pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
         core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()
     }
-    /// Number of values under way.
     pub fn len(&self) -> usize {
         self.queue.len()
     }

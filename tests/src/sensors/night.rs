@@ -56,12 +56,10 @@ config! {
 
 /// Reflectance of a tag's white and black relative to a white surface.
 pub(super) const TAG: [f64; 2] = [0.95, 0.06];
-/// Diameter of a lamp, m.
 const LAMP_M: f64 = 0.06;
 /// Coefficient of the veil, cd/m² deg² per lux, and minimum angle of its law, deg.
 const VEIL: f64 = 10.0;
 const MIN_VEIL_DEG: f64 = 1.0;
-/// Minimum exposure, s.
 const MIN_EXPOSURE_S: f64 = 1e-4;
 /// Target grey level of a tag's white.
 const AIM: f64 = 180.0;
@@ -110,7 +108,6 @@ impl NightConfig {
             gain: (exposure_s(1.0) / longest_s).clamp(1.0, self.max_gain),
         }
     }
-    /// Whether exposure and gain are at their limits.
     pub(super) fn at_limit(&self, setting: &Setting, longest_s: f64) -> bool {
         setting.exposure_s >= longest_s && setting.gain >= self.max_gain
     }

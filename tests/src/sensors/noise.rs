@@ -20,11 +20,9 @@ impl Noise {
     pub fn new(streams: &Streams, name: &str) -> Self {
         Noise(streams.stream(name))
     }
-    /// A standard normal draw.
     pub fn normal(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }
-    /// Three independent standard normal draws.
     pub fn normal3(&mut self) -> Vector3<f64> {
         Vector3::new(self.normal(), self.normal(), self.normal())
     }

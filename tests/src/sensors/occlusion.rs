@@ -34,7 +34,6 @@ pub(super) struct Shadow {
 }
 
 impl Shadow {
-    /// Whether the point is in the shadow.
     pub(super) fn covers(&self, point: Vector3<f64>) -> bool {
         let to_body = self.body - point;
         let along = to_body.dot(&self.sun);

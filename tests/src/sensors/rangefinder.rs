@@ -16,7 +16,6 @@ use crate::physics::streams::Streams;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RangefinderFault {
-    /// No fault.
     #[default]
     None,
     /// Spray on its window: it measures the distance to the feet in all cases.

@@ -42,7 +42,6 @@ config! {
 }
 
 impl SightLossConfig {
-    /// No losses.
     pub fn none() -> Self {
         SightLossConfig {
             glare_duration_s: 0.0,
@@ -123,7 +122,6 @@ impl SightLoss {
             cover_chance: c.cover_chance,
         }
     }
-    /// Whether the image at `t` is lost.
     pub(crate) fn hides(&mut self, t: Time<TrueTime>) -> bool {
         // Every image evaluates all causes, so that none shifts the draws of another.
         let decoded = self.decoded.chance(self.cover_chance);

@@ -222,7 +222,6 @@ impl SimulatedTagDetector {
         let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
         night.settled(white_lux, longest_s)
     }
-    /// Detection in the image at `t`.
     pub(crate) fn detect(
         &mut self,
         t: Time<TrueTime>,
@@ -379,7 +378,6 @@ const DARK_SD: f64 = 2.0;
 /// (π/180)²`.
 const OWN_VEIL: f64 = 0.01;
 
-/// View of a tag by the camera.
 #[derive(Clone, Copy, Debug)]
 struct TagView {
     /// True pixels of its corners.
@@ -392,7 +390,6 @@ struct TagView {
     veil_lux: f64,
 }
 
-/// Image of a tag.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TagImage {
     /// True pixels of its corners.

@@ -21,7 +21,6 @@ const STRAYED_M: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interruption {
-    /// An operator aborts it.
     Abort,
     Hold,
     /// The planner's process is killed permanently.
@@ -50,7 +49,6 @@ pub struct Interrupted {
     pub water: bool,
     /// Maximum distance from the deck's centre before the drone was clear of the deck, m.
     pub strayed_m: f64,
-    /// The drone entered a keep-out volume.
     pub collided: bool,
 }
 
@@ -59,7 +57,6 @@ impl Interrupted {
     pub fn strayed(&self) -> bool {
         self.strayed_m > STRAYED_M
     }
-    /// Whether the flight was safe after the interruption.
     pub fn safe(&self) -> bool {
         !self.unsafe_contact && !self.water && !self.collided && !self.strayed()
     }

@@ -33,7 +33,6 @@ pub struct EstimatorRun {
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
     /// For each prediction: the filter's mean water level (positive down, m), and the deviations of its stages.
     pub levels: Vec<(f64, StageDeviations)>,
-    /// Final confidence in the wave model.
     pub confidence: f32,
 }
 
@@ -98,7 +97,6 @@ fn rms(squares: &[f64]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// Errors of the state over all runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StateErrors {
     /// RMSE per axis of position (m), attitude (rad), velocity (m/s), rates (rad/s).

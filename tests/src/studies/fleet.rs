@@ -13,7 +13,6 @@ use crate::physics::sea::SeaConfig;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Duration of a trial, s.
 const FLOWN_S: f64 = 180.0;
 /// Distance below the approach height from which a drone counts as below the waiting height, m: more than heave and
 /// GNSS height errors of a waiting drone.
@@ -28,13 +27,9 @@ const REPORTED_AFTER_S: f64 = 1.5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FleetReport {
-    /// Number of landings on the deck.
     pub landings: u32,
-    /// Number of descents begun.
     pub descents: u32,
-    /// Number of aborts and holds commanded.
     pub stops: u32,
-    /// Number of radio outages of a drone.
     pub outages: u32,
     /// Number of closings of the deck by the crew.
     pub closures: u32,
@@ -42,18 +37,14 @@ pub struct FleetReport {
     pub two_below: u32,
     /// Number of ticks of a descent to a deck with another drone on it.
     pub on_occupied: u32,
-    /// Number of descents begun to a closed deck.
     pub on_closed: u32,
-    /// Number of collisions between drones.
     pub collisions: u32,
-    /// Number of drones that fell into the water.
     pub in_water: u32,
     /// Minimum distance between two drones in the air, m.
     pub nearest_m: f64,
 }
 
 impl FleetReport {
-    /// Whether nothing prohibited happened.
     pub fn safe(&self) -> bool {
         self.two_below + self.on_occupied + self.on_closed + self.collisions == 0
     }
@@ -74,7 +65,6 @@ struct Watched {
     silent_until: f64,
 }
 
-/// State of a trial.
 struct Flight {
     world: World,
     draw: Noise,

@@ -7,7 +7,6 @@ use serde::Serialize;
 use crate::harness::outcome::Outcome;
 use crate::studies::statistics::{OutcomeMetric, bootstrap_mean, wilson};
 
-/// Metrics to compare.
 pub const COMPARED: [OutcomeMetric; 6] = [
     ("position_error_m", |o| o.position_error_m),
     ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
@@ -20,7 +19,6 @@ pub const COMPARED: [OutcomeMetric; 6] = [
 /// Mean of `other - first` over the pairs in which both touched down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Name of the metric.
     pub metric: &'static str,
     pub mean: f64,
     /// Bootstrap 95 % interval of the difference.
@@ -43,14 +41,12 @@ pub struct Rates {
     pub interval: [f64; 2],
 }
 
-/// Comparison of a planner with the first one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// Scenario; None for all scenarios.
     pub scenario: Option<String>,
     pub first: String,
     pub other: String,
-    /// Number of seeds that both flew.
     pub pairs: usize,
     pub rates: Rates,
     pub differences: Vec<Difference>,

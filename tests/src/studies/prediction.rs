@@ -17,7 +17,6 @@ const AHEAD_S: f64 = 1.0;
 /// 95 % quantiles of the chi-square distribution with one, two and three degrees of freedom.
 const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 
-/// Errors of one quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     count: u64,
@@ -50,7 +49,6 @@ impl Tally {
             inside: self.inside + o.inside,
         }
     }
-    /// Root mean square error.
     pub fn rmse(&self) -> f64 {
         (self.squares / self.count.max(1) as f64).sqrt()
     }
@@ -64,7 +62,6 @@ impl Tally {
     }
 }
 
-/// Errors of the broadcast predictions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
     /// Height of the reference point relative to the mean water level, m.

@@ -40,16 +40,13 @@ pub enum End {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingRun {
-    /// Probability that a landing is unsafe.
     pub probability: f64,
     /// Product of the kept fractions: the probability of the set from which the last population is drawn.
     pub reached: f64,
-    /// Number of unsafe landings in the last population.
     pub beyond: usize,
     pub end: End,
     /// Levels: required limit ratio of a landing; 1 is the limit.
     pub levels: Vec<f64>,
-    /// Number of landings flown.
     pub landings: usize,
 }
 
@@ -61,7 +58,6 @@ pub struct SplittingEstimate {
     /// bound by the last populations alone (Clopper and Pearson 1934). With few runs of a rare event its coverage is
     /// lower.
     pub interval: [f64; 2],
-    /// Number of landings flown.
     pub landings: usize,
     pub runs: Vec<SplittingRun>,
 }

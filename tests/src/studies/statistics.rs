@@ -9,9 +9,7 @@ use crate::harness::outcome::{Ending, Outcome};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SampleStatistics {
     pub mean: f64,
-    /// Sample standard deviation.
     pub sd: f64,
-    /// 95th percentile (nearest rank).
     pub p95: f64,
     pub max: f64,
 }
@@ -145,7 +143,6 @@ pub struct FailureCount {
     pub outcome: &'static str,
     /// Reason, with `N` for each number.
     pub reason: String,
-    /// Number of trials.
     pub count: u32,
     /// Seed of the first of these trials.
     pub seed: u64,
@@ -201,15 +198,11 @@ pub struct Summary {
     pub descents: [u32; 2],
     /// Number of trials that neither succeeded nor ended without a landing and safely ([`Outcome::is_refused`]).
     pub unsafe_trials: usize,
-    /// Number of contacts that exceeded the limits.
     pub unsafe_contacts: u32,
-    /// Number of contacts with water.
     pub water_contacts: u32,
     /// Number of entries into keep-out volumes; None without volumes.
     pub keep_out_collisions: Option<u32>,
-    /// Number of contacts faster than 2 m/s.
     pub contacts_above_2_mps: u32,
-    /// Failed trials by reason.
     pub failures: Vec<FailureCount>,
     /// Endings of the trials' last descents, by the predicted probability of success.
     pub likelihood: Vec<OddsBin>,
@@ -228,11 +221,9 @@ const HARMS: [f64; 7] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 1.0];
 pub struct OddsBin {
     /// Range of predicted probability.
     pub between: [f64; 2],
-    /// Number of descents.
     pub descents: usize,
     /// Number of descents in which the event occurred.
     pub came: usize,
-    /// Mean predicted probability.
     pub predicted: f64,
     /// Wilson's 95 % interval of the fraction in which the event occurred.
     pub interval: (f64, f64),
@@ -305,7 +296,6 @@ impl Summary {
                 .collect(),
         }
     }
-    /// Statistics of a metric by name.
     pub fn metric(&self, name: &str) -> Option<SampleStatistics> {
         self.metrics
             .iter()

@@ -10,9 +10,7 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use crate::{BOTH, at_sea};
 
-/// Maximum duration of a flight, s.
 const LIMIT_S: f64 = 150.0;
-/// Flight time after the motors stopped, s.
 const STOPPED_S: f64 = 2.0;
 /// Time before the first contact at which the earliest fault begins, s, and the step between faults.
 const BEFORE_S: f64 = 1.0;
@@ -27,9 +25,7 @@ const TAKES_OFF_M: f64 = 0.4;
 
 #[derive(Debug, Default)]
 struct Flown {
-    /// Time of the first contact, s.
     contact_s: Option<f64>,
-    /// Maximum contact speed, m/s.
     hardest_mps: f64,
     /// Climb above the deck after a rest on it, m.
     rose_m: f64,

@@ -73,7 +73,7 @@ fn approach_through_the_sector() {
             worst = worst.max(out.abs().to_degrees());
         }
     }
-    // What the vessel yaws about her mean heading.
+    // Tolerance for the yaw of the vessel about its mean heading.
     assert!(worst < 5.0, "{worst} deg outside the sector");
 }
 

@@ -14,7 +14,6 @@ use rayon::prelude::*;
 
 use crate::judged;
 
-/// Duration of the hover, s.
 const HOVERS_S: f64 = 40.0;
 /// Height below which tags are lost permanently, m.
 const BLIND_M: f64 = 3.0;
@@ -27,7 +26,6 @@ fn fixed() -> MovingBaseConfig {
         ..MovingBaseConfig::default()
     }
 }
-/// A Moderate sea.
 fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
     let mut scenario = crate::at_sea("moderate");
     scenario.sensors.moving_base = moving_base;

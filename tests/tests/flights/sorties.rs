@@ -201,7 +201,6 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {context}");
     assert!(nearest_m > 15.0, "{nearest_m} m apart");
 }
-/// Distance between the two drones, m.
 pub(super) fn apart_m(rig: &Rig) -> f64 {
     let at = |k| rig.world.physics().drone(k).map(|d| d.position.0);
     at(0).zip(at(1)).map_or(f64::INFINITY, |(a, b)| (a - b).norm())

@@ -22,7 +22,6 @@ use nalgebra::Vector3;
 const FLOWN_S: f64 = 38.0;
 const BEGINS_S: f64 = 10.0;
 
-/// A forecast and its tick.
 struct ForecastSample {
     t: usize,
     forecast: DeckForecast,
@@ -33,14 +32,12 @@ struct ForecastSample {
 struct PredictorFlight {
     /// Error of the drone's odometry at each tick, in whose frame the forecast is.
     frames: Vec<Vector3<f64>>,
-    /// True deck per tick.
     truth: Vec<RigidState<Deck>>,
     samples: Vec<ForecastSample>,
     /// The vessel's estimates as received by the drone.
     estimates: Vec<VesselEstimate<DroneClock>>,
     /// Tick at which the test begins to fly.
     began: usize,
-    /// True position of the drone.
     drone: Vector3<f64>,
 }
 

@@ -13,7 +13,6 @@ const BAROMETER_S: f64 = 600.0;
 /// Time constant with which the heading follows the magnetometer, s (weight of the gyroscopes in PX4 and ArduPilot).
 const STEEL_S: f64 = 5.0;
 
-/// Estimate at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Estimate {
     pub(super) position: Vector3<f64>,

@@ -68,7 +68,6 @@ impl ControlMode {
 pub(super) struct SimulatedFlight {
     config: AutopilotConfig,
     rate_loop: RateLoop,
-    /// Mode that was chosen last.
     chosen: u32,
     /// Active mode: the chosen one, or the failsafe's.
     mode: u32,
@@ -94,7 +93,6 @@ pub(super) struct SimulatedFlight {
     delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
     /// Active target of the attitude loop.
     in_force: AttitudeSetPoint,
-    /// Input shaping of ArduCopter.
     shaping: InputShaping,
     /// Spool-up of ArduCopter's motors after arming.
     spool: Spool,
@@ -209,7 +207,6 @@ impl SimulatedFlight {
     pub(super) fn hold_at(&mut self, position: Vector3<f64>) {
         self.hold.position = position;
     }
-    /// Takes a landing target.
     pub(super) fn guide(&mut self, target: Vector3<f64>, now: Time<TrueTime>) {
         self.guided = Some((target, now));
     }
@@ -225,7 +222,6 @@ impl SimulatedFlight {
             return false;
         }
         if offboard && self.firmware() == Firmware::ArduCopter {
-            // Holds until the first set-point.
             self.received = None;
         }
         if mode == own_mission(self.firmware()) && mode != self.mode && self.own.is_complete() {

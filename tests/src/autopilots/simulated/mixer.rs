@@ -14,7 +14,6 @@ pub enum Mixer {
         /// MC_AIRMODE 1: roll and pitch may raise the collective.
         airmode: bool,
     },
-    /// Matrix mixer of ArduCopter.
     ArduCopter {
         /// Collective thrust of a hover.
         hover: f64,
@@ -27,7 +26,6 @@ pub enum Mixer {
 /// Rotor commands, and whether roll, pitch and yaw are saturated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixed {
-    /// Command of each rotor.
     pub out: [f64; MAX_ROTORS],
     /// Roll, pitch, yaw.
     pub saturated: [bool; 3],
@@ -157,7 +155,6 @@ mod tests {
         mix: 0.1,
     };
 
-    /// Achieved collective, roll, pitch and yaw.
     fn given(m: &Mixed) -> [f64; 4] {
         given_of(RotorFrame::QuadX, m)
     }

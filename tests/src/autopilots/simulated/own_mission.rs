@@ -12,7 +12,6 @@ const SPEED_MPS: f64 = 5.0;
 /// Distance within which a waypoint is reached, m.
 const REACHED_M: f64 = 2.0;
 
-/// The mission and its progress.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OwnFlight {
     /// Waypoints in the autopilot's NED, m.

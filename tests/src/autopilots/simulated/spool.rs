@@ -19,7 +19,6 @@ const PULSE_RANGE_US: f64 = 1000.0;
 pub(super) struct Spool {
     /// Time since arming, s.
     armed_s: f64,
-    /// Fraction of the idle speed.
     ratio: f64,
 }
 

@@ -303,7 +303,6 @@ fn ardu_copter_level_without_attitudes() {
         "{:?}",
         truth.velocity
     );
-    // The drone drifts on.
     assert!(truth.velocity.0.xy().norm() > 0.5);
 }
 

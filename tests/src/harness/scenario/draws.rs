@@ -61,14 +61,12 @@ config! {
     }
 }
 
-/// Draws from the streams `draws/<name>`.
 struct Draws<'a>(&'a Streams);
 
 impl Draws<'_> {
     fn noise(&self, name: &str) -> Noise {
         Noise::new(self.0, &format!("draws/{name}"))
     }
-    /// Uniform within `bounds`.
     fn between(&self, name: &str, [low, high]: [f64; 2]) -> f64 {
         low + (high - low) * self.noise(name).uniform()
     }

@@ -16,7 +16,6 @@ pub enum TruePart {
     Contact,
 }
 
-/// A degree of freedom of the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Dof {

@@ -125,7 +125,6 @@ impl Storm {
 /// A kind of fault and the state in which it begins.
 pub type Pair = (FaultKind, State);
 
-/// All pairs that a flight may draw.
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
     let of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
     FaultKind::ALL.iter().flat_map(of)

@@ -24,7 +24,6 @@ pub enum Effect {
 }
 use Effect::{Events, Lasting};
 
-/// Loses all packets.
 const LOST: ChannelFault = ChannelFault {
     loss: 1.0,
     delay_s: 0.0,
@@ -33,7 +32,6 @@ const LOST: ChannelFault = ChannelFault {
 };
 
 const fn nothing(_: &mut Rig, _: f64) {}
-/// Kills a process of the first drone.
 fn kill(rig: &mut Rig, process: ProcessKind) {
     rig.world.kill(0, process);
 }
@@ -57,7 +55,6 @@ fn choose(rig: &mut Rig, mode: AutopilotMode) {
     }
 }
 
-/// Sets what the deck's sensor reports.
 fn occupy(rig: &mut Rig, occupied: bool) {
     rig.world.deck_inputs(DeckInputs {
         occupied: Some(occupied),

@@ -28,7 +28,6 @@ pub struct Fault {
     /// Number of the state's entry in the flight, from 1; a first contact occurs once.
     #[serde(default = "first")]
     pub entry: u8,
-    /// Delay after the moment, s.
     #[serde(default)]
     pub after_s: f64,
     /// Size, in the unit of [`Spec::of`](super::Spec::of).

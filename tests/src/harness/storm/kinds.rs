@@ -22,7 +22,6 @@ pub enum Takes {
 pub struct Spec {
     /// Quantity and unit of the size.
     pub of: &'static str,
-    /// Range of drawn sizes.
     pub size: [f64; 2],
     /// Range of drawn durations, s.
     pub lasts_s: [f64; 2],
@@ -67,7 +66,6 @@ macro_rules! names {
             pub fn freezes(self) -> bool {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
-            /// Whether it drains the battery for good.
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
@@ -90,7 +88,6 @@ macro_rules! names {
 const NONE: [f64; 2] = [0.0, 0.0];
 /// Time until a process is restarted, s.
 const RESTART: [f64; 2] = [0.1, 1.0];
-/// Duration of a freeze, s.
 const FREEZE: [f64; 2] = [0.1, 3.0];
 /// Duration of a measurement outage, s.
 const GAP: [f64; 2] = [0.2, 8.0];
@@ -131,25 +128,19 @@ const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
 /// Passes the kinds to a macro: name, quantity of the size, size, duration, means taken, effect.
 #[rustfmt::skip]
 macro_rules! each_kind { ($with:ident) => { $with! {
-    /// The predictor's process is killed.
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Predictor), |r, size| start(r, ProcessKind::Predictor, size));
-    /// The mission's process is killed.
     MissionKilled, "mission-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Mission), |r, size| start(r, ProcessKind::Mission, size));
-    /// The planner's process is killed.
     PlannerKilled, "planner-killed", "", NONE, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Planner), |r, _| start(r, ProcessKind::Planner, 0.0));
-    /// The pilot's process is killed.
     PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
         Events(|r, _| kill(r, ProcessKind::Pilot), |r, _| start(r, ProcessKind::Pilot, 0.0));
-    /// The autopilot link's process is killed.
     LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
         Events(|r, _| kill(r, ProcessKind::Autopilot), |r, size| start(r, ProcessKind::Autopilot, size));
     /// The supervisor is killed, and the drone's whole computer with it.
     ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
         Events(|r, _| r.world.kill_computer(0), |r, size| r.world.start_computer(0, kept(size)));
-    /// The bridge's process is killed.
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Bridge), |r, _| start(r, ProcessKind::Bridge, 0.0));
     /// The drone's computer loses its supply and reboots; shared memory is lost, files on its disk are kept.
@@ -158,34 +149,25 @@ macro_rules! each_kind { ($with:ident) => { $with! {
             r.world.restart_clock(0);
             r.world.start_computer(0, Checkpoints::Kept);
         });
-    /// The predictor's process freezes.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Predictor));
-    /// The mission's process freezes.
     MissionFrozen, "mission-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Mission));
-    /// The planner's process freezes.
     PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Planner));
-    /// The pilot's process freezes.
     PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Pilot));
-    /// The process of the autopilot link freezes.
     LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Autopilot));
-    /// The bridge's process freezes.
     BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Bridge));
     /// The processor is slow: plans are late.
     PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.solve_s = size.max(0.0));
-    /// The drone's whole computer freezes.
     ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.computer = true);
-    /// The vessel's computer freezes.
     VesselFrozen, "vessel-frozen", "", NONE, [0.2, 10.0], Nothing,
         Lasting(|f, _| f.frozen.vessel = true);
-    /// The vessel's computer restarts.
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
         Events(|r, _| r.restart_vessel(), nothing);
     /// The vessel's computer is suspended, including its monotonic clock.
@@ -200,7 +182,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The drone's monotonic clock steps ahead.
     ComputerClockSteps, "computer-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
         Events(|r, size| r.world.step_clock(Some(0), Span::from_secs(size.max(0.0))), nothing);
-    /// The vessel's and the drone's clocks drift apart.
     ClocksDrift, "clocks-drift", "parts per million", [-500.0, 500.0], [5.0, 60.0], Nothing,
         Lasting(|f, size| f.clock_rates[0] += 1e-6 * size);
     /// The radio loses all packets in both directions.
@@ -212,7 +193,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The radio loses all packets to the vessel.
     RadioMute, "radio-mute", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.radio[1] = LOST);
-    /// The radio loses a fraction of the packets.
     RadioLossy, "radio-lossy", "fraction lost", [0.2, 0.9], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
     /// Packets are late.
@@ -221,19 +201,15 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// Packets are reordered by a random delay.
     RadioJitter, "radio-jitter", "delay up to, s", [0.02, 0.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.jitter_s = size.max(0.0)));
-    /// Packets are duplicated.
     RadioDoubled, "radio-doubled", "fraction doubled", [0.2, 1.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.doubled = size));
     /// A second vessel sends under the same identity.
     VesselTwin, "vessel-twin", "m further north", [5.0, 60.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.twin_m = size);
-    /// The vessel's inertial samples are missing.
     VesselImuLost, "vessel-imu-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.vessel.imu_lost = true);
-    /// The vessel's fixes are missing.
     VesselGnssLost, "vessel-gnss-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.gnss_lost = true);
-    /// The vessel's heading is missing.
     VesselHeadingLost, "vessel-heading-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.heading_lost = true);
     /// The vessel's heading has an offset, as near steel.
@@ -242,7 +218,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The vessel's fixes have an offset to the north.
     VesselGnssOff, "vessel-gnss-off", "m to the north", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[0] = size);
-    /// The vessel's fixes have a height offset.
     VesselHeightOff, "vessel-height-off", "m up", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[1] = size);
     /// Every second heading comes from another device, which has an offset.
@@ -260,7 +235,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The vessel's roll rate has an offset.
     VesselGyroOff, "vessel-gyro-off", "deg/s", [-2.0, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.gyro_off_radps = size.to_radians());
-    /// The vessel's accelerometer clips.
     VesselImuClipped, "vessel-imu-clipped", "at, m/s2", [8.0, 10.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.clip_mps2 = size);
     /// The vessel's measurements arrive late and are stamped on arrival.
@@ -284,13 +258,11 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The drone's camera detects nothing.
     Blind, "blind", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.blind = true);
-    /// Images are stamped late.
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
     /// The deck of a neighbouring vessel is detected in place of the vessel's.
     NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
-    /// Images are lost.
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.lost = size);
     /// Images are motion-blurred.
@@ -299,7 +271,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// Every third detection is of another tag.
     FalseTag, "false-tag", "m to the right", [-5.0, 5.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.false_tag_m = size);
-    /// The rangefinder reports nothing.
     RangeLost, "range-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_lost = true);
     /// The rangefinder repeats its first range.
@@ -347,7 +318,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The cable to the autopilot is disconnected, both ways.
     CableOut, "cable-out", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.cut = true);
-    /// The autopilot denies every command.
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
         Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
     /// The drone's battery drops to this charge.
@@ -374,7 +344,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// All rotors lose thrust.
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
-    /// The drone's payload falls off.
     PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
         Events(|r, size| r.world.lighten(size), nothing);
     /// The ground station commands the autopilot's hold mode meanwhile.
@@ -389,16 +358,13 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The operator aborts on the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Abort), nothing);
-    /// The operator aborts from ashore.
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
-    /// The operator commands a hold.
     Hold, "hold", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Hold), nothing);
     /// The operator orders the landing again.
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Land), nothing);
-    /// The operator orders a landing from ashore.
     OrderedAshore, "ordered-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Land), nothing);
     /// The operator orders a drone that does not exist.

@@ -38,7 +38,6 @@ pub use schedule::Schedule;
 pub use shrink::shrink;
 pub use watch::StormEnding;
 
-/// Maximum number of faults in a list.
 pub const MAX_FAULTS: usize = 16;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,9 +52,7 @@ pub struct Storm {
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
     pub sea: [f64; 2],
     pub course: VesselCourse,
-    /// Speed of the vessel, m/s.
     pub speed_mps: f64,
-    /// Mean wind, m/s.
     pub wind_mps: f64,
     /// A landing requires a reservation of the deck.
     pub reserved: bool,
@@ -88,7 +85,6 @@ pub enum StormError {
     /// The text is not the TOML of a storm.
     #[error("{0}")]
     Toml(String),
-    /// A value is out of range.
     #[error("{0}")]
     Range(String),
 }

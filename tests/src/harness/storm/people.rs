@@ -45,11 +45,9 @@ enum Step {
     Begins,
     /// The crew cleared the deck for a take-off.
     Cleared,
-    /// A take-off was ordered.
     TakesOff,
     /// The pilot chose the autopilot's own mission.
     Away,
-    /// A station was ordered.
     Stays,
     /// A ground station repeats the order to land until it is accepted.
     Calls,
@@ -57,7 +55,6 @@ enum Step {
     Lands,
 }
 
-/// State of the people's script.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct People {
     flight: FlightKind,
@@ -92,7 +89,6 @@ impl People {
         rig.t_s() - self.since_s
     }
 
-    /// Acts in each tick.
     pub(super) fn act(&mut self, rig: &mut Rig) {
         let next = match self.step {
             Step::Begins => self.begin(rig),
@@ -223,7 +219,6 @@ fn stands(rig: &Rig) -> bool {
     let waits = matches!(rig.state(0), State::Idle | State::Landed);
     waits && on_deck && !armed && rig.t_s() > rig.entered_s(0) + STANDS_S
 }
-/// Whether the first drone returns from a sortie.
 fn comes_back(rig: &Rig) -> bool {
     let state = rig.state(0);
     state.is_landing() && state != State::Hold

@@ -125,7 +125,6 @@ impl FlightKind {
         FlightKind::Mavlink,
     ];
 
-    /// States in which drawn faults begin.
     pub fn states(self) -> impl Iterator<Item = State> {
         self.rows().iter().map(|(state, ..)| *state)
     }
@@ -144,14 +143,12 @@ impl FlightKind {
     pub(super) fn parts(&self) -> u32 {
         if *self == FlightKind::Landing { 4 } else { 1 }
     }
-    /// Whether it takes off from the deck.
     pub(super) const fn takes_off(self) -> bool {
         matches!(
             self,
             FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles
         )
     }
-    /// Whether the vessel is silent.
     pub(super) const fn is_silent(self) -> bool {
         matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
     }
@@ -160,7 +157,6 @@ impl FlightKind {
     pub(super) const fn may_land_elsewhere(self) -> bool {
         self.is_silent() || matches!(self, FlightKind::Sortie)
     }
-    /// Maximum number of drones.
     pub(super) const fn most_drones(self) -> u8 {
         match self {
             FlightKind::Landing | FlightKind::Mavlink => 2,

@@ -3,7 +3,6 @@
 use super::Storm;
 use super::watch::StormRule;
 
-/// Maximum number of lists to try.
 const MAX_TRIES: usize = 80;
 /// Maximum number of halvings of a size or duration.
 const HALVINGS: usize = 4;

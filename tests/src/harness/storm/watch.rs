@@ -51,13 +51,11 @@ pub enum StormEnding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StormRule {
-    /// Motors stopped in the air.
     StopInTheAir,
     HardContact,
     /// Another part than a foot touched the deck.
     TippedOver,
     Water,
-    /// Rotors carry in `Landed`.
     CarriesLanded,
     /// The mission neither followed an abort nor declined it with a reason.
     AbortIgnored,
@@ -66,11 +64,9 @@ pub enum StormRule {
     /// Low over the deck in a state that does not descend.
     NotPermitted,
     KeepOut,
-    /// Two drones are at the deck.
     TwoAtDeck,
     /// The battery ran empty in the air, although faults had left the charge for a landing.
     BatterySpent,
-    /// Two drones collided.
     Collision,
     /// Armed on the deck, and the status does not report it.
     StillArmed,
@@ -86,7 +82,6 @@ pub enum StormRule {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Violation {
     pub rule: StormRule,
-    /// Time after the order, s.
     pub t_s: f64,
     /// Value that broke the rule: m above the deck, m/s, s, or the battery's charge, 0 to 1.
     pub figure: f64,
@@ -152,7 +147,6 @@ pub struct StormScene {
 }
 
 impl StormScene {
-    /// Whether faults have left enough charge to land.
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
@@ -171,7 +165,6 @@ impl StormScene {
     }
 }
 
-/// Checks a storm's flight against the rules.
 #[derive(Clone, Debug, Default)]
 pub struct StormWatch {
     /// Whether the motors turned in the last tick.
@@ -405,7 +398,6 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     })
 }
 
-/// Whether a reason names the battery.
 const fn names_battery(why: ReasonCode) -> bool {
     matches!(
         why,

@@ -128,7 +128,6 @@ impl DeckMotionConfig {
 #[derive(Clone)]
 pub enum DeckCarrier {
     Simulated(Box<Vessel>),
-    /// A vessel moved by a response table.
     Responding(Box<ResponseVessel>),
     /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
@@ -157,7 +156,6 @@ impl DeckCarrier {
             .map(|m| DeckCarrier::Recorded(Box::new(m))),
         }
     }
-    /// Advances from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
@@ -354,7 +352,6 @@ impl RecordedMotion {
         self
     }
 
-    /// Advances from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         self.settle(t + Span::from_secs(dt_s), sea);
     }
@@ -389,7 +386,6 @@ impl RecordedMotion {
         Vector2::new(c * surge - s * sway, s * surge + c * sway)
     }
 
-    /// State at world time `t`.
     pub fn state_at(&self, t: Time<TrueTime>, sea: &Sea) -> RigidState<VesselBody> {
         let s = t.secs();
         let j = self.channels(s);

@@ -33,7 +33,6 @@ const QUANTITIES: [Quantity; CHANNELS] = [
 const MAX_ROWS: usize = 2_000_000;
 /// Sampling rate below which fast motion is lost, Hz.
 const SLOW_HZ: f64 = 4.9;
-/// Maximum number of knots in one gap.
 const MAX_BRIDGE: usize = 2000;
 
 /// Why a recording was rejected.
@@ -52,7 +51,6 @@ pub enum DeckMotionError {
         line: u64,
         message: String,
     },
-    /// A row is invalid.
     #[error("deck motion {origin}, line {line}: {message}; correct or remove the row")]
     Row {
         origin: String,
@@ -68,15 +66,12 @@ pub enum DeckMotionError {
 /// Cleaned knots: strictly ascending times from 0 s; values in rad and m, with the heading unwrapped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// Times, s.
     pub t: Vec<f64>,
     /// Values by channel; zero where [`Recording::has`] is false.
     pub y: Vec<[f64; CHANNELS]>,
-    /// Whether the file has the channel.
     pub has: [bool; CHANNELS],
     /// Time average per channel over the recorded stretches.
     pub mean: [f64; CHANNELS],
-    /// Number of bridged gaps.
     pub gaps: usize,
     /// Remarks on channels with less bandwidth or resolution than their rows suggest.
     pub remarks: Vec<String>,
@@ -257,7 +252,6 @@ impl Channels {
     }
 }
 
-/// A channel with separate rows.
 struct Own {
     name: &'static str,
     spline: Splines<1>,

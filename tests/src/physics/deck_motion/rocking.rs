@@ -16,7 +16,6 @@ use crate::physics::streams::Streams;
 /// Ratio of the pitch frequency to the roll frequency.
 const PITCH_FREQUENCY: f64 = 0.8;
 
-/// Amplitudes and frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RockingConfig {
@@ -33,7 +32,6 @@ impl Check for RockingConfig {
     }
 }
 
-/// Rocking motion of a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct Rocking {
     /// Amplitude (rad), angular frequency (rad/s), phase (rad) of roll and pitch.
@@ -56,7 +54,6 @@ impl Rocking {
         }
     }
 
-    /// All channels at time `t` (s).
     pub(super) fn channels(&self, t: f64) -> [Jet; CHANNELS] {
         let mut j = [Jet::default(); CHANNELS];
         for (channel, [a, w, p]) in [ROLL, PITCH].into_iter().zip(self.waves) {

@@ -93,11 +93,9 @@ config! {
     }
 }
 
-/// Action of the autopilot when set-points stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossAction {
-    /// Brake and hold position.
     #[default]
     Hold,
     /// Land at the present position.

@@ -26,7 +26,6 @@ pub enum Part {
     Body,
 }
 
-/// Impact of a part on the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
     pub part: Part,
@@ -344,7 +343,6 @@ impl GearContact {
         }
     }
 
-    /// Whether each foot touches the deck.
     pub(crate) fn feet(&self) -> [bool; 4] {
         let mut feet = [false; 4];
         for t in &self.parts {

@@ -33,14 +33,12 @@ pub use config::{
 pub use contact::{Impact, Part};
 pub use frame::{MAX_ROTORS, RotorFrame};
 
-/// Maximum sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
 /// Distance from the deck beyond which the ground effect is below 0.1 % and not computed, m.
 const GROUND_EFFECT_M: f64 = 3.0;
 /// Clearance below which rapier runs, m: more than a sub-step at 10 m/s and rapier's own margin.
 const CONTACT_MARGIN_M: f64 = 0.05;
 
-/// Start of the drone in a hover.
 #[derive(Clone, Copy, Debug)]
 pub struct DroneStart {
     /// Centre of mass, true NED, m.
@@ -317,7 +315,6 @@ impl SimulatedDrone {
     pub fn wind(&self) -> Vector3<f64> {
         self.wind.velocity()
     }
-    /// True mass, kg.
     pub fn mass_kg(&self) -> f64 {
         self.airframe.mass
     }

@@ -41,7 +41,6 @@ fn deck_at(position: Vector3<f64>, roll: f64, pitch: f64) -> RigidState<Deck> {
         ..RigidState::default()
     }
 }
-/// A deck far below the drone.
 fn nowhere() -> RigidState<Deck> {
     deck_at(Vector3::new(0.0, 0.0, 500.0), 0.0, 0.0)
 }

@@ -8,15 +8,12 @@ use alight_shared::config::{Check, Keys};
 use alight_shared::geometry::GRAVITY;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of components of a sea.
 pub const MAX_COMPONENTS: usize = 64;
-/// Maximum number of wave systems.
 pub const MAX_SYSTEMS: usize = 4;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SeaKind {
-    /// Calm water.
     Calm,
     /// Three Gerstner components defined by one amplitude and one period (Procházka 2024).
     #[default]
@@ -25,11 +22,9 @@ pub enum SeaKind {
     Jonswap,
     /// Irregular: Pierson-Moskowitz shape of given height and peak period (JONSWAP, gamma 1).
     PiersonMoskowitz,
-    /// Irregular: sum of the wave systems in `systems`.
     Systems,
 }
 
-/// Shape of a wave system's spectrum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Spectrum {
@@ -149,7 +144,6 @@ impl SeaConfig {
             ..Self::default()
         }
     }
-    /// A sea of these systems.
     pub fn of_systems(systems: Vec<WaveSystem>) -> Self {
         SeaConfig {
             kind: SeaKind::Systems,

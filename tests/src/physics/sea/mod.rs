@@ -38,7 +38,6 @@ const MAX_STEEPNESS: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeaComponent {
-    /// Amplitude, m.
     pub amplitude_m: f64,
     /// Wave number, rad/m.
     pub wave_number: f64,
@@ -63,7 +62,6 @@ impl SeaComponent {
     }
 }
 
-/// State of the water at one position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaterSample {
     /// Elevation of the surface above the rest level, positive up, m.

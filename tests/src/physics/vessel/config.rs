@@ -56,7 +56,6 @@ impl VesselCourse {
 pub struct VesselLoad {
     /// Start, s of true time.
     pub at_s: f64,
-    /// Duration, s.
     pub for_s: f64,
     /// Force and moment: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub by_n_nm: [f64; 6],

@@ -24,7 +24,6 @@ pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     (area, lever_arm)
 }
 
-/// Hulls at rest.
 #[derive(Clone, Debug)]
 pub struct Hull {
     /// Radius of the sections, m.

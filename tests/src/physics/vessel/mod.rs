@@ -41,7 +41,6 @@ use crate::physics::streams::Streams;
 const MAX_SPEED: f64 = 30.0;
 const MAX_RATE: f64 = 12.0;
 
-/// Position, attitude and body velocity.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     position: Vector3<f64>,

@@ -26,14 +26,12 @@ const FOR_GOOD_S: f64 = 1e9;
 /// rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
-/// Point of the mean path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// North and east, m.
     pub position: Vector2<f64>,
     /// Their derivative, m/s.
     pub velocity: Vector2<f64>,
-    /// Heading, rad.
     pub heading: f64,
 }
 
@@ -49,7 +47,6 @@ enum Shape {
     /// At rest, or straight ahead.
     Straight,
     Turns(Turns),
-    /// Changes its speed once.
     SpeedChange {
         begins: Begin,
         /// Speed change, m/s.
@@ -159,7 +156,6 @@ impl MeanPath {
         }
     }
 
-    /// Point of the path at `t`, s.
     pub fn at(&self, t: f64) -> PathPoint {
         match &self.shape {
             Shape::Straight => straight(Vector2::zeros(), self.speed, self.heading, t),
@@ -221,7 +217,6 @@ impl Cycle {
     }
 }
 
-/// Sheering about an anchor.
 #[derive(Clone, Copy, Debug)]
 struct Sheer {
     /// Distance from the anchor to amidships, m.

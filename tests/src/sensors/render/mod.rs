@@ -59,7 +59,6 @@ config! {
     }
 }
 
-/// Inputs of an image.
 #[derive(Clone, Copy)]
 pub struct Shot {
     /// True time of the middle of the exposure.
@@ -69,9 +68,7 @@ pub struct Shot {
     pub exposure_s: f64,
     /// Gain relative to the sensor's minimum; no effect by day.
     pub gain: f64,
-    /// The camera at that time.
     pub view: CameraMotion,
-    /// The deck at that time.
     pub deck: RigidState<Deck>,
 }
 
@@ -163,7 +160,6 @@ const BLOCK_PX: usize = 16;
 /// Maximum bend of a straight line by the lens within a block, px.
 const BEND_PX: f32 = 0.5;
 
-/// A block of pixels, bounds included.
 #[derive(Clone, Copy)]
 struct Block {
     left: usize,
@@ -194,9 +190,7 @@ impl Block {
 
 struct Band<'a> {
     light: &'a mut [f32],
-    /// First row of the band.
     top: usize,
-    /// Width of the image, px.
     width: usize,
 }
 
@@ -219,14 +213,12 @@ struct Scene<'a> {
     deck: Option<(DeckScene<'a>, [usize; 4])>,
 }
 
-/// The deck in one image.
 struct DeckScene<'a> {
     deck: DeckInCamera,
     /// Rays of a pixel, each with the deck at its time.
     rays: Vec<(ToDeck, &'a RaySample)>,
     /// Maximum distance of a ray from its pixel's centre, px.
     reach_px: f32,
-    /// Length of the motion blur, px.
     blur_px: f64,
     shadow: Option<Shadow>,
     glare: Option<Glare>,
@@ -258,7 +250,6 @@ impl DeckScene<'_> {
 }
 
 impl Renderer {
-    /// Renderer of this seed's camera.
     pub fn new(config: &RenderConfig, deck: &DeckGeometry, streams: &Streams) -> Renderer {
         let mut noise = Noise::new(streams, "drone.camera.pixels");
         let normals = (0..DRAWS).map(|_| noise.normal() as f32).collect();

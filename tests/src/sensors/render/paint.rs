@@ -14,7 +14,6 @@ use crate::sensors::noise::Noise;
 
 /// Minimum size of a cell in the image for decoding a tag, px.
 const DECODED_CELL_PX: f64 = 1.5;
-/// Width of the deck's planks, m.
 const PLANK_M: f32 = 0.14;
 
 /// Number of index cells along each axis of the deck.
@@ -87,7 +86,6 @@ pub(super) enum Paint {
     Edges,
 }
 
-/// The deck's upper surface.
 #[derive(Clone, Debug)]
 pub(super) struct DeckPaint {
     half: [f32; 2],
@@ -170,7 +168,6 @@ impl DeckPaint {
         let plank = (y / PLANK_M).floor() as i32;
         self.scene * if plank % 2 == 0 { 0.42 } else { 0.50 }
     }
-    /// Whether the whole patch is on the deck.
     pub(super) fn covers(&self, patch: &Patch) -> bool {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         sides

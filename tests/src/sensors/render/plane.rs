@@ -6,7 +6,6 @@ use nalgebra::{Rotation3, Vector3};
 use super::super::camera::CameraMotion;
 use crate::physics::body::RigidState;
 
-/// Deck in the camera's axes.
 pub(super) struct DeckInCamera {
     /// Centre of the deck, m, and its axes.
     pub(super) at: Vector3<f64>,

@@ -11,7 +11,6 @@ use crate::sensors::noise::Noise;
 
 /// Light of a marker at 1 m, grey levels times pixels. Chosen: above the threshold up to 35 m.
 const LIGHT: f64 = 6e5;
-/// Standard deviation of a spot, px.
 const SPOT_SD_PX: f64 = 1.0;
 /// Radius of a spot's light, px.
 const REACH_PX: i64 = 6;
@@ -19,7 +18,6 @@ const REACH_PX: i64 = 6;
 const NOISE_SD: f64 = 3.0;
 const BLACK: f64 = 8.0;
 
-/// True camera and markers.
 #[derive(Clone, Debug)]
 pub struct Ultraviolet {
     settings: UvdarSettings,
@@ -28,7 +26,6 @@ pub struct Ultraviolet {
     /// Phase of the markers' clock relative to the camera's, bits, and its relative rate.
     phase: f64,
     faster: f64,
-    /// Number of glints in an image.
     glints: usize,
     noise: Noise,
     normals: Vec<f32>,

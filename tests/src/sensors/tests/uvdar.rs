@@ -108,7 +108,6 @@ fn uvdar_node_among_glints() {
 
 #[test]
 fn uvdar_node_in_glints_alone() {
-    // A camera that looks up.
     let up = UvdarSettings {
         tilt_down_deg: -90.0,
         ..UvdarSettings::default()

@@ -7,7 +7,6 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::{LinkRig, lead};
 use super::{BOTH, config};
 
-/// Duration of a restart, s.
 const AWAY_S: f64 = 0.2;
 
 #[test]

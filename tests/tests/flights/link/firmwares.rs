@@ -79,7 +79,6 @@ fn thrust_of_a_tilted_drone() {
             "{firmware:?}: {}",
             p.linked.autopilot.thrust()
         );
-        // The applied thrust is reported.
         let reported = p.state().thrust.unwrap();
         assert!((reported - hover()).abs() < 0.01, "{firmware:?}: {reported}");
     }

@@ -19,7 +19,6 @@ const MAX_WINDOW_S: f64 = 1.5;
 /// half or more.
 const WHITE: f64 = 0.85;
 
-/// Knots of a recording, in radians and metres.
 pub(super) struct Knots<'a> {
     pub(super) t: &'a [f64],
     pub(super) y: &'a mut [[f64; CHANNELS]],
@@ -94,7 +93,6 @@ fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
 }
 
-/// Step sizes of a channel's values.
 struct Steps {
     /// Resolution, of which all changes are multiples; 0 if there is none.
     size: f64,
@@ -179,7 +177,6 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
             }
             let up = (values[first] - values[before]) / (time(first) - time(before));
             let down = (values[after] - values[last]) / (time(after) - time(last));
-            // Rise of a cubic between the flanks.
             let rise = (up - down).abs() * duration / 8.0;
             if up * down >= 0.0 || rise < (4.0 * step).max(0.02 * range) {
                 continue;

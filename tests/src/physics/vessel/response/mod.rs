@@ -52,7 +52,6 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
     ),
 ];
 
-/// Names of the built-in hulls.
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
 /// Step of the numerical derivatives in a turn: the world's tick, so that two of three poses are known.
@@ -66,7 +65,6 @@ pub enum HullError {
          (CSV), with its places in a .toml of the same name next to it"
     )]
     Read { path: PathBuf, source: std::io::Error },
-    /// A row of the table is invalid.
     #[error("response table {origin}, line {line}: {message}")]
     Row {
         origin: String,
@@ -134,7 +132,6 @@ impl HullFiles {
     }
 }
 
-/// A component of the sea at the vessel.
 #[derive(Clone, Debug)]
 struct Wave {
     /// Amplitude, m.
@@ -202,7 +199,6 @@ impl ResponseVessel {
         vessel
     }
 
-    /// Advances from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
@@ -226,7 +222,6 @@ impl ResponseVessel {
         })
     }
 
-    /// State at `t`.
     pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
         let s = t.secs();
         let [north, east, down, roll, pitch, yaw] = if self.path.changes(s, 2.0 * TURN_STEP.secs()) {

@@ -42,7 +42,6 @@ pub struct DeckPlace {
     pub width_m: f64,
 }
 
-/// Attitude at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trim {
@@ -52,7 +51,6 @@ pub struct Trim {
     pub roll_deg: f64,
 }
 
-/// Places of a vessel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Places {

@@ -11,7 +11,6 @@ use super::HullError;
 
 /// Degrees of freedom: surge, sway, heave, roll, pitch, yaw.
 pub const DOFS: usize = 6;
-/// Columns of the file.
 pub const COLUMNS: [&str; 14] = [
     "omega_radps",
     "direction_deg",
@@ -34,7 +33,6 @@ const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
 const MAX_RESPONSE: f64 = 20.0;
 const MAX_ROWS: usize = 200_000;
 
-/// Response in all degrees of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Response {
     /// Real parts, m/m and rad/m.
@@ -176,7 +174,6 @@ impl ResponseTable {
         ))
     }
 
-    /// Minimum and maximum frequency, rad/s.
     pub fn range(&self) -> [f64; 2] {
         let of = |v: Option<&f64>| v.copied().unwrap_or_default();
         [of(self.omega.first()), of(self.omega.last())]
@@ -236,7 +233,6 @@ fn numbers(row: &str) -> Result<[f64; 14], String> {
     }
 }
 
-/// Responses at one frequency, by direction.
 #[derive(Clone, Debug)]
 pub struct ResponseAtFrequency {
     nodes: Vec<(f64, Response)>,
