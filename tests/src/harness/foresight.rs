@@ -249,8 +249,8 @@ mod tests {
             own: stage(1.2),
         };
         let (own, truth) = (stage(2.0), stage(2.5));
-        let of = |part, t| now.corrected(part, &own, &truth, t);
-        assert!(distance(&of(TruePart::Whole, 1.0), &truth) < 1e-12);
+        let corrected = |part, t| now.corrected(part, &own, &truth, t);
+        assert!(distance(&corrected(TruePart::Whole, 1.0), &truth) < 1e-12);
         // At `t` = 0 `State` yields the true state, `Motion` the drone's estimate.
         assert!(
             distance(
@@ -264,8 +264,13 @@ mod tests {
                 &now.own
             ) < 1e-12
         );
-        assert!(distance(&of(TruePart::Contact, 0.4), &of(TruePart::Motion, 0.4)) < 1e-12);
-        assert!(distance(&of(TruePart::Contact, 1.1), &own) < 1e-12);
+        assert!(
+            distance(
+                &corrected(TruePart::Contact, 0.4),
+                &corrected(TruePart::Motion, 0.4)
+            ) < 1e-12
+        );
+        assert!(distance(&corrected(TruePart::Contact, 1.1), &own) < 1e-12);
     }
 
     #[test]

@@ -321,12 +321,12 @@ impl Judge {
         if !touch.foot {
             self.fail(
                 Ending::Tipped,
-                format!("something else than a foot touched at {normal:.2} m/s"),
+                format!("something other than a foot touched at {normal:.2} m/s"),
             );
         } else if !touch.on_deck {
             self.fail(
                 Ending::Missed,
-                "a foot touched something else than the deck".into(),
+                "a foot touched something other than the deck".into(),
             );
         } else if normal > MAX_CONTACT_MPS {
             self.fail(

@@ -64,19 +64,19 @@ impl Streams {
     /// The stream `name`: reproducible for a seed and name, and independent of all others.
     pub fn stream(&self, name: &str) -> Stream {
         let hash = fnv(self.prefix, name);
-        let of = |seed: u64| {
+        let generator = |seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // The hash selects the ChaCha stream.
             rng.set_stream(hash);
             rng
         };
         Stream {
-            plain: of(self.seed),
+            plain: generator(self.seed),
             steps: self
                 .moves
                 .iter()
                 .flatten()
-                .map(|m| (of(m.seed), m.bits))
+                .map(|m| (generator(m.seed), m.bits))
                 .collect(),
         }
     }
@@ -134,13 +134,13 @@ mod tests {
     #[test]
     fn moved_numbers_stay_uniform_and_near() {
         let streams = Streams::new(7);
-        let of = |s: &Streams| -> Vec<f64> {
+        let numbers = |s: &Streams| -> Vec<f64> {
             let mut stream = s.stream("sea");
             (0..4000).map(|_| stream.random::<f64>()).collect()
         };
-        let plain = of(&streams);
+        let plain = numbers(&streams);
         for bits in [0, 3, 6] {
-            let moved = of(&streams.moved(3, bits).moved(4, bits));
+            let moved = numbers(&streams.moved(3, bits).moved(4, bits));
             // On a circle: two steps of at most 2^-bits / 2 each.
             let way = |(a, b): (&f64, &f64)| ((a - b + 1.5).rem_euclid(1.0) - 0.5).abs();
             let most = plain.iter().zip(&moved).map(way).fold(0.0, f64::max);

@@ -163,9 +163,15 @@ mod tests {
             (only(0.0, 0.3, 0.0), 0.3 / 30.3, 0.3),
         ] {
             // 5.5 hours: at least 660 bursts, whose mean is accurate to 4 %.
-            let (is, of) = fraction_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
-            assert!((is / fraction - 1.0).abs() < 0.13, "{is} of {fraction}");
-            assert!((of / length_s - 1.0).abs() < 0.12, "{of} of {length_s} s");
+            let (lost_fraction, mean_s) = fraction_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
+            assert!(
+                (lost_fraction / fraction - 1.0).abs() < 0.13,
+                "{lost_fraction}, expected {fraction}"
+            );
+            assert!(
+                (mean_s / length_s - 1.0).abs() < 0.12,
+                "{mean_s} s, expected {length_s} s"
+            );
         }
     }
 

@@ -56,15 +56,15 @@ type Pair<'a> = (&'a Outcome, &'a Outcome);
 
 /// Outcomes of both planners by scenario and seed, where both exist.
 pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
-    let of = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
+    let flown_by = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
         outcomes
             .iter()
             .filter(|o| o.planner == planner && scenario.is_none_or(|s| s == o.sea))
             .map(|o| ((o.sea.as_str(), o.seed), o))
             .collect()
     };
-    let others = of(other);
-    of(first)
+    let others = flown_by(other);
+    flown_by(first)
         .into_iter()
         .filter_map(|(key, a)| others.get(&key).map(|b| (a, *b)))
         .collect()

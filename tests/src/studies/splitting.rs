@@ -173,9 +173,12 @@ mod tests {
     /// `limit` with the probability `1 - limit^3`; a fraction `broken_off` has no contact.
     fn near(limit: f64, broken_off: f64) -> impl Fn(&Streams) -> Result<f64, ()> {
         move |streams| {
-            let of = |name: &str| streams.stream(name).random::<f64>();
-            let largest = ["sea", "wind", "gnss"].map(of).into_iter().fold(0.0, f64::max);
-            let flies = of("mission") >= broken_off;
+            let uniform = |name: &str| streams.stream(name).random::<f64>();
+            let largest = ["sea", "wind", "gnss"]
+                .map(uniform)
+                .into_iter()
+                .fold(0.0, f64::max);
+            let flies = uniform("mission") >= broken_off;
             Ok(if flies { largest / limit } else { 0.0 })
         }
     }

@@ -126,8 +126,8 @@ impl Storm {
 pub type Pair = (FaultKind, State);
 
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
-    let of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
-    FaultKind::ALL.iter().flat_map(of)
+    let pairs_of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
+    FaultKind::ALL.iter().flat_map(pairs_of)
 }
 
 /// Rounds to a thousandth, so that a list is read back to the bit.

@@ -130,8 +130,8 @@ impl Fault {
             let at = at.table(fault.kind.name());
             let spec = fault.kind.spec();
             let largest = spec.size[0].abs().max(spec.size[1].abs());
-            let of = if spec.of.is_empty() { "none" } else { spec.of };
-            at.range(&format!("size ({of})"), fault.size, -largest, largest)?;
+            let quantity = if spec.of.is_empty() { "none" } else { spec.of };
+            at.range(&format!("size ({quantity})"), fault.size, -largest, largest)?;
             at.range("entry", fault.entry.into(), 1.0, MAX_ENTRY.into())?;
             at.range("after_s", fault.after_s, 0.0, MAX_S)?;
             at.range("lasts_s", fault.lasts_s, 0.0, longest_s)?;

@@ -348,14 +348,14 @@ impl RecordedMotion {
     }
 
     fn begun(mut self, sea: &Sea) -> Self {
-        self.settle(Time::EPOCH, sea);
+        self.update(Time::EPOCH, sea);
         self
     }
 
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
-        self.settle(t + Span::from_secs(dt_s), sea);
+        self.update(t + Span::from_secs(dt_s), sea);
     }
-    fn settle(&mut self, t: Time<TrueTime>, sea: &Sea) {
+    fn update(&mut self, t: Time<TrueTime>, sea: &Sea) {
         self.state = self.state_at(t, sea);
         if self.water_follows {
             self.water_lift = self.channels(t.secs())[HEAVE].y;

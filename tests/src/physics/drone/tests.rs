@@ -261,18 +261,18 @@ fn drone_at_rest_on_a_rocking_deck() {
     let place = |w: &SimulatedDrone, d: &RigidState<Deck>| {
         d.attitude.0.inverse() * (w.motion.position - d.position.0)
     };
-    let (mut settled, mut worst_speed, mut moved) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
+    let (mut at_rest, mut worst_speed, mut moved) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
     for k in 0..1200 {
         let t = f64::from(k) * DT;
         let r = tick(&mut w, t, &deck(t), &deck(t + DT), 100.0);
         let d = deck(t + DT);
         if k == 200 {
-            settled = place(&w, &d);
+            at_rest = place(&w, &d);
         }
         if k > 200 {
             assert_eq!(r.feet, [true; 4], "at {t}");
             assert!(!r.other);
-            moved = moved.max((place(&w, &d) - settled).norm());
+            moved = moved.max((place(&w, &d) - at_rest).norm());
             let lever_arm = w.motion.position - d.position.0;
             let v = d.velocity.0 + (d.attitude.0 * d.rates.0).cross(&lever_arm);
             worst_speed = worst_speed.max((w.motion.velocity - v).norm());

@@ -111,7 +111,7 @@ fn landing_target_by_firmware() {
         p.run(0.8);
         let a = &p.linked.autopilot;
         let roll = p.odometry.last().expect("odometry").1.euler().x;
-        assert!(roll > 0.15, "{firmware:?}: leans by {roll} rad");
+        assert!(roll > 0.15, "{firmware:?}: tilts by {roll} rad");
         assert!(p.targets.len() > 30, "{firmware:?}: {}", p.targets.len());
         assert!(p.targets.iter().all(|t| takes(firmware, t)), "{firmware:?}");
         assert_eq!(a.targets_rejected, 0, "{firmware:?}");

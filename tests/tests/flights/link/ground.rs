@@ -67,14 +67,14 @@ fn ground_station_states_and_values() {
         assert_eq!(names, ["Tracking", "Descent", "Gave up"], "{firmware:?}");
         let severities: Vec<u8> = p.notes.iter().map(|(s, _)| *s).collect();
         assert_eq!(severities, [severity::INFO, severity::INFO, severity::WARNING]);
-        let of = |name: &str| {
+        let values = |name: &str| {
             p.values
                 .iter()
                 .filter(|(_, n, _)| n == name)
                 .map(|v| v.2)
                 .collect::<Vec<_>>()
         };
-        let (distances, ages) = (of(DISTANCE), of(AGE));
+        let (distances, ages) = (values(DISTANCE), values(AGE));
         // At 2 Hz.
         assert!(
             (5..=7).contains(&distances.len()) && distances.len() == ages.len(),

@@ -270,8 +270,8 @@ mod tests {
         for k in 200..r.t.len() - 200 {
             worst[0] = worst[0].max((r.y[k][HEAVE] - swell(r.t[k])).abs());
             let slope = |f: &dyn Fn(usize) -> f64| (f(k + 1) - f(k - 1)) / (r.t[k + 1] - r.t[k - 1]);
-            let of = slope(&|k| r.y[k][HEAVE]) - slope(&|k| swell(r.t[k]));
-            worst[1] = worst[1].max(of.abs());
+            let slope_error = slope(&|k| r.y[k][HEAVE]) - slope(&|k| swell(r.t[k]));
+            worst[1] = worst[1].max(slope_error.abs());
         }
         worst
     }

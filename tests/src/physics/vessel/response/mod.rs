@@ -296,13 +296,13 @@ impl ResponseVessel {
 fn pose(mean: &PathPoint, m: &Motion) -> Motion {
     let (s, c) = mean.heading.sin_cos();
     let mut out = *m;
-    let of = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {
+    let sum = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {
         y: fa * a.y + fb * b.y,
         d: fa * a.d + fb * b.d,
         dd: fa * a.dd + fb * b.dd,
     };
-    out[0] = of(&m[0], c, &m[1], -s);
-    out[1] = of(&m[0], s, &m[1], c);
+    out[0] = sum(&m[0], c, &m[1], -s);
+    out[1] = sum(&m[0], s, &m[1], c);
     for i in 0..2 {
         out[i].y += mean.position[i];
         out[i].d += mean.velocity[i];

@@ -175,8 +175,8 @@ impl ResponseTable {
     }
 
     pub fn range(&self) -> [f64; 2] {
-        let of = |v: Option<&f64>| v.copied().unwrap_or_default();
-        [of(self.omega.first()), of(self.omega.last())]
+        let value = |v: Option<&f64>| v.copied().unwrap_or_default();
+        [value(self.omega.first()), value(self.omega.last())]
     }
 
     /// Responses at `omega` in all directions: linear between frequencies, constant beyond the table's ends.
