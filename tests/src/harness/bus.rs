@@ -37,7 +37,7 @@ struct Shared {
     places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
-/// Bus of one computer, as seen by one of its rows or by an outside observer.
+/// Bus of one computer, as used by one of its rows or by an outside observer.
 #[derive(Clone, Default)]
 pub struct LockStep {
     shared: Rc<RefCell<Shared>>,
@@ -52,7 +52,7 @@ fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
 }
 
 impl LockStep {
-    /// The bus as seen by this row.
+    /// The bus as used by this row.
     pub fn of(&self, row: ProcessKind) -> LockStep {
         LockStep {
             shared: Rc::clone(&self.shared),

@@ -1,7 +1,7 @@
 //! Radio between vessel and drone: rate, delay, loss, duplication and outages, per direction.
 //!
 //! [`channel`] decides the fate of a packet; the lock-step world, the impairment inside a process and the link emulator
-//! share it. [`SimulatedRadio`] carries the packets' contents.
+//! use it. [`SimulatedRadio`] carries the packets' contents.
 
 pub mod channel;
 pub mod session;

@@ -11,7 +11,7 @@
 //! where `E` is its illuminance at the lens, lux, and `θ` the angle from it, deg, at least 1 deg. Lit tags scatter by
 //! the same law.
 //!
-//! The rendered images and the measurement model of the tags ([`super::tag`]) share nothing else: the first are drawn,
+//! The rendered images and the measurement model of the tags ([`super::tag`]) have nothing else in common: the first are drawn,
 //! the second has probabilities and noise fitted to the drone's detector on such images.
 
 use alight_shared::config;

@@ -74,7 +74,7 @@ fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
     }
 }
 
-/// Without faults every flight obeys all rules and ends as intended: a take-off in the hold above the vessel, the
+/// Without faults every flight keeps all rules and ends as intended: a take-off in the hold above the vessel, the
 /// others on the deck, except for one that may wait for a better moment.
 #[test]
 fn every_flight_without_a_fault() {

@@ -31,8 +31,8 @@ pub(super) struct SimulatedErrors {
     pub(super) rates: Vector3<f64>,
 }
 
-/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias. The three axes share one
-/// 3x3 covariance.
+/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias, with one 3x3 covariance for
+/// all three axes.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedEstimator {
     config: NavigationConfig,

@@ -212,7 +212,7 @@ fn recorded_motion_with_repeated_stamps_and_gaps() {
         }
         text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin(), 3.0 * (1.1 * t).sin());
         if i % 7 == 0 {
-            // The same stamp again and another shortly after, with different values.
+            // A repeated stamp and another shortly after, with different values.
             text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin() + 0.2, 3.0 * (1.1 * t).sin());
             text += &format!(
                 "{},{},{}\n",

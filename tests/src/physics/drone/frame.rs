@@ -38,7 +38,7 @@ const HEXA_X: [[f64; 3]; 6] = [
 
 impl RotorFrame {
     /// Position (in units of arm / sqrt 2) and yaw direction of each rotor: `[forward, right, yaw]`. A rotor that turns
-    /// counter-clockwise seen from above yaws the body clockwise (+yaw in FRD). In these units the squares sum to the
+    /// counter-clockwise viewed from above yaws the body clockwise (+yaw in FRD). In these units the squares sum to the
     /// number of rotors along each of the three axes.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {

@@ -107,7 +107,7 @@ impl BodyWake {
 }
 
 /// Height of the cavity behind a box of this length, width and height at `x` from its windward face, m; 0 beyond it.
-/// Its length is `1.8 W / ((L/H)^e (1 + 0.24 W/H))`, with L/H within 0.3 to 3 and e = 0.3 (less for a slender box)
+/// The length is `1.8 W / ((L/H)^e (1 + 0.24 W/H))`, with L/H within 0.3 to 3 and e = 0.3 (less for a slender box)
 /// (Fackrell 1984, as in PRIME).
 fn cavity_height([length, width, height]: [f64; 3], scale: f64, x: f64) -> f64 {
     let (ratio, slender) = (width / height, (width / height - 0.33) / 0.67);

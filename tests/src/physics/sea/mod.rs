@@ -112,7 +112,7 @@ impl Sea {
         }
     }
 
-    /// The same sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular. For a
+    /// This sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular. For a
     /// vessel whose response is linear in the waves of the displayed water.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
@@ -162,7 +162,7 @@ impl Sea {
         }
     }
 
-    /// The same sea with its origin moved to `by` (north, east, m).
+    /// This sea with its origin moved to `by` (north, east, m).
     #[must_use]
     pub fn about(&self, by: &Vector2<f64>) -> Sea {
         let mut sea = self.clone();

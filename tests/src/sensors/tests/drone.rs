@@ -210,7 +210,7 @@ fn uvdar_range() {
 fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
-    // Where the reported deviation is above its minimum.
+    // Settings at which the reported deviation is above its minimum.
     (config.uvdar.bearing_sd_deg, config.uvdar.distance_sd) = (0.5, 0.07);
     config.uvdar.aside_sd_m = 0.0;
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);

@@ -2,7 +2,7 @@
 //!
 //! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a exp(-i (omega
 //! t + phase)))` in the wave `a cos(omega t + phase)`. The direction is the one towards which the wave runs, relative
-//! to the bow, counter-clockwise seen from above: 0 following, 90 from starboard to port, 180 head sea. Waves to the
+//! to the bow, counter-clockwise viewed from above: 0 following, 90 from starboard to port, 180 head sea. Waves to the
 //! other side are the mirror image: sway, roll and yaw change sign.
 
 use core::f64::consts::PI;
@@ -239,7 +239,7 @@ pub struct ResponseAtFrequency {
 }
 
 impl ResponseAtFrequency {
-    /// Response to a wave that runs towards `direction` relative to the bow (rad, counter-clockwise seen from above,
+    /// Response to a wave that runs towards `direction` relative to the bow (rad, counter-clockwise viewed from above,
     /// not wrapped): a cubic through the directions with slopes from the neighbours (Catmull and Rom 1974), so that a
     /// turning vessel has a finite acceleration.
     pub fn towards(&self, direction: f64) -> Response {
