@@ -15,7 +15,7 @@ const STOPPED_S: f64 = 2.0;
 /// Time before the first contact at which the earliest fault begins, s, and the step between faults.
 const BEFORE_S: f64 = 1.0;
 const STEP_S: f64 = 0.1;
-/// Number of steps, more than there are until the motors stop.
+/// Number of steps; the motors stop before the last one.
 const LAST_STEP: usize = 30;
 /// Maximum height of feet that rest on the deck, m.
 const RESTS_M: f64 = 0.05;
@@ -85,7 +85,7 @@ fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> F
 }
 
 #[test]
-#[ignore = "some 35 flights: CI flies them by name"]
+#[ignore = "some 35 flights; CI runs them by name"]
 fn link_killed_around_the_contact() {
     let mut wrong = Vec::new();
     for (odd, firmware) in BOTH.into_iter().enumerate() {

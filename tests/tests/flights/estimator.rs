@@ -115,7 +115,7 @@ fn heave_prediction_at_1_s() {
 }
 
 #[test]
-#[ignore = "a minute of runs: CI makes them by name"]
+#[ignore = "a minute of runs; CI runs them by name"]
 fn prediction_covariance_at_1_s() {
     let mut wrong = Vec::new();
     // Seas in which the waves keep their phase better than the filter's process noise assumes, steep seas whose

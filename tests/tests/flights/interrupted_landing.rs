@@ -29,14 +29,14 @@ fn unsafe_flights(
 }
 
 #[test]
-#[ignore = "6 flights: CI flies them by name"]
+#[ignore = "6 flights; CI runs them by name"]
 fn plans_lost_near_a_deck_at_7_mps() {
     let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..62);
     assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 #[test]
-#[ignore = "8 flights: CI flies them by name"]
+#[ignore = "8 flights; CI runs them by name"]
 fn abort_and_hold_near_a_deck_at_7_mps() {
     for interruption in [Interruption::Abort, Interruption::Hold] {
         let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..63);

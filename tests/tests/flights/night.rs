@@ -49,7 +49,7 @@ fn landed(all: &[Outcome]) -> usize {
 }
 
 #[test]
-#[ignore = "10 flights: CI flies them by name"]
+#[ignore = "10 flights; CI runs them by name"]
 fn landings_by_night_on_lit_tags() {
     let all = pooled(0..10, lit());
     let failed = all.iter().filter(|o| o.is_unsafe()).count();

@@ -78,7 +78,7 @@ fn above_the_boat() -> PredictorFlight {
         }),
         ..Scenario::default()
     };
-    // After half of the recording, which has 100 s, the boat heels to the other side.
+    // The recording lasts 100 s; in its second half the boat heels to the other side.
     scenario.start.warm_up_s = 60.0;
     scenario.start.distance_m = [0.0; 2];
     scenario.start.height_m = [9.0; 2];

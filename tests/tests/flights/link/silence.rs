@@ -1,4 +1,4 @@
-//! Reports of one kind that stop.
+//! Tests in which one kind of report stops.
 
 use alight_shared::msg::LandedState;
 use alight_uav::autopilot::message::id;
