@@ -11,7 +11,7 @@ pub(super) const DOUBTFUL_M: f64 = 25.0;
 /// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
 /// high water.
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
-/// A separation of exactly zero is stated by nobody who has a table where the sea lies further than this from the ellipsoid, m.
+/// A separation of exactly zero is stated by no receiver with a table where the sea lies further than this from the ellipsoid, m.
 const ZERO_M: f64 = 2.0;
 /// Two separations of one source further apart are of two receivers, m, and so many changes from the one to the other show it.
 const APART_M: f64 = 2.0;

@@ -49,7 +49,7 @@ impl Arrivals {
 
 /// Stations that are distinguished.
 const MAX_STATIONS: usize = 4;
-/// A base further from the vessel's own place is not on her, m, and one that keeps its place while she moves by so much is none.
+/// Largest distance of a base that is on the vessel from her own fix, m, and of her way while the base keeps its place.
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
@@ -166,7 +166,8 @@ impl RtcmTraffic {
                 )
             } else if moved_m > MOVED_M {
                 format!(
-                    "RTCM's base (station {number}) has not moved for {:.0} s, and the boat by {moved_m:.0} m: it was surveyed in",
+                    "RTCM's base (station {number}) has not moved for {:.0} s, and the boat by {moved_m:.0} m: it \
+                     was surveyed in",
                     (self.now - base.since).secs()
                 )
             } else {
@@ -192,7 +193,7 @@ impl RtcmTraffic {
         let standing = rate(&|n| matches!(n.message, 1005 | 1006));
         if standing.is_some() && rate(&|n| n.is_base() && n.message == rtcm::UBLOX).is_some() {
             all.push(Remark::fault(
-                "RTCM has 1005 or 1006 beside 4072.0: a u-blox rover stays with a base that stands".into(),
+                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover stays with a base that stands".into(),
                 "switch 1005 and 1006 off at this port of the vessel's receiver",
             ));
         }

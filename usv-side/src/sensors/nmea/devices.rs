@@ -8,7 +8,7 @@ use crate::sensors::bus::DeviceSample;
 const MAX_TALKERS: usize = 16;
 /// Times further apart are of two clocks, ns, and so many more of the other than of the one make it the clock.
 const OTHER_CLOCK_NS: i64 = 20_000_000_000;
-const MOST_OTHERS: u8 = 10;
+const MAX_OTHERS: u8 = 10;
 
 impl NmeaDecoder {
     /// Number of the device of a sentence.
@@ -48,7 +48,7 @@ impl NmeaDecoder {
         }
         !is_spare
     }
-    /// Whether a time is of the clock that the other sentences have. A second clock beside it (an instrument in local time) is
+    /// Whether a time is of the clock that the other sentences have. A second clock next to it (an instrument in local time) is
     /// left out; that of most sentences counts.
     pub(super) fn is_of_clock(&mut self, address: &str, at_ns: i64) -> bool {
         let (of, newest_ns, others) = self.clock.get_or_insert_with(|| (address.into(), at_ns, 0));
@@ -58,7 +58,7 @@ impl NmeaDecoder {
             return true;
         }
         *others += 1;
-        let changes = *others >= MOST_OTHERS;
+        let changes = *others >= MAX_OTHERS;
         if changes {
             self.clock = Some((address.into(), at_ns, 0));
         }

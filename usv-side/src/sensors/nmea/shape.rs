@@ -1,4 +1,4 @@
-//! Numbers of fields of each kind of sentence: those of a sentence that is cut off, or whose decimal signs are commas, are others.
+//! Numbers of fields of each kind of sentence: one that is cut off has fewer, one with decimal commas has more.
 
 use nmea_kit::NmeaFrame;
 
@@ -46,7 +46,7 @@ pub(super) fn has_angles(name: &str) -> bool {
 /// A sentence without a checksum has all its fields, as far as that is known of its kind.
 pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
     let known = FIELDS.iter().find(|(kind, ..)| *kind == frame.sentence_type);
-    known.is_none_or(|(_, least, _)| frame.fields.len() >= *least)
+    known.is_none_or(|(_, min, _)| frame.fields.len() >= *min)
 }
 /// A sentence has more fields than are known of its kind; empty ones at its end do not count.
 pub(super) fn is_shifted(frame: &NmeaFrame<'_>) -> Result<(), Why> {

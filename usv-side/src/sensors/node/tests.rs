@@ -497,7 +497,7 @@ fn bases_that_are_not_on_the_vessel() {
     assert_eq!(two, ["RTCM of 2 stations: 7 and 1042"]);
     let mixed = texts(&|k| vec![moving(k), observations(7), rtcm_frame(4072, 40)]);
     assert!(
-        mixed.len() == 1 && mixed[0].contains("beside 4072.0"),
+        mixed.len() == 1 && mixed[0].contains("next to 4072.0"),
         "{mixed:?}"
     );
     let rare = texts(&|k| {
@@ -514,7 +514,7 @@ fn bases_that_are_not_on_the_vessel() {
 }
 
 #[test]
-fn frozen_attitude_beside_another_sources_heights() {
+fn frozen_attitude_next_to_another_sources_heights() {
     // The driver of the first source repeats its last attitude from 20 s on; the second's RTK height moves.
     let mut n = node(2);
     let mut newest = 0;

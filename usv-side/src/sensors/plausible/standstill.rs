@@ -1,11 +1,11 @@
 //! Channels that repeat their numbers bit by bit while the boat moves: a driver that repeats its last sentence, an instrument
-//! that aligns itself, a field that nobody fills.
+//! that aligns itself, a field that no instrument fills.
 //!
 //! Swings of any channel of any sensor of the boat are the witnesses: a value that turns, and turns again, by more than its
 //! noise. A manoeuvre does not turn back; waves do, twice a period. Each swing implies a smallest movement of the other
 //! channels. A channel stands still when several swings, each of which implies clearly more than the channel's resolution,
 //! leave its numbers as they are. The resolution is the smallest of its newest changes; a channel that never changed is
-//! taken for a coarse one, and zeros from the start for a placeholder, for which a tenth of that is enough.
+//! taken for a coarse one; a heading of exactly zero from the start is a placeholder, for which a tenth of that is enough.
 
 use core::f64::consts::PI;
 
@@ -36,25 +36,31 @@ const STILL_VALUES: u32 = 5;
 const STILL_SWINGS: u32 = 3;
 /// Movement that a swing implies, in resolutions of the channel that should show it.
 const CLEARLY: f64 = 2.0;
-/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 1 deg/s. A tenth of it is the finest
-/// that counts.
-const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0175];
+/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s. A tenth of it is
+/// the finest that counts.
+const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
-/// Growth of the smallest change with every further change: changes of long ago are of another setting.
+/// Numbers this near are the same (rad, m, deg of a place): rotations leave as much of the same angles.
+const SAME: f64 = 1e-9;
+/// Factor on the smallest change with every further change: changes of long ago are of another setting.
 const FORGETTING: f64 = 1.005;
 /// Way by the velocity of its own fix after which a place stands still, m: places are cut to thousandths of a minute at most.
 const WAY_M: f64 = 10.0;
 
-/// Witnesses: their names, and the smallest swing from turn to turn that is no noise, SI.
+/// Witnesses: their names, and the smallest swing from turn to turn that is no noise, SI. Rates are integrated over some seconds
+/// first: their own turns are those of noise.
 const WITNESSES: [(&str, f64); 7] = [
     ("roll", 0.005),
     ("pitch", 0.005),
     ("heading", 0.0175),
     ("heave", 0.1),
     ("height", 0.15),
-    ("roll rate", 0.0175),
-    ("pitch rate", 0.0175),
+    ("roll rate", 0.005),
+    ("pitch rate", 0.005),
 ];
+/// Time over which a rate is integrated, and longest time between two of its values, s.
+const RATE_S: f64 = 3.0;
+const MAX_STEP_S: f64 = 0.35;
 /// Further, the swing of a height in its standard deviations.
 const HEIGHT_SDS: f64 = 6.0;
 /// A swing that takes longer, or has a longer gap, is no wave, s.
@@ -68,6 +74,8 @@ const YAW_OF_TILT: f64 = 0.05;
 const HEAVE_OF_TILT: f64 = 0.1;
 /// Steepest wave's slope, rad: beyond it the witness is noise.
 const MAX_SLOPE: f64 = 0.4;
+/// A hull that rolls more slowly heels in her turns, half a period, s.
+const MAX_ROLL_S: f64 = 4.0;
 const G: f64 = 9.81;
 
 /// A channel that stands still: since when, its first number (SI), and the witness that moves meanwhile.
@@ -120,18 +128,19 @@ impl Repetition {
         }
     }
     fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
-        if self.numbers.map(f64::to_bits) == numbers.map(f64::to_bits) && at >= self.newest {
+        let changes = self.numbers.iter().zip(numbers).map(|(a, b)| (a - b).abs());
+        let change = changes.fold(0.0, f64::max);
+        if change <= SAME && at >= self.newest {
             self.way_m += speed_mps * (at - self.newest).secs().min(1.0);
             (self.newest, self.count) = (at, self.count.saturating_add(1));
             return;
         }
-        let changes = self.numbers.iter().zip(numbers).map(|(a, b)| (a - b).abs());
-        let change = changes.fold(0.0, f64::max);
         let step = self.step.map_or(change, |step| change.min(FORGETTING * step));
         *self = Repetition::new(at, numbers, Some(step));
     }
-    fn resolution(&self, coarse: f64) -> f64 {
-        let is_zero = self.numbers.iter().all(|x| *x == 0.0);
+    fn resolution(&self, channel: usize) -> f64 {
+        let coarse = COARSE.get(channel).copied().unwrap_or(f64::INFINITY);
+        let is_zero = channel == Channel::Heading as usize && self.numbers.iter().all(|x| *x == 0.0);
         match self.step {
             Some(step) => step.max(FINE * coarse),
             None if is_zero => FINE * coarse,
@@ -173,8 +182,8 @@ struct Swing {
 }
 
 impl Turns {
-    /// Takes a value; the swing that ends with the last extreme, once the value is back from it by `least`.
-    fn take(&mut self, at: Time<VesselClock>, x: f64, least: f64) -> Option<Swing> {
+    /// Takes a value; the swing that ends with the last extreme, once the value is back from it by `noise`.
+    fn take(&mut self, at: Time<VesselClock>, x: f64, noise: f64) -> Option<Swing> {
         let gap_s = self.newest.map_or(0.0, |(then, _)| (at - then).secs());
         if !(0.0..MAX_SWING_S).contains(&gap_s) || !x.is_finite() {
             *self = Turns::default();
@@ -184,7 +193,7 @@ impl Turns {
         let (then, extreme) = *self.extreme.get_or_insert((at, x));
         let Some(rises) = self.rises else {
             // The first value may lie between two turns.
-            if (x - extreme).abs() > 0.5 * least {
+            if (x - extreme).abs() > 0.5 * noise {
                 (self.rises, self.turn, self.extreme) = (Some(x > extreme), self.extreme, self.newest);
             }
             return None;
@@ -193,7 +202,7 @@ impl Turns {
         if further >= 0.0 {
             self.extreme = self.newest;
         }
-        if further >= -least {
+        if further >= -noise {
             return None;
         }
         let (begun, from) = self.turn.replace((then, extreme))?;
@@ -212,16 +221,16 @@ impl Swing {
     fn implied(&self, witness: usize) -> [f64; CHANNELS] {
         let (a, w) = (self.amplitude, PI / self.half_s);
         let slope = a * w * w / G;
+        let of_roll = if self.half_s < MAX_ROLL_S {
+            HEAVE_OF_TILT * a * G / (w * w)
+        } else {
+            0.0
+        };
         let [tilt, vertical, yaw] = match witness {
-            0 | 1 => [OF_TILT * a, HEAVE_OF_TILT * a * G / (w * w), YAW_OF_TILT * a],
             2 => [TILT_OF_YAW * a, 0.0, OF_TILT * a],
             3 | 4 if slope > MAX_SLOPE => [0.0; 3],
             3 | 4 => [OF_SLOPE * slope, a, YAW_OF_TILT * OF_SLOPE * slope],
-            _ => [
-                OF_TILT * a / w,
-                HEAVE_OF_TILT * a / w * G / (w * w),
-                YAW_OF_TILT * a / w,
-            ],
+            _ => [OF_TILT * a, of_roll, YAW_OF_TILT * a],
         };
         [tilt, yaw, vertical, vertical, 0.0, tilt * w, yaw * w]
     }
@@ -234,6 +243,9 @@ struct Sensor {
     turns: [Turns; WITNESSES.len()],
     /// Heading without its jump at north, rad.
     course: Option<f64>,
+    /// Integrals of the rates of roll and pitch, rad, and the rates' newest time.
+    integrals: [f64; 2],
+    rated: Option<Time<VesselClock>>,
 }
 
 /// The channels of all sensors of a boat.
@@ -256,9 +268,9 @@ impl Movement {
         for (witness, swing) in swings.into_iter().flatten() {
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
             for s in &mut self.sensors {
-                let each = s.channels.iter_mut().zip(implied).zip(COARSE);
-                for (channel, least, coarse) in each.filter_map(|((c, i), k)| Some((c.as_mut()?, i, k))) {
-                    let shows = least > CLEARLY * channel.resolution(coarse);
+                for (k, (channel, smallest)) in s.channels.iter_mut().zip(implied).enumerate() {
+                    let Some(channel) = channel else { continue };
+                    let shows = smallest > CLEARLY * channel.resolution(k);
                     if shows && swing.begun >= channel.since {
                         (channel.swings, channel.by) = (channel.swings.saturating_add(1), name);
                     }
@@ -284,33 +296,51 @@ impl Sensor {
             }
         }
     }
+    /// The newest seconds of rates, integrated, rad.
+    fn integrate(&mut self, at: Time<VesselClock>, rates: [f64; 2]) -> [f64; 2] {
+        let dt = self.rated.replace(at).map_or(0.0, |then| (at - then).secs());
+        if !(0.0..MAX_STEP_S).contains(&dt) {
+            self.integrals = [0.0; 2];
+            self.turns
+                .iter_mut()
+                .skip(5)
+                .for_each(|turns| *turns = Turns::default());
+            return self.integrals;
+        }
+        let kept = 1.0 - dt / RATE_S;
+        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+        self.integrals = core::array::from_fn(|k| finite(kept * (self.integrals[k] + rates[k] * dt)));
+        self.integrals
+    }
     /// Takes a measurement; the swings that it ends, each with its witness.
     fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 5] {
         let at = m.at();
-        let mut seen = [None; 5];
+        let mut found = [None; 5];
         match m {
             Measurement::Imu(m) => {
                 let [p, q, _] = m.gyro;
-                (seen[0], seen[1]) = (Some((5, p)), Some((6, q)));
+                let [roll, pitch] = self.integrate(at, [p, q]);
+                (found[0], found[1]) = (Some((5, roll)), Some((6, pitch)));
             }
             Measurement::Attitude(m) => {
                 let [roll, pitch] = m.tilt;
                 self.channel(Channel::Tilt, at, [roll, pitch, 0.0, 0.0], 0.0);
-                (seen[0], seen[1]) = (Some((0, roll)), Some((1, pitch)));
+                (found[0], found[1]) = (Some((0, roll)), Some((1, pitch)));
                 if let Some(heave) = m.heave {
                     self.channel(Channel::Heave, at, [heave, 0.0, 0.0, 0.0], 0.0);
-                    seen[2] = Some((3, heave));
+                    found[2] = Some((3, heave));
                 }
                 if let Some([p, q, r]) = m.rates {
                     self.channel(Channel::Rates, at, [p, q, r, 0.0], 0.0);
-                    (seen[3], seen[4]) = (Some((5, p)), Some((6, q)));
+                    let [roll, pitch] = self.integrate(at, [p, q]);
+                    (found[3], found[4]) = (Some((5, roll)), Some((6, pitch)));
                 }
             }
             Measurement::Heading(m) => {
                 self.channel(Channel::Heading, at, [m.heading, 0.0, 0.0, 0.0], 0.0);
                 let last = self.course.unwrap_or(m.heading);
                 let course = last + wrap_angle(m.heading - last);
-                (self.course, seen[0]) = (Some(course).filter(|c| c.is_finite()), Some((2, course)));
+                (self.course, found[0]) = (Some(course).filter(|c| c.is_finite()), Some((2, course)));
                 if let Some(rate) = m.rate {
                     self.channel(Channel::RateOfTurn, at, [rate, 0.0, 0.0, 0.0], 0.0);
                 }
@@ -330,7 +360,7 @@ impl Sensor {
                 if has_height(m) {
                     self.channel(Channel::Height, at, [height_m - z, 0.0, 0.0, 0.0], 0.0);
                     let is_fine = HEIGHT_SDS * m.position_sd[2] <= WAY_M;
-                    seen[0] = is_fine.then_some((4, height_m - z));
+                    found[0] = is_fine.then_some((4, height_m - z));
                 }
             }
         }
@@ -338,10 +368,10 @@ impl Sensor {
             Measurement::Gnss(m) => HEIGHT_SDS * m.position_sd[2],
             Measurement::Imu(_) | Measurement::Attitude(_) | Measurement::Heading(_) => 0.0,
         };
-        seen.map(|seen| {
-            let (witness, x) = seen?;
-            let (_, least) = WITNESSES.get(witness)?;
-            let swing = self.turns.get_mut(witness)?.take(at, x, least.max(sd))?;
+        found.map(|found| {
+            let (witness, x) = found?;
+            let (_, noise) = WITNESSES.get(witness)?;
+            let swing = self.turns.get_mut(witness)?.take(at, x, noise.max(sd))?;
             Some((witness, swing))
         })
     }

@@ -26,7 +26,7 @@ const MAX_SOURCES: usize = 64;
 
 /// Times of a kind further apart are of two clocks, ns, unless so many in a row are.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
-const MOST_OTHERS: u8 = 10;
+const MAX_OTHERS: u8 = 10;
 /// 1024 weeks, after which a receiver's week number begins again, s.
 const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
 
@@ -204,14 +204,14 @@ impl SignalKDecoder {
             None => self.decoded.undated += 1,
         }
     }
-    /// Whether a time is of another clock than those of its kind before it: a receiver's date beside the server's.
+    /// Whether a time is of another clock than those of its kind before it: a receiver's date next to the server's.
     fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
         let Some(clock) = self.clocks.get_mut(kind) else {
             return false;
         };
         let (newest_ns, others) = clock.get_or_insert((stamp_ns, 0));
         let apart_ns = stamp_ns.saturating_sub(*newest_ns);
-        if apart_ns.saturating_abs() <= OTHER_CLOCK_NS || *others >= MOST_OTHERS {
+        if apart_ns.saturating_abs() <= OTHER_CLOCK_NS || *others >= MAX_OTHERS {
             *clock = Some((stamp_ns, 0));
             return false;
         }

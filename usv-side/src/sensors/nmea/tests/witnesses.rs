@@ -1,4 +1,4 @@
-//! Devices of one stream that contradict each other, and what the stream has beside its sentences.
+//! Devices of one stream that contradict each other, and what the stream has between its sentences.
 
 use super::*;
 use crate::sensors::config::BusDevices;
@@ -70,7 +70,7 @@ fn two_talkers_of_a_heading_and_of_an_attitude() {
 }
 
 #[test]
-fn makers_heading_that_repeats_beside_a_gyrocompass() {
+fn makers_heading_that_repeats_next_to_a_gyrocompass() {
     let each = |t: f64| {
         vec![
             format!("PRDID,1.0,{:.2},42.90", 5.0 * t.sin()),
@@ -88,7 +88,7 @@ fn makers_heading_that_repeats_beside_a_gyrocompass() {
 }
 
 #[test]
-fn variation_of_zero_beside_another() {
+fn variation_of_zero_next_to_another() {
     let rmc = |v: &str| format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,{v},A");
     for (hdg, rmc, heading, text) in [
         (

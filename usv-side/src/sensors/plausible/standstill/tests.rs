@@ -53,7 +53,8 @@ impl Boat {
         let heading = HeadingFix {
             header: header(t),
             heading: rounded(yaw, angle),
-            rate: Some(rounded(turn, angle)),
+            // A coarse rate of turn has 0.2 deg/s.
+            rate: Some(rounded(turn, angle.min(0.0035))),
             ..HeadingFix::default()
         };
         let height_m = 25.0 + rounded(wave(self.amplitude_m, 1.0, of(Channel::Height)), length);
@@ -113,28 +114,20 @@ fn each_channel_that_stands_still_among_moving_ones() {
 
 #[test]
 fn zeros_of_an_instrument_that_was_never_configured() {
-    for (heading, rate, channel) in [(0.0, 0.1, Channel::Heading), (1.0, 0.0, Channel::RateOfTurn)] {
-        let mut boat = Movement::default();
-        let mut found = Vec::new();
-        for k in 0..300 {
-            let t = 0.1 * f64::from(k);
-            let [attitude, _, _] = Boat::RTK.at(t);
-            let heading = HeadingFix {
-                header: header(t),
-                heading,
-                // The other one moves.
-                rate: Some(if rate == 0.0 { 0.0 } else { rate * t.sin() }),
-                ..HeadingFix::default()
-            };
-            boat.take(0, &attitude);
-            let still = boat.take(1, &heading.into());
-            found.extend(still.of(channel).filter(|s| s.is_new).map(|s| (t, s.value)));
-        }
-        assert!(
-            matches!(found[..], [(t, v)] if t < 14.0 && v == 0.0),
-            "{channel:?}: {found:?}"
-        );
+    let mut boat = Movement::default();
+    let mut found = Vec::new();
+    for k in 0..300 {
+        let t = 0.1 * f64::from(k);
+        let [attitude, ..] = Boat::RTK.at(t);
+        let heading = HeadingFix {
+            header: header(t),
+            ..HeadingFix::default()
+        };
+        boat.take(0, &attitude);
+        let still = boat.take(1, &heading.into()).of(Channel::Heading);
+        found.extend(still.filter(|s| s.is_new).map(|s| (t, s.value)));
     }
+    assert!(matches!(found[..], [(t, v)] if t < 14.0 && v == 0.0), "{found:?}");
 }
 
 #[test]
@@ -168,7 +161,8 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
         let t = 0.1 * f64::from(k);
         let attitude = AttitudeFix {
             header: header(t),
-            tilt: [0.0175, -0.0175],
+            // With what a rotation leaves of the same angles.
+            tilt: [0.0175 + 1e-17 * f64::from(k % 3), -0.0175],
             heave: Some(0.0),
             ..AttitudeFix::default()
         };
