@@ -171,14 +171,14 @@ impl Format {
         }
     }
     /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
-    /// sensor's, AIS).
+    /// sensor's, AIS). Other formats may: the decoder names them.
     pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
         move |datagram| match self {
             Format::Nmea => {
                 let mut decoder = NmeaDecoder::new(&Mounting::default());
                 decoder.push(datagram, &mut Vec::new());
                 let found = decoder.decoded();
-                found.good > 0 || found.ignored == 0
+                found.good > 0 || found.ignored == 0 || decoder.is_foreign()
             }
             Format::Ubx | Format::Mavlink | Format::N2k | Format::SignalK | Format::Rtcm => true,
         }

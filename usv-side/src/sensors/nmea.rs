@@ -191,6 +191,10 @@ impl NmeaDecoder {
             ..self.decoded
         }
     }
+    /// Another format came among the sentences.
+    pub(super) fn is_foreign(&self) -> bool {
+        self.account.has_foreign()
+    }
     /// Remarks on the NMEA 2000 in its sentences.
     pub(crate) fn carried_remarks(&self) -> Vec<Remark> {
         self.carried.remarks()

@@ -142,6 +142,12 @@ impl Account {
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
     }
+    /// Something of another format was left out.
+    pub(in crate::sensors) fn has_foreign(&self) -> bool {
+        self.left_out
+            .keys()
+            .any(|(why, _)| matches!(why, Why::Foreign(_)))
+    }
     /// Notes a valid heading of two antennas; one of a float carrier solution is left out.
     pub(in crate::sensors) fn antennas(&mut self, is_float: bool) {
         let [float, all] = &mut self.antennas;

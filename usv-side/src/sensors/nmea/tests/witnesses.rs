@@ -216,6 +216,10 @@ fn other_formats_among_sentences() {
         );
     }
     assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
+    // Such a sender has the port, so that it is named; a wind sensor has not.
+    let speaks = crate::sensors::Format::Nmea.speaks();
+    assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
+    assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
 }
 
 #[test]
