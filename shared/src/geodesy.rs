@@ -98,6 +98,10 @@ impl Datum {
         [meridian, prime].map(|r| (r + self.height_m) / radius_m)
     }
 
+    /// The place with these Earth-centred, Earth-fixed coordinates, m.
+    pub fn from_ecef(at: [f64; 3]) -> Datum {
+        Datum::of_ecef(at.into())
+    }
     /// Earth-centred, Earth-fixed coordinates, m (Groves 2013, eq. 2.112).
     fn ecef(&self) -> Vector3<f64> {
         let (lat, lon) = (self.latitude_deg.to_radians(), self.longitude_deg.to_radians());

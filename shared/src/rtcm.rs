@@ -4,6 +4,7 @@
 //! The payload begins with the 12-bit message number; u-blox's 4072 continues with a 12-bit subtype.
 //! Source: RTCM 10403.3, section 4; u-blox F9 interface description.
 
+use crate::geodesy::Datum;
 use rtcm_rs::MessageFrame;
 use rtcm_rs::rtcm_error::RtcmError;
 
@@ -61,7 +62,34 @@ pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     Some(RtcmNumber { message, subtype })
 }
 
-/// Consecutive complete frames with their numbers; None if other bytes occur.
+/// Number of the station of a frame that is not of u-blox's own kind: the twelve bits behind the message's number.
+pub fn station(frame: &[u8]) -> Option<u16> {
+    let [_, _, _, _, high, low, ..] = *frame else {
+        return None;
+    };
+    Some(u16::from(high & 0x0F) << 8 | u16::from(low))
+}
+/// Place of the antenna's reference point by a frame of 1005 or 1006.
+pub fn base_place(frame: &[u8]) -> Option<Datum> {
+    /// Bits before the coordinates, of the payload, and of each coordinate, of 0.1 mm.
+    const AT: [usize; 3] = [34, 74, 114];
+    const BITS: usize = 38;
+    let payload = frame.get(3..)?;
+    let bit = |k: usize| Some(i64::from(payload.get(k / 8)? >> (7 - k % 8) & 1));
+    let mut ecef = [0.0; 3];
+    for (to, at) in ecef.iter_mut().zip(AT) {
+        let value = (0..BITS).try_fold(0_i64, |v, k| Some(v << 1 | bit(at + k)?))?;
+        let signed = if value >> (BITS - 1) == 0 {
+            value
+        } else {
+            value - (1 << BITS)
+        };
+        *to = 1e-4 * signed as f64;
+    }
+    Some(Datum::from_ecef(ecef)).filter(Datum::is_on_earth)
+}
+
+/// Whole frames one after the other, each with its number; None of bytes that are no such.
 pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     let (mut all, mut rest) = (Vec::new(), bytes);
     while !rest.is_empty() {

@@ -7,10 +7,10 @@ pub mod table;
 mod wrapping;
 
 use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Measurement, Mount, Remark, SourceMeasurement, plausible};
+use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
 /// Text about the supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
@@ -25,7 +25,15 @@ const FOREIGN: [(&[u8], &str); 4] = [
 ];
 /// Start of a VectorNav sentence with its solution.
 const VNINS: &[u8] = b"$VNINS,";
-/// Number of bytes at the beginning for detecting the format.
+/// Begin of a message of UBX.
+const UBX: [u8; 2] = [0xb5, 0x62];
+/// Times of fixes or headings that lie further behind the newest attitude before them in the file, or before it, s, are of
+/// another clock. A decoder gives the attitudes of two seconds after the fix that begins them; an estimator takes fixes 0.6 s
+/// old. The differences of one clock from another spread less.
+const BEHIND_S: f64 = 0.6;
+const BEFORE_S: f64 = 2.5;
+const SPREAD_S: f64 = 1.0;
+/// Bytes at the beginning that distinguish the formats.
 const HEAD_BYTES: usize = 16 << 10;
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
@@ -97,9 +105,42 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
-    /// Completes the recording of a decoder with the counts `decoded`; `found` describes the file's content.
+    /// Dates fixes and headings of another clock than the attitudes' by their order; notes on them.
+    fn align(&mut self) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (kind, name) in [(1, "positions"), (2, "headings")] {
+            let (mut newest, mut apart) = (None, Vec::new());
+            for m in &self.measurements {
+                match m {
+                    Measurement::Imu(_) | Measurement::Attitude(_) => newest = newest.max(Some(m.at())),
+                    _ if m.kind() == kind => {
+                        apart.extend(newest.map(|t: Time<VesselClock>| (t - m.at()).secs()))
+                    }
+                    Measurement::Gnss(_) | Measurement::Heading(_) => {}
+                }
+            }
+            apart.sort_by(f64::total_cmp);
+            let quantile = |tenths: usize| apart.get(apart.len() * tenths / 10).copied();
+            let (Some(low), Some(middle), Some(high)) = (quantile(1), quantile(5), quantile(9)) else {
+                continue;
+            };
+            if high - low > SPREAD_S || (-BEFORE_S..=BEHIND_S).contains(&middle) {
+                continue;
+            }
+            for m in self.measurements.iter_mut().filter(|m| m.kind() == kind) {
+                *m = m.of(m.source(), m.at() + Span::from_secs(middle));
+            }
+            let side = if middle > 0.0 { "before" } else { "after" };
+            notes.push(format!(
+                "{name} are dated {:.1} s {side} the attitudes next to them: two clocks; they are dated by the order of the file",
+                middle.abs()
+            ));
+        }
+        notes
+    }
+    /// The recording of a decoder that counted `decoded`; `found` is what the file holds, for people.
     fn recording(
-        self,
+        mut self,
         origin: &str,
         format: &'static str,
         found: &str,
@@ -111,10 +152,12 @@ impl Gather {
             true => found.to_owned(),
             false => format!("{found}; there is {missing}"),
         }];
-        notes.extend(remarks.into_iter().map(|r| r.text));
+        let remarks: Vec<String> = remarks.into_iter().map(|r| r.text).collect();
+        notes.extend(remarks.iter().cloned());
+        notes.extend(self.align());
         Ok(SensorRecording {
             format,
-            measurements: self.finish(origin, found)?,
+            measurements: self.finish(origin, &[&[found.to_owned()], &remarks[..]].concat().join("; "))?,
             decoded,
             notes,
         })
@@ -196,15 +239,39 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
             },
             false => e,
         };
-        return sentences::read(bytes, origin, mount).map_err(error);
+        let sentences = sentences::read(bytes, origin, mount).map_err(error);
+        // A port may have both: of a file the one counts that has more measurements.
+        let is_mixed = bytes.windows(2).any(|w| w == UBX);
+        let ubx = is_mixed.then(|| buses::read(Format::Ubx, bytes, origin, mount));
+        return match (sentences, ubx) {
+            (Ok(sentences), Some(Ok(ubx))) if sentences.measurements.len() > ubx.measurements.len() => {
+                Ok(sentences)
+            }
+            (Err(_), Some(Err(ubx))) if buses::format(&[Format::Ubx], head).is_some() => Err(ubx),
+            (_, Some(Ok(mut ubx))) => {
+                ubx.notes
+                    .push("its sentences of NMEA 0183 have no more than its UBX, and are passed over".into());
+                Ok(ubx)
+            }
+            (sentences, _) => sentences,
+        };
     }
     if let Some(format) = buses::format(&buses::STREAMS, head) {
         return buses::read(format, bytes, origin, mount);
     }
     match table::has_columns(head) {
+        _ if has_json(head) => Err(kind(
+            "the file is canboat's JSON: record its plain format, or the frames by candump -L",
+        )),
         true => Err(kind("column `t_s` is missing in the first line")),
         false => Err(kind("no known recording format begins like this")),
     }
+}
+
+/// Lines of canboat's analyzer.
+fn has_json(head: &[u8]) -> bool {
+    let pgn = b"\"pgn\":";
+    head.starts_with(b"{") && head.windows(pgn.len()).any(|w| w == pgn)
 }
 
 #[cfg(test)]
@@ -289,6 +356,129 @@ mod tests {
                 e.contains(name) && e.contains("`python -m alight.convert FILE`"),
                 "{e}"
             );
+        }
+    }
+
+    #[test]
+    fn ubx_between_sentences() {
+        // A TXT sentence first, NAV-PVT at 5 Hz, TXT each second: as u-center records a port that has both.
+        let mut bytes = sentence("GNTXT,01,01,02,u-blox AG").into_bytes();
+        for k in 0..100_u32 {
+            let mut p = [0_u8; 92];
+            p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
+            (p[20], p[21]) = (3, 1);
+            let body = [&[1_u8, 7, 92, 0][..], &p].concat();
+            let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
+                (a.wrapping_add(*x), b.wrapping_add(a.wrapping_add(*x)))
+            });
+            bytes.extend([&[0xb5_u8, 0x62][..], &body, &[a, b]].concat());
+            if k % 5 == 0 {
+                bytes.extend(sentence("GNTXT,01,01,02,ANTSTATUS=OK").bytes());
+            }
+        }
+        let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
+        assert_eq!((r.format, r.measurements.len()), ("UBX", 100));
+        // With positions in its sentences, too, these count where they are more.
+        for k in 0..200 {
+            let body = format!(
+                "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
+                k / 10,
+                k % 10
+            );
+            bytes.extend(sentence(&body).bytes());
+        }
+        let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
+        assert_eq!((r.format, r.decoded.corrupted), ("NMEA 0183", 0));
+        let notes = r.notes.join("\n");
+        assert!(notes.contains("200 read"), "{notes}");
+    }
+
+    #[test]
+    fn candump_with_other_times_and_without() {
+        let frame = "can0  09F11923   [8]  FF FF 7F 52 00 21 FE FF";
+        let of = |stamp: &dyn Fn(f64) -> String, rest: &str| {
+            let lines = (0..300).map(|k| format!("{}{rest}\n", stamp(0.1 * f64::from(k))));
+            read(lines.collect::<String>().as_bytes(), "can.txt", &Mount::default())
+        };
+        let dated = |t: f64| format!(" (2026-05-20 12:00:{t:09.6})  ");
+        let from_zero = |t: f64| format!(" ({t:010.6})  ");
+        let flagged = frame.replace("can0", "can0  RX - -");
+        for (stamp, rest) in [
+            (&dated as &dyn Fn(f64) -> String, frame),
+            (&from_zero, frame),
+            (&|t| format!(" ({:.6})  ", 1_779_278_400.0 + t), &flagged),
+        ] {
+            let r = of(stamp, rest).unwrap();
+            let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
+            assert!(
+                r.measurements.len() == 300 && (last - 29.9).abs() < 1e-3,
+                "{}",
+                stamp(0.0)
+            );
+        }
+        for stamp in [&|_| String::new() as String, &|t: f64| {
+            format!(" (000.{:06})  ", 50_000 + (t * 1e6) as u64 % 300)
+        }] as [&dyn Fn(f64) -> String; 2]
+        {
+            let e = of(stamp, frame).unwrap_err().to_string();
+            assert!(e.contains("have no time: record with candump -L"), "{e}");
+        }
+        let json = "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}\n";
+        let e = read(json.repeat(60).as_bytes(), "boat.json", &Mount::default()).unwrap_err();
+        assert!(e.to_string().contains("canboat's JSON"), "{e}");
+    }
+
+    #[test]
+    fn positions_of_another_clock() {
+        // Attitudes by the server's clock; positions by a receiver's that is behind, or 1024 weeks.
+        for (behind, text) in [
+            ("11:59:{}", "positions are dated 60.0 s before"),
+            ("12:00:{}", ""),
+        ] {
+            let mut lines = String::new();
+            for k in 0..900 {
+                let t = 0.1 * f64::from(k);
+                let at = format!("12:{:02}:{:06.3}", (t / 60.0) as u32, t % 60.0);
+                lines += &format!(
+                    "{{\"updates\":[{{\"$source\":\"n2k.35\",\"timestamp\":\"2026-05-20T{at}Z\",\"values\":[{{\"path\":\
+                     \"navigation.attitude\",\"value\":{{\"roll\":{},\"pitch\":0.01}}}}]}}]}}\n",
+                    0.1 * t.sin()
+                );
+                if k % 10 == 0 {
+                    let minute = if behind.starts_with("11") {
+                        59 + (t / 60.0) as u32
+                    } else {
+                        (t / 60.0) as u32
+                    };
+                    let at = format!(
+                        "{}:{:02}:{:06.3}",
+                        if behind.starts_with("11") {
+                            11 + minute / 60
+                        } else {
+                            12
+                        },
+                        minute % 60,
+                        t % 60.0
+                    );
+                    lines += &format!(
+                        "{{\"updates\":[{{\"$source\":\"gps.GP\",\"timestamp\":\"2026-05-20T{at}Z\",\"values\":[{{\"path\":\
+                         \"navigation.position\",\"value\":{{\"latitude\":{},\"longitude\":10.6}}}}]}}]}}\n",
+                        59.5 + 2e-5 * t
+                    );
+                }
+            }
+            let r = read(lines.as_bytes(), "boat.jsonl", &Mount::default()).unwrap();
+            let notes = r.notes.join("\n");
+            assert_eq!(notes.contains("two clocks"), !text.is_empty(), "{notes}");
+            assert!(notes.contains(text), "{notes}");
+            let fixes = r
+                .measurements
+                .iter()
+                .filter(|m| m.kind() == 1)
+                .map(|m| m.at().secs());
+            for (k, at) in fixes.enumerate() {
+                assert!((at - k as f64).abs() < 0.2, "{k}: {at}");
+            }
         }
     }
 

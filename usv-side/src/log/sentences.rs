@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording, buses};
-use crate::sensors::{Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
+use crate::sensors::{ANGLES, Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
 
 /// Maximum number of kinds distinguished, and of kinds named.
 const MAX_KINDS: usize = 200;
@@ -129,7 +129,9 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
             ((gather, kinds), decoder) = (dated, by_counter);
         }
     }
-    let remarks = decoder.carried_remarks();
+    // What became of each kind is counted; findings are in addition.
+    let (carried, mut remarks) = (decoder.carried_remarks(), decoder.remarks());
+    remarks.retain(|r| r.remedy.is_some() || r.text.contains(ANGLES) || carried.contains(r));
     gather.recording(origin, "NMEA 0183", &kinds.text(), decoder.decoded(), remarks)
 }
 

@@ -23,6 +23,7 @@ pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig
 pub use mav::MavlinkDecoder;
 pub use n2k::N2kDecoder;
 pub use nmea::NmeaDecoder;
+pub(crate) use nmea::account::ANGLES;
 pub use node::{MAX_STEP_BYTES, SensorNode, SensorPorts, SensorsIn, SensorsOut};
 pub use signalk::{MAX_MESSAGE as MAX_SIGNALK_MESSAGE, SignalKDecoder};
 pub use stuck::{MAX_REPEATED, RepeatedSamples};

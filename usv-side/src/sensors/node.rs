@@ -3,14 +3,16 @@
 
 use alight_shared::bus::wiring;
 use alight_shared::estimation::SourceClock;
+use alight_shared::frames::{Vector, VesselNed};
+use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, RtcmFrames, SensorReadings, SourceStatus};
+use alight_shared::msg::{Header, NOT_MEASURED_SD, RtcmFrames, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::age_counts::AgeCounts;
-use super::plausible::Plausibility;
+use super::plausible::{Movement, Plausibility};
 use super::rtcm::RtcmTraffic;
 use super::{
     Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
@@ -175,10 +177,12 @@ impl Source {
         all
     }
 
-    /// The measurement without channels that cannot be true; None where nothing of it can be.
-    fn plausible(&mut self, m: Measurement) -> Option<Measurement> {
-        match self.plausible.get_mut(usize::from(m.source())) {
-            Some(of_sensor) => of_sensor.take(m).measurement,
+    /// The measurement of source `number` without channels that cannot be true; None where nothing of it can be.
+    fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
+        let within = usize::from(m.source());
+        let still = boat.take((number * self.plausible.len() + within) as u8, &m);
+        match self.plausible.get_mut(within) {
+            Some(of_sensor) => of_sensor.take(m, &still).measurement,
             None => Some(m),
         }
     }
@@ -234,6 +238,19 @@ impl Source {
     }
 }
 
+/// Place of a fix that has one.
+fn fixed(m: &Measurement) -> Option<Datum> {
+    match m {
+        Measurement::Gnss(fix) if fix.position_sd[0] < NOT_MEASURED_SD => {
+            let [x, y, z] = fix.position;
+            Some(fix.datum.at::<VesselNed>(&Vector::new(x, y, z)))
+        }
+        Measurement::Gnss(_) | Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
+            None
+        }
+    }
+}
+
 /// Ages of no measurement yet, before an estimator as it comes.
 fn no_ages() -> [AgeCounts; 2] {
     let estimator = VesselNodeConfig::default();
@@ -246,6 +263,8 @@ fn no_ages() -> [AgeCounts; 2] {
 /// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
+    /// What moves on the boat, by all of them.
+    movement: Movement,
     /// Headers of the newest measurement, of the newest message, and of the newest frame of RTCM.
     headers: [Header<VesselClock>; 3],
 }
@@ -255,6 +274,7 @@ impl SensorNode {
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
+            movement: Movement::default(),
             headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 3],
         }
     }
@@ -289,7 +309,7 @@ impl Node for SensorNode {
     fn step(&mut self, now: Time<VesselClock>, input: &SensorsIn) -> SensorsOut {
         let (mut readings, mut requests) = (Readings::default(), Vec::new());
         let [measured, sent, framed] = &mut self.headers;
-        let (mut decoded, mut rtcm) = (Vec::new(), Vec::new());
+        let (mut decoded, mut rtcm, mut place) = (Vec::new(), Vec::new(), None);
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
                 source.push(now, bytes, &mut decoded, &mut rtcm);
@@ -299,10 +319,12 @@ impl Node for SensorNode {
             for m in source.decoder.timeless() {
                 dated.extend(source.date_by_arrival(now, m));
             }
-            for m in dated.into_iter().filter_map(|m| source.plausible(m)) {
+            let boat = &mut self.movement;
+            for m in dated.into_iter().filter_map(|m| source.plausible(k, boat, m)) {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 measured.at = m.at();
+                place = fixed(&m).or(place);
                 readings.push(m.headed(number, *measured));
                 measured.sequence = measured.sequence.wrapping_add(1);
             }
@@ -311,6 +333,8 @@ impl Node for SensorNode {
                 requests.extend(source.decoder.request().map(|bytes| (k, bytes)));
             }
         }
+        let bases = self.sources.iter_mut().filter_map(|s| s.rtcm.as_mut());
+        bases.zip(place).for_each(|(rtcm, place)| rtcm.fix(place));
         sent.at = now;
         let readings = readings.messages(sent);
         framed.at = now;
