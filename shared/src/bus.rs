@@ -367,7 +367,7 @@ macro_rules! computer {
         })*
         /// Does something for a row, whichever node it is.
         pub trait $visitor: Sized {
-            /// What it gives.
+            /// Result for a row.
             type Found;
             /// For the row of this node.
             fn row<N: $kind + 'static>(self) -> Self::Found;

@@ -174,7 +174,7 @@ impl Player {
     }
 }
 
-/// What is not recorded of a start without which it cannot be computed again, if anything.
+/// Reason why a start cannot be computed again: a part of its input is not recorded.
 fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
     let (header, kind) = (&start.header, start.kind());
     if header.first_step > 0 {
@@ -313,7 +313,7 @@ impl<N: Wired> Replayed for ReplayedNode<N> {
     }
 }
 
-/// The supervisor is no row: it is shown to nobody.
+/// Its steps are not shown: it is no row.
 impl Replayed for SupervisorNode {
     fn step(
         &mut self,

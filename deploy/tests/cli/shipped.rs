@@ -145,9 +145,9 @@ fn container_copies_what_there_is() {
     assert_eq!(instructions(&text, "USER"), [["alight"]]);
 }
 
-/// Number of keys printed for each side: those that `alight init` writes, those that a file may set, and those of the
-/// method. A new key changes a number here; the two files of `alight init` have at most 60 keys together.
-const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 56, 20]), ("drone", [40, 145, 210])];
+/// Keys of each side that are printed: those that `alight init` writes, all that a file may set, and the method's. A new key
+/// changes a number here; the two files of `alight init` have 60 at most together.
+const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 57, 20]), ("drone", [40, 146, 210])];
 
 #[test]
 fn explanations_and_number_of_keys() {

@@ -48,7 +48,7 @@ impl ProcessStart {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// Which process it is; None: no row's, the world's or a supervisor's.
+    /// Kind of the process; `None` for a supervisor.
     pub fn kind(&self) -> Option<ProcessKind> {
         ProcessKind::named(&self.header.process)
     }
