@@ -1,21 +1,19 @@
-//! Offset of the drone's clock against the vessel's from time stamps that crossed the radio
-//! (Mills' on-wire protocol, RFC 5905, section 8).
+//! Offset of the drone's clock from the vessel's, from time stamps exchanged by radio (Mills' on-wire protocol, RFC
+//! 5905, section 8).
 //!
-//! With `o` = drone clock minus vessel clock, the request left at t1 (drone) and arrived at t2
-//! (vessel), the reply left at t3 (vessel) and arrived at t4 (drone). Nothing arrives before it
-//! left, so `t1 - t2 <= o <= t4 - t3`, whatever the delays: an interval with Mills' estimate
-//! `((t1 - t2) + (t4 - t3)) / 2` in the middle and half the round trip to either side. How the
-//! round trip divides between the directions cannot be observed from time stamps; the interval
-//! covers every division, and its uniform standard deviation is width / sqrt(12). An error at its
-//! very edge is sqrt(3) of these.
+//! With `o` = drone clock minus vessel clock, the request left at t1 (drone) and arrived at t2 (vessel), and the reply
+//! left at t3 (vessel) and arrived at t4 (drone). A message arrives after it was sent, so `t1 - t2 <= o <= t4 - t3` for
+//! any delays: an interval of one round trip about Mills' estimate `((t1 - t2) + (t4 - t3)) / 2`. Time stamps do not
+//! show how the round trip divides between the directions. The interval covers every division; its uniform standard
+//! deviation is width / sqrt(12), and an error at its edge is sqrt(3) of these.
 //!
-//! Every exchange of the window contributes (each bound loosened by the drift since), so the
-//! fastest request and the fastest reply bound the offset even if they belong to different
-//! exchanges: Mills' minimum-delay sample, per direction. Vessel estimates bound it from above:
-//! they cannot be valid after they arrived.
+//! Every exchange in the window contributes, with bounds widened by the drift since then. The fastest request and the
+//! fastest reply therefore bound the offset even if they belong to different exchanges: Mills' minimum-delay sample per
+//! direction. Vessel estimates provide upper bounds, because their time of validity precedes their arrival.
 //!
-//! Their middle is no estimate: where delays scatter, the direction with more messages has the faster fastest one. It
-//! is the median of Mills' estimates over the half of the exchanges with the shorter round trips, within the bounds.
+//! The middle of the bounds is biased: with scattered delays, the direction with more messages has the smaller minimum
+//! delay. The estimate is the median of Mills' estimates over the half of the exchanges with the shorter round trips,
+//! limited to the bounds.
 
 use std::collections::VecDeque;
 
@@ -24,31 +22,26 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::config::ClockConfig;
 
-/// At most this many exchanges are kept.
 const MAX_SAMPLES: usize = 256;
-/// Exchanges that count as recent when looking for a step.
+/// Number of exchanges that count as recent in the detection of a step.
 const RECENT: usize = 10;
 
-/// Bounds of the drone clock less the vessel clock.
 type Bounds = OffsetBounds<DroneClock>;
 
-/// Knowledge of the offset at some instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
     /// Drone clock minus vessel clock, s.
     pub offset_s: f64,
-    /// Standard deviation, any asymmetry of the path included, s.
+    /// Standard deviation including path asymmetry, s.
     pub sd_s: f64,
-    /// The offset is off by no more than this, s.
+    /// Bound of the offset's error, s.
     pub max_error_s: f64,
 }
 
-/// Why an exchange was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeRejection {
-    /// The round trip is negative or too long.
     RoundTrip,
-    /// It contradicts all others; it may be the first after a step and is kept aside.
+    /// The exchange contradicts all others. It may be the first after a step, and is stored separately.
     Contradiction,
 }
 
@@ -57,21 +50,20 @@ pub enum ExchangeRejection {
 pub struct ClockOffset {
     config: ClockConfig,
     samples: VecDeque<Bounds>,
-    /// Upper bounds by one-way messages, the best of each half second.
+    /// Upper bounds from one-way messages, the best of each half second.
     one_way: VecDeque<Bounds>,
     suspect: Option<Bounds>,
     steps: u32,
-    /// Bounds combined at the time of the last change, to be loosened by drift.
+    /// Combined bounds at the time of the last change, to be widened by the drift.
     combined: Option<Bounds>,
-    /// Median estimate of the exchanges, s.
+    /// Median of Mills' estimates, s.
     median_s: f64,
 }
 
-/// Error of a time stamp by its own resolution, s.
+/// Error of a time stamp caused by its resolution, s.
 const CLOCK_RESOLUTION_S: f64 = 1e-7;
 
 impl ClockOffset {
-    /// Knows nothing yet.
     pub fn new(config: &ClockConfig) -> Self {
         ClockOffset {
             config: config.clone(),
@@ -84,7 +76,7 @@ impl ClockOffset {
         }
     }
 
-    /// Forgets everything (the vessel's computer started again).
+    /// Forgets all exchanges, after a restart of the vessel's computer.
     pub fn reset(&mut self) {
         self.samples.clear();
         self.one_way.clear();
@@ -92,12 +84,10 @@ impl ClockOffset {
         self.combined = None;
     }
 
-    /// Steps of the offset since the start.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Takes the four time stamps of an exchange.
     pub fn exchange(
         &mut self,
         t1: Time<DroneClock>,
@@ -107,7 +97,7 @@ impl ClockOffset {
     ) -> Result<(), ExchangeRejection> {
         let mut new = Bounds::of_exchange(t1, t2.nanos(), t3.nanos(), t4);
         let max_drift = self.config.max_drift;
-        // Over a cable the round trip is less than what two clocks may drift apart meanwhile.
+        // On a cable the round trip can be shorter than the drift of two clocks during it.
         let drift = Span::from_secs((t4 - t1).secs().max(0.0) * max_drift + CLOCK_RESOLUTION_S);
         if (new.high - new.low).abs() < drift {
             (new.low, new.high) = (new.low.min(new.high) - drift, new.low.max(new.high) + drift);
@@ -118,7 +108,7 @@ impl ClockOffset {
         }
         let contradicts = |b: Bounds| new.contradicts(b.drifted(t4, max_drift));
         if self.combined.is_some_and(contradicts) {
-            // Disjoint from everything before: believed when a second one agrees with it.
+            // Disjoint from all earlier bounds: accepted once a second exchange agrees.
             let agrees = self.suspect.is_some_and(|s| !contradicts(s));
             if !agrees {
                 self.suspect = Some(new);
@@ -139,8 +129,8 @@ impl ClockOffset {
         Ok(())
     }
 
-    /// A message valid at `at` arrived at `arrival`: an upper bound. Ignored before the first
-    /// exchange and when it contradicts the exchanges.
+    /// Adds an upper bound from a message valid at `at` that arrived at `arrival`. The message is ignored before the
+    /// first exchange, and if it contradicts the exchanges.
     pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
         let new = Bounds::of_message(at.nanos(), arrival);
         let max_drift = self.config.max_drift;
@@ -164,7 +154,7 @@ impl ClockOffset {
         }
     }
 
-    /// The offset as known at `now`; None before the first exchange.
+    /// Offset at `now`; None before the first exchange.
     pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
         let b = self.combined?.drifted(now, self.config.max_drift);
         let (low, high) = (b.low.secs(), b.high.secs());
@@ -177,14 +167,14 @@ impl ClockOffset {
         })
     }
 
-    /// Bounds by all of these at `now`; None of none.
+    /// Intersection of these bounds at `now`; None if there are none.
     fn both<'a>(&self, all: impl Iterator<Item = &'a Bounds>, now: Time<DroneClock>) -> Option<Bounds> {
         all.map(|b| b.drifted(now, self.config.max_drift))
             .reduce(Bounds::and)
     }
 
-    /// Both directions' best moved the same way by more than `step_s`: a path that changed would
-    /// move them apart or only one of them. The exchanges before it are forgotten.
+    /// Detects a step: the bounds of both directions moved the same way by more than `step_s`, while a changed path
+    /// moves them apart, or only one of them. Earlier exchanges are forgotten.
     fn detect_step(&mut self, now: Time<DroneClock>) {
         let n = self.samples.len();
         if n < 2 * RECENT {
@@ -202,13 +192,13 @@ impl ClockOffset {
         }
     }
 
-    /// Forgets what left the window and intersects the rest.
+    /// Drops bounds outside the window and intersects the rest.
     fn combine(&mut self, now: Time<DroneClock>) {
         let window = self.config.window_s;
         self.samples.retain(|b| (now - b.at).secs() <= window);
         self.one_way.retain(|b| (now - b.at).secs() <= window);
         let both = self.both(self.samples.iter().chain(&self.one_way), now);
-        // A drift above its limit: the newest exchange alone is always valid.
+        // If the drift exceeds its limit, only the newest exchange is valid.
         let valid = both.filter(|b| b.low <= b.high);
         let Some(known) = valid.or(self.samples.back().copied()) else {
             return;
@@ -217,7 +207,7 @@ impl ClockOffset {
         self.median_s = self.median();
     }
 
-    /// Error of the exchanges with the shorter round trips, s.
+    /// Median of Mills' estimates over the exchanges with the shorter round trips, s.
     fn median(&self) -> f64 {
         let mut sorted: Vec<Bounds> = self.samples.iter().copied().collect();
         sorted.sort_by_key(|b| b.high - b.low);
@@ -233,7 +223,7 @@ mod tests {
     fn t<C>(s: f64) -> Time<C> {
         Time::from_secs(s)
     }
-    /// An exchange at drone time `now` (s) with the given one-way delays and true offset.
+    /// Performs an exchange at drone time `now` (s) with the given one-way delays and true offset.
     fn run(
         c: &mut ClockOffset,
         now: f64,
@@ -301,11 +291,11 @@ mod tests {
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
         run(&mut c, 0.0, 0.05, 0.05, 0.4).unwrap();
         let before = c.at(t(1.0)).unwrap();
-        // Valid at vessel time 0.6 = drone time 1.0, arrived 10 ms later.
+        // A message valid at vessel time 0.6 (drone time 1.0) arrives 10 ms later.
         c.one_way(t(0.6), t(1.01));
         let after = c.at(t(1.01)).unwrap();
         assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.max_error_s);
-        // Valid after its arrival: impossible, ignored.
+        // A message cannot be valid after its arrival, so this one is ignored.
         c.one_way(t(5.0), t(1.02));
         assert!((c.at(t(1.02)).unwrap().offset_s - after.offset_s).abs() < 1e-6);
     }
@@ -313,13 +303,13 @@ mod tests {
     #[test]
     fn clock_offset_with_uneven_traffic() {
         let mut c = ClockOffset::new(&ClockConfig::default());
-        // Delays between 60 and 140 ms; thirty estimates for every two exchanges.
+        // Delays vary between 60 and 140 ms, and thirty estimates arrive per two exchanges.
         let delay = |k: u32, phase: f64| 0.1 + 0.04 * (f64::from(k) * 2.4 + phase).sin();
         for k in 0..60 {
             let now = 0.5 * f64::from(k);
             run(&mut c, now, delay(k, 0.3), delay(k, 4.0), 0.4).unwrap();
             for j in 0..15 {
-                // One of many comes after 10 ms.
+                // One of these estimates arrives after 10 ms.
                 let late = if (k, j) == (40, 7) {
                     0.01
                 } else {
@@ -338,7 +328,7 @@ mod tests {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..5 {
             let start = f64::from(k);
-            // The vessel held the request for 10 ms of its own clock, which is 20 ppm fast.
+            // The vessel held the request for 10 ms on its own clock, which is 20 ppm fast.
             let (t2, t3) = (start + 3.0, start + 3.0 + 0.01 * 1.000_02);
             c.exchange(t(start), t(t2), t(t3), t(start + 0.01)).unwrap();
         }

@@ -3,11 +3,11 @@
 use alight_shared::config;
 
 config! {
-    /// Who talks to whom, and what is still believed.
+    /// Identities of both ends, and limits of the bridge.
     pub struct BridgeConfig {
-        /// The only vessel that is listened to.
+        /// Number of the vessel; messages of other vessels are rejected.
         pub vessel_id: u32 = 1;
-        /// Our own identity: messages to other drones are rejected.
+        /// Number of this drone; messages to other drones are rejected.
         pub drone_id: u32 = 1;
         /// Rate of the link's state, Hz.
         /// Source: `topics::LINK`.
@@ -15,8 +15,8 @@ config! {
         /// Window of the loss statistics, s.
         /// Chosen: 150 estimates at 30 Hz.
         pub loss_window_s: f64 = 5.0, in 0.5..=60.0;
-        /// A time of validity may lie this much beyond what the clock's bounds allow, s.
-        /// Chosen: ten times the resolution of a 100 Hz loop is not needed, one is.
+        /// Tolerance for a time of validity beyond the clock's bounds, s.
+        /// Chosen: one period of a 100 Hz loop; ten periods are not needed.
         pub future_margin_s: f64 = 0.01, in 0.0..=1.0;
         /// Clock offset.
         pub clock: ClockConfig;
@@ -29,19 +29,19 @@ config! {
         /// Rate of time requests, Hz.
         /// Source: `topics::TIME_REQUEST`.
         pub request_rate_hz: f64 = 2.0, in 0.1..=20.0;
-        /// A reply after a longer round trip is rejected, s.
+        /// Maximum round trip of an exchange, s; slower replies are rejected.
         /// Chosen: forty times the default one-way delay of 50 ms.
         pub max_round_trip_s: f64 = 2.0, in 0.05..=10.0;
-        /// Exchanges older than this are forgotten, s.
-        /// Chosen: 60 exchanges; at 50 ppm the oldest is 1.5 ms worse than when it was made.
+        /// Age at which exchanges are forgotten, s.
+        /// Chosen: 60 exchanges; at 50 ppm the oldest has lost 1.5 ms of accuracy.
         pub window_s: f64 = 30.0, in 2.0..=600.0;
         /// Maximum drift of one clock against the other, s/s.
         /// Source: Quartz oscillators with temperature: 20 ppm typical, 50 ppm allowed.
         pub max_drift: f64 = 50e-6, in 0.0..=1e-3;
-        /// An offset that moved by more than this in both directions of travel is a step, s.
+        /// Change of the offset in both directions that counts as a step, s.
         /// Chosen: the best of ten delays of 50 +- 20 ms varies by about 10 ms.
         pub step_s: f64 = 0.04, in 0.005..=1.0;
-        /// The stated standard deviation is never smaller, s.
+        /// Minimum of the stated standard deviation, s.
         /// Chosen: a tenth of the world's 10 ms tick.
         pub min_sd_s: f64 = 0.001, in 1e-6..=0.1;
     }

@@ -1,9 +1,9 @@
-//! Drone's end of the radio: admission of the vessel's messages, clock offset, link statistics.
+//! The drone's radio end: admission of the vessel's messages, clock offset, link statistics.
 //!
-//! Pure: packets in, messages on the drone's clock out; the sockets belong to the process around
-//! it. Read [`node`] first: [`node::Bridge`]'s `step` is the whole way of a packet. [`order`]
-//! is the order of messages, `status` the drone's status for the vessel, [`clock`] finds the offset of the two clocks, [`link`] keeps the
-//! statistics.
+//! The crate is pure: packets in, messages on the drone's clock out. The surrounding process owns the sockets. Start
+//! with [`node`]: [`node::Bridge`]'s `step` processes a packet completely. [`order`] keeps messages in order, `status`
+//! assembles the drone's status for the vessel, [`clock`] estimates the offset of the two clocks, and [`link`] keeps
+//! the statistics.
 
 pub mod clock;
 pub mod config;

@@ -1,35 +1,31 @@
-//! Statistics of the link: loss from gaps in the sequence, latency, age of information.
+//! Statistics of the link: loss from sequence gaps, latency, age of information.
 
 use std::collections::VecDeque;
 
 use alight_shared::estimation::quantile;
 use alight_shared::time::{DroneClock, Time};
 
-/// At most this many arrivals are remembered.
 const MAX_ARRIVALS: usize = 256;
 
-/// One admitted estimate.
 #[derive(Clone, Copy, Debug)]
 struct Admitted {
     at: Time<DroneClock>,
-    /// Sequence numbers since the one before it, itself included: 1 without loss.
+    /// Difference between its sequence number and the previous one: 1 without loss.
     advance: u32,
     latency_s: f64,
 }
 
-/// Loss and latency over a sliding window, in bounded memory.
 #[derive(Clone, Debug)]
 pub struct LinkStatistics {
     window_s: f64,
     arrivals: VecDeque<Admitted>,
-    /// Arrivals of estimates that a newer one had overtaken.
+    /// Arrivals of estimates that came after a newer one.
     out_of_order: VecDeque<Time<DroneClock>>,
     newest_valid: Option<Time<DroneClock>>,
     sorted: Vec<f64>,
 }
 
 impl LinkStatistics {
-    /// Empty statistics over `window_s`.
     pub fn new(window_s: f64) -> Self {
         LinkStatistics {
             window_s,
@@ -40,8 +36,6 @@ impl LinkStatistics {
         }
     }
 
-    /// An estimate valid at `valid` was admitted at `arrival`, `advance` sequence numbers after
-    /// the one before it.
     pub fn admitted(&mut self, arrival: Time<DroneClock>, valid: Time<DroneClock>, advance: u32) {
         if self.arrivals.len() == MAX_ARRIVALS {
             self.arrivals.pop_front();
@@ -54,7 +48,7 @@ impl LinkStatistics {
         self.newest_valid = Some(self.newest_valid.map_or(valid, |v| v.max(valid)));
     }
 
-    /// An estimate came after a newer one: late, but not lost.
+    /// Adds an estimate that arrived after a newer one: late, but not lost.
     pub fn out_of_order(&mut self, arrival: Time<DroneClock>) {
         if self.out_of_order.len() == MAX_ARRIVALS {
             self.out_of_order.pop_front();
@@ -62,30 +56,30 @@ impl LinkStatistics {
         self.out_of_order.push_back(arrival);
     }
 
-    /// The vessel started again: ages and latencies on its old clock mean nothing.
+    /// Clears ages and latencies, which refer to the old clock of a restarted vessel.
     pub fn reset(&mut self) {
         self.arrivals.clear();
         self.out_of_order.clear();
         self.newest_valid = None;
     }
 
-    /// Age of the newest admitted estimate, s; infinite when there was none.
+    /// Age of the newest admitted estimate, s; infinite without one.
     pub fn age_s(&self, now: Time<DroneClock>) -> f64 {
         self.newest_valid
             .map_or(f64::INFINITY, |v| (now - v).secs().max(0.0))
     }
 
-    /// Fraction of estimates that never came, by the gaps before those that did, and fraction that
-    /// came after a newer one; 0 without any. Over datagrams the middleware itself discards a packet
-    /// that a later one overtook (measured with 30 ms of jitter at 30 Hz: 42 % for 30 % that the link
-    /// lost), so that there the first holds those too and the second is what reaches us all the same.
+    /// Fraction of missing estimates by sequence gaps, and fraction that arrived after a newer one; 0 without any. On
+    /// datagram links the middleware discards overtaken packets (measured with 30 ms of jitter at 30 Hz: 42 % at an
+    /// actual loss of 30 %). The first fraction then includes those, and the second contains only those that still
+    /// arrive.
     pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
         self.arrivals.retain(|a| (now - a.at).secs() <= window);
         self.out_of_order.retain(|at| (now - *at).secs() <= window);
         let sent: f64 = self.arrivals.iter().map(|a| f64::from(a.advance)).sum();
         if sent > 0.0 {
-            // At the window's edge an overtaken one may be in it without the gap that it left.
+            // At the window's edge, an overtaken estimate may be inside without its gap.
             let (used, late) = (self.arrivals.len() as f64, self.out_of_order.len() as f64);
             ((1.0 - (used + late) / sent).max(0.0), (late / sent).min(1.0))
         } else {
@@ -112,12 +106,12 @@ mod tests {
         let t = |ms: i64| Time::from_nanos(ms * 1_000_000);
         assert_eq!(s.age_s(t(0)), f64::INFINITY);
         for k in 0..100_i64 {
-            // Every fourth is preceded by a lost one; latencies 1 to 100 ms.
+            // Every fourth estimate follows a lost one; latencies of 1 to 100 ms.
             let advance = if k % 4 == 0 { 2 } else { 1 };
             s.admitted(t(1000 + k), t(1000 + k - (k + 1)), advance);
         }
         assert!((s.loss(t(1100)).0 - 0.2).abs() < 1e-12);
-        // Five of the gaps were not losses but late ones.
+        // Five of the gaps were late estimates.
         (0..5).for_each(|k| s.out_of_order(t(1010 + k)));
         let (lost, out_of_order) = s.loss(t(1100));
         assert!((lost - 0.16).abs() < 1e-12 && (out_of_order - 0.04).abs() < 1e-12);

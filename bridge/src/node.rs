@@ -1,4 +1,4 @@
-//! The bridge: packets of the radio in, messages on the drone's clock out.
+//! Bridge node: radio packets in, messages on the drone's clock out.
 
 use std::collections::VecDeque;
 
@@ -23,58 +23,45 @@ use crate::link::LinkStatistics;
 use crate::order::{Boot, Boots, SequenceOrder};
 use crate::status::StatusReport;
 
-/// A message of the radio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
-    /// The topic.
     pub kind: RadioTopic,
-    /// On whose key it came.
+    /// Owner of the key on which the packet arrived.
     pub sender: Sender,
-    /// The content, as [`wire::encode`] makes it.
     pub bytes: Vec<u8>,
 }
 
-/// Packets since the last step, each with its time of arrival.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeIn {
-    /// In order of arrival.
+    /// Packets in order of arrival, with arrival times.
     pub packets: Vec<Stamped<DroneClock, Packet>>,
-    /// The mission's state.
     pub mission: Option<MissionState>,
     pub drone: Option<DroneState>,
-    /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// The autopilot's state.
     pub autopilot: Option<AutopilotState>,
 }
 
-/// Admitted messages on the drone's clock: the newest of each kind.
+/// Newest admitted message of each kind, on the drone's clock.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeOut {
-    /// The vessel's state.
     pub estimate: Option<VesselEstimate<DroneClock>>,
-    /// The wave model.
     pub wave: Option<WaveModel<DroneClock>>,
-    /// The vessel's own prediction.
     pub prediction: Option<VesselPrediction<DroneClock>>,
-    /// Whose its deck is.
     pub deck: Option<DeckGrant<DroneClock>>,
-    /// Keep-out volumes and approach of the vessel.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
-    /// Frames of the vessel's receiver, in the order of their arrival.
+    /// In order of arrival.
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
-    /// Operators' commands, in the order of their arrival.
+    /// In order of arrival.
     pub commands: Vec<Command>,
-    /// The link's state, at its own rate.
     pub link: Option<LinkState>,
-    /// A question for the vessel, to be sent at once.
+    /// Time request for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
-    /// The drone's status for the vessel, at its own rate.
+    /// Status of the drone, at its own rate.
     pub status: Option<DroneStatus>,
 }
 
 wiring! {
-    /// Messages that the bridge writes, and those that it reads for the drone's status in addition to the radio's.
+    /// Messages written by the bridge, and inputs of the drone's status in addition to radio packets.
     BridgePorts of Bridge: BridgeIn => BridgeOut {
         reads {
             newest mission: MissionState,
@@ -97,34 +84,29 @@ wiring! {
     }
 }
 
-/// Requests that may still be answered.
 const MAX_OPEN: usize = 16;
 
 #[derive(Clone, Copy, Debug)]
 struct Request {
-    /// t1.
     at: Time<DroneClock>,
-    /// By the one that is listened to.
+    /// The current computer has replied.
     answered: bool,
 }
 
-/// Admission, clock offset and link statistics.
 #[derive(Clone, Debug)]
 pub struct Bridge {
     config: BridgeConfig,
     boot: u32,
     boots: Boots,
-    /// By [`RadioTopic`].
+    /// Indexed by [`RadioTopic`].
     orders: [SequenceOrder; RadioTopic::ALL.len()],
-    /// Newest time of validity of the current boot, on the vessel's clock.
+    /// Newest time of validity in the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
-    /// Boot and time of validity of the newest estimate.
     newest_received: Option<(u32, Time<VesselClock>)>,
     updates: UpdateReceiver<VesselClock>,
     clock: ClockOffset,
     link: LinkStatistics,
     rejections: Rejections,
-    /// The newest requests.
     open: VecDeque<Request>,
     next_request: Periodic<DroneClock>,
     requests: u32,
@@ -134,7 +116,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// A bridge that has received nothing yet; `boot` is drawn at each start.
+    /// Bridge without messages so far; `boot` is drawn at each start.
     pub fn new(config: &BridgeConfig, boot: u32) -> Self {
         Bridge {
             config: config.clone(),
@@ -155,22 +137,21 @@ impl Bridge {
             status: StatusReport::default(),
         }
     }
-    /// A landed drone's motors are off so long after its touchdown, s: later its status reports that it is still armed.
+    /// Sets the time within which a landed drone is disarmed. Later its status reports that it is still armed.
     #[must_use]
     pub fn disarmed_within(mut self, disarm_s: f64) -> Self {
         self.status.disarm_s = disarm_s;
         self
     }
 
-    /// Rejections since the start.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
     }
-    /// The boot of a second computer that speaks as the vessel and was received lately; nothing of it is used.
+    /// Boot of a second computer that recently published as the vessel; its messages are not used.
     pub fn second_sender(&self, now: Time<DroneClock>) -> Option<u32> {
         self.boots.second(now)
     }
-    /// The clocks' offset at `now`; None before the first exchange.
+    /// Clock offset at `now`; None before the first exchange.
     pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
         self.clock.at(now)
     }
@@ -203,7 +184,7 @@ impl Bridge {
             }
             RadioTopic::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
-                // Its time is that of the first stage, which may lie a step ahead.
+                // The time of a prediction is that of its first stage, which may be one step ahead.
                 let ahead = f64::from(m.step_s).clamp(0.0, 1.0);
                 let (at, _) = self.admit(arrival, &m, kind, ahead)?;
                 out.prediction = Some(m.restamped(at));
@@ -233,12 +214,11 @@ impl Bridge {
                     Ok((at, _)) => at,
                     Err(why) if counts_despite(m.kind, why) => {
                         self.orders[kind as usize].admit(m.header.sequence);
-                        // An old one keeps its time: the mission knows its repetitions by it.
+                        // An old command keeps its time, because the mission recognises repetitions by it.
                         let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
                         given.filter(|_| why == RejectionReason::Stale).unwrap_or(arrival)
                     }
-                    // An abort counts whichever of the vessel's computers passes it on; on whose clock it was given is not
-                    // known here.
+                    // An abort is accepted from either of the vessel's computers; its original clock is unknown here.
                     Err(RejectionReason::Boot | RejectionReason::SecondSender)
                         if m.kind == CommandKind::Abort =>
                     {
@@ -263,7 +243,7 @@ impl Bridge {
         arrival: Time<DroneClock>,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
-        // The base that it lacks may come behind it, and is not late then: a joiner asks for that.
+        // The missing base may arrive after this message without being late, because a joining drone asks for it.
         if !self.updates.has_base(m) {
             return Ok(None);
         }
@@ -271,9 +251,8 @@ impl Bridge {
         Ok(self.updates.waves(m).map(|m| m.restamped(at)))
     }
 
-    /// All checks of a message in order, from the cheapest; its time of validity on the drone's
-    /// clock and the sequence numbers since its predecessor. `ahead` is how far in the future its
-    /// time may rightly lie, s.
+    /// Performs all checks of a message, cheapest first. Returns its time of validity on the drone's clock and the
+    /// sequence numbers since its predecessor. `ahead` is the permitted lead of its time, s.
     fn admit<M: Message<Clock = VesselClock>>(
         &mut self,
         arrival: Time<DroneClock>,
@@ -288,8 +267,8 @@ impl Bridge {
             Boot::Current => false,
             Boot::First => true,
             Boot::Second => return Err(RejectionReason::SecondSender),
-            // A restart can only speak of later times than its predecessor did; if the vessel's
-            // clock went back with it, the first reply to a request of ours proves the new boot.
+            // Messages of a restarted computer have later times than its predecessor's. If the vessel's clock went
+            // back, the first reply to our request proves the new boot.
             Boot::Next if self.newest.is_some_and(|n| header.at > n) => true,
             Boot::Next | Boot::Other => return Err(RejectionReason::Boot),
         };
@@ -317,7 +296,7 @@ impl Bridge {
         if restart {
             self.adopt(arrival, header.boot);
         }
-        // The earliest that it can have been sent.
+        // Earliest possible time of sending.
         let sent = at - Span::from_secs(slack + ahead);
         self.boots.received(arrival, sent);
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
@@ -330,7 +309,7 @@ impl Bridge {
         Ok((at, advance))
     }
 
-    /// A message's time on the drone's clock, and by how much that errs at most, s; None without an offset.
+    /// Time of a message on the drone's clock and the bound of its error, s; None without an offset.
     fn on_own_clock(
         &self,
         arrival: Time<DroneClock>,
@@ -363,7 +342,7 @@ impl Bridge {
         let asked = m.requested_at;
         let request = self.open.iter_mut().find(|r| r.at == asked);
         match self.boots.observe(t4, header.boot) {
-            // An answer to an open request is fresh by proof: only the running computer can give it.
+            // A reply to a pending request is fresh: only the running computer can send it.
             meaning @ (Boot::Current | Boot::First | Boot::Next) => {
                 let Some(request) = request.filter(|r| !r.answered) else {
                     return Err(RejectionReason::Unsolicited);
@@ -380,7 +359,7 @@ impl Bridge {
                 self.begin_again();
                 self.clock.reset();
             }
-            // The request stays open for the one that is listened to.
+            // The request stays pending for the current computer.
             Boot::Other => return Err(RejectionReason::Boot),
             Boot::Second => return Err(RejectionReason::SecondSender),
         }
@@ -458,7 +437,7 @@ impl Node for Bridge {
     fn step(&mut self, now: Time<DroneClock>, input: &BridgeIn) -> BridgeOut {
         let mut out = BridgeOut::default();
         for p in &input.packets {
-            // Nothing has arrived after now.
+            // Arrival times are at most now.
             if let Err(reason) = self.packet(p.at.min(now), &p.value, &mut out) {
                 self.rejections.count(reason);
             }
@@ -475,7 +454,7 @@ impl Node for Bridge {
     }
 }
 
-/// Copies a message only where one arrived: a forecast has 10 kB.
+/// Copies only new messages, because a forecast has 10 kB.
 fn keep_newest<T: Copy>(kept: &mut Option<T>, arrived: Option<&T>) {
     if let Some(arrived) = arrived {
         *kept = Some(*arrived);

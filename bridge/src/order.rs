@@ -1,29 +1,27 @@
-//! Which start of the vessel's computer is listened to, and the order of its messages.
+//! Selection of the vessel's current computer among restarts and duplicates, and the order of its messages.
 //!
-//! One identity has one current computer. Two computers with one certificate look like one that is started again and again, but for
-//! one thing: a computer that was started again is not received any more under its former boot. So another boot is
-//! listened to only once the current computer is silent, for [`RESTART_SILENCE`] where nothing speaks against a restart. A boot that
-//! was received before a message that the current computer sent later is that of a second computer ([`Boots::second`]), and it is
-//! listened to only after [`CURRENT_SILENCE`]. If the former computer turns out to live after a restart was believed, it is
-//! the current computer again.
+//! Only one computer is current for an identity. Two computers with one certificate look like a computer that restarts
+//! repeatedly, except that a restarted computer no longer sends under its former boot. A new boot is therefore accepted
+//! only after the current computer has been silent: for [`RESTART_SILENCE`] if nothing contradicts a restart. A boot
+//! that was received before a later message of the current computer belongs to a second computer ([`Boots::second`]),
+//! and is accepted only after [`CURRENT_SILENCE`]. If the former computer sends again after an assumed restart, it
+//! becomes the current computer again.
 
 use std::collections::VecDeque;
 
 use alight_shared::admission::RejectionReason;
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Other boots that are remembered.
 const MAX_OTHERS: usize = 16;
-/// The current computer is silent for this long before a boot that was never received at the same time counts as its next start: fifteen
-/// estimates, and half of what an estimate may be old.
+/// Silence of the current computer after which a boot that was never received at the same time counts as its restart:
+/// fifteen estimates, and half of the maximum age of an estimate.
 pub const RESTART_SILENCE: Span = Span::from_millis(500);
-/// Before that of a second computer does: longer than a descent and flare (38 s), and what the vessel's deck arbiter waits
-/// for before it believes that a silent drone has ended its landing.
+/// Silence of the current computer after which a second computer replaces it: longer than a descent and flare (38 s),
+/// and than the time after which the vessel's deck arbiter assumes that a silent drone has ended its landing.
 pub const CURRENT_SILENCE: Span = Span::from_millis(60_000);
-/// A second computer that was not received for this long is not reported any more.
+/// Time after which a silent second computer is no longer reported.
 const SECOND_TIMEOUT: Span = Span::from_millis(10_000);
 
-/// Which start of the vessel's computer is listened to.
 #[derive(Clone, Debug, Default)]
 pub struct Boots {
     current: Option<CurrentComputer>,
@@ -34,41 +32,39 @@ pub struct Boots {
 struct CurrentComputer {
     boot: u32,
     received: Time<DroneClock>,
-    /// Since when it is listened to.
+    /// Time of acceptance.
     adopted: Time<DroneClock>,
-    /// The one whose next start it was taken for.
+    /// Boot of the computer that this one is assumed to have replaced after a restart.
     predecessor: Option<u32>,
 }
 
-/// A boot that is not listened to.
 #[derive(Clone, Copy, Debug)]
 struct Other {
     boot: u32,
     first: Time<DroneClock>,
     newest: Time<DroneClock>,
-    /// It was listened to before.
+    /// This computer was the current one before.
     retired: bool,
-    /// It and the current computer lived at one time.
+    /// This computer was active at the same time as the current one.
     is_second: bool,
 }
 
-/// Meaning of a boot id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
-    /// The one that is listened to.
     Current,
-    /// The first that was ever received.
+    /// The first boot ever received.
     First,
-    /// The current computer is silent for long enough: its next start, if a message proves to be newer than its.
+    /// Possible restart of the current computer, which has been silent long enough. A message must prove that it is
+    /// newer.
     Next,
-    /// Not known to be newer than the current computer, which was received just now; or superseded.
+    /// The boot is superseded, or not proven newer than the current computer, which was received recently.
     Other,
-    /// Another computer with the same identity, at the same time as the current computer.
+    /// Another computer with the same identity, active at the same time as the current one.
     Second,
 }
 
 impl Boots {
-    /// Meaning of a message of this `boot` that arrives at `now`.
+    /// Classifies a message with this `boot` that arrives at `now`.
     pub fn observe(&mut self, now: Time<DroneClock>, boot: u32) -> Boot {
         let Some(current) = self.current else {
             return Boot::First;
@@ -101,8 +97,8 @@ impl Boots {
             Other { .. } => Boot::Other,
         }
     }
-    /// A message of the current computer was admitted that it sent at `sent` or later, on our clock: whoever was received before
-    /// that is another computer.
+    /// Records an admitted message of the current computer that was sent at `sent` or later, on our clock. Boots
+    /// received before that belong to another computer.
     pub fn received(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
         if let Some(current) = &mut self.current {
             current.received = current.received.max(now);
@@ -113,7 +109,6 @@ impl Boots {
                 .for_each(|o| o.is_second = true);
         }
     }
-    /// From now on `boot` is listened to.
     pub fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
         let second = self.others.iter().any(|o| o.boot == boot && o.is_second);
         self.others.retain(|o| o.boot != boot);
@@ -121,7 +116,7 @@ impl Boots {
             boot,
             received: now,
             adopted: now,
-            // A second computer is no next start of the first, which may be back at any time.
+            // A second computer is not a restart of the first, which may return at any time.
             predecessor: self.current.map(|h| h.boot).filter(|_| !second),
         });
         if let Some(former) = former.filter(|f| f.boot != boot) {
@@ -134,8 +129,8 @@ impl Boots {
             });
         }
     }
-    /// A computer with this boot answered a request of `asked`. True where it is the former computer, which was taken for
-    /// ended before: it lives, so that its supposed next start is another computer. It is to be listened to again.
+    /// Records a reply of this boot to a request sent at `asked`. Returns true if it is the former computer, assumed to
+    /// have ended: its supposed restart is then another computer, and the former must become current again.
     pub fn returns(&mut self, now: Time<DroneClock>, boot: u32, asked: Time<DroneClock>) -> bool {
         let Some(current) = self
             .current
@@ -151,15 +146,14 @@ impl Boots {
         second.for_each(|o| (o.is_second, o.newest) = (true, now));
         true
     }
-    /// The boot of a second computer with the vessel's identity that was received lately.
+    /// Boot of a second computer with the vessel's identity that was received recently.
     pub fn second(&self, now: Time<DroneClock>) -> Option<u32> {
         let lately = |o: &&Other| o.is_second && now - o.newest <= SECOND_TIMEOUT;
         self.others.iter().rfind(lately).map(|o| o.boot)
     }
-    /// Forgets the oldest for a new one.
     fn remember(&mut self, other: Other) {
         if self.others.len() == MAX_OTHERS {
-            // One that is known to live at the same time as the current computer last.
+            // Boots known to belong to a second computer are dropped last.
             let spare = self.others.iter().position(|o| !o.is_second).unwrap_or(0);
             self.others.remove(spare);
         }
@@ -167,16 +161,16 @@ impl Boots {
     }
 }
 
-/// The order of one kind of message within a boot.
+/// Order of one kind of message within a boot.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceOrder {
     newest: Option<u32>,
-    /// The newest as the lowest bit and those before it, each that was admitted.
+    /// Bit mask of admitted messages: the newest is the lowest bit.
     admitted: u64,
 }
 
 impl SequenceOrder {
-    /// Sequence numbers since the newest admitted (1 without loss); rejects repeated and late ones.
+    /// Sequence numbers since the newest admitted message (1 without loss); rejects repeated and late messages.
     pub fn advance(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match self.newest {
             None => Ok(1),
@@ -185,7 +179,8 @@ impl SequenceOrder {
             Some(n) => Ok(sequence - n),
         }
     }
-    /// Sequence numbers since the newest admitted where each message counts by itself and may overtake others: rejects repeated ones, and those of 64 before.
+    /// Sequence numbers since the newest admitted message, for messages that may overtake one another; rejects repeated
+    /// messages, and messages that are more than 64 older.
     pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match (self.advance(sequence), self.newest) {
             (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {
@@ -196,11 +191,10 @@ impl SequenceOrder {
             (advance, _) => advance,
         }
     }
-    /// `sequence` was admitted.
     pub fn admit(&mut self, sequence: u32) {
         self.newest = Some(sequence);
     }
-    /// `sequence` was admitted by [`Self::advance_unordered`].
+    /// Marks a `sequence` admitted by [`Self::advance_unordered`].
     pub fn admit_unordered(&mut self, sequence: u32) {
         let newest = self.newest.map_or(sequence, |n| n.max(sequence));
         let shift = |from: u32| newest - from;
@@ -264,16 +258,17 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.observe(at(1.0), 8);
-        // Under way before the other was received first: the current computer may have ended meanwhile.
+        // This message was already under way when the other computer was first received, so the current one may have
+        // ended in the meantime.
         b.received(at(1.2), at(0.9));
         assert_eq!(b.second(at(1.2)), None);
         b.received(at(1.3), at(1.1));
         assert_eq!(b.second(at(1.3)), Some(8));
-        // No outage of the first that a flight has gives it to the second.
+        // An outage within a flight never transfers the identity to the second computer.
         assert_eq!(b.observe(at(61.0), 8), Boot::Second);
         assert_eq!(b.observe(at(62.0), 8), Boot::Next);
         b.adopt(at(62.0), 8);
-        // The first is the second now, and takes it back by nothing less.
+        // The first is now the second computer, and only the same evidence makes it current again.
         assert!(!b.returns(at(64.0), 7, at(63.0)));
         b.received(at(65.0), at(65.0));
         assert_eq!(b.observe(at(65.1), 7), Boot::Second);
@@ -287,7 +282,7 @@ mod tests {
         b.adopt(at(0.0), 7);
         assert_eq!(b.observe(at(2.0), 8), Boot::Next);
         b.adopt(at(2.0), 8);
-        // An answer to what was asked before may have been under way.
+        // A reply to an earlier request may have been under way.
         assert!(!b.returns(at(2.4), 7, at(1.9)));
         assert!(b.returns(at(2.6), 7, at(2.5)));
         assert_eq!(

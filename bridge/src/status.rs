@@ -1,4 +1,4 @@
-//! The drone's status for the vessel: put together from the reports of the drone's processes, twice a second.
+//! Status of the drone for the vessel, assembled from reports of the drone's processes twice a second.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{
@@ -9,10 +9,9 @@ use alight_shared::topics;
 
 use crate::config::BridgeConfig;
 
-/// The newest of each.
 #[derive(Clone, Debug)]
 pub(crate) struct StatusReport {
-    /// A disarm takes no longer, s.
+    /// Maximum duration of a disarm, s.
     pub(crate) disarm_s: f64,
     pub(crate) mission: Option<MissionState>,
     pub(crate) drone: Option<DroneState>,
@@ -37,8 +36,7 @@ impl Default for StatusReport {
 }
 
 impl StatusReport {
-    /// The status, when it is due. Until the mission decides, the vessel knows better than a state that is not real: it would
-    /// free the deck.
+    /// Status, when due. None before the mission publishes: a placeholder state would make the vessel free the deck.
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,

@@ -1,4 +1,4 @@
-//! The bridge on one clock with a vessel made here: admission, rejection, uncertainty of its clock.
+//! The bridge with a simulated vessel: admission, rejection, clock uncertainty.
 
 use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet};
 use alight_shared::admission::{RejectionReason, Sender};
@@ -22,7 +22,6 @@ const OFFSET: f64 = 0.35;
 fn drone(s: f64) -> Time<DroneClock> {
     Time::from_secs(s)
 }
-/// The vessel's clock at drone time `s`.
 fn vessel(s: f64) -> Time<VesselClock> {
     Time::from_secs(s - OFFSET)
 }
@@ -31,7 +30,7 @@ fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<V
     VesselEstimate {
         header: Header::new(1, 0, boot, sequence, at),
         datum: Datum::default(),
-        // Numbers that no rounding changes, and no two of them the same.
+        // Distinct numbers that 16-bit floats represent exactly.
         eta: [1.0, 2.0, 0.125, 0.0625, -0.03125, 1.5],
         eta_dot: [0.5, -0.5, 0.25, -0.25, -0.125, 0.375],
         eta_ddot: [0.1, 0.2, 0.3, 0.4, 0.6, 0.7].map(f16::from_f32),
@@ -41,7 +40,7 @@ fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<V
         mean_heading: [1.25, 0.03],
     }
 }
-/// All that it states but its header.
+/// Content of an estimate without its header.
 fn stated<C: Clock>(e: &VesselEstimate<C>) -> VesselEstimate<VesselClock> {
     VesselEstimate {
         header: Header::default(),
@@ -65,7 +64,7 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: RadioTopic, m: &T) -> Stamped
         },
     )
 }
-/// An estimate as it is sent, with everything.
+/// Estimate with all fields as sent.
 fn estimate_packet(arrival: f64, m: &VesselEstimate<VesselClock>) -> Stamped<DroneClock, Packet> {
     packet(arrival, RadioTopic::Estimate, &EstimateUpdate::whole(m))
 }
@@ -90,8 +89,8 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
     step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
-/// A bridge whose clock has settled over `seconds` of exchanges, and the time then. `delays` are there
-/// and back at each step of 10 ms.
+/// Bridge whose clock has converged over `seconds` of exchanges, and the time at their end. `delays` are those of
+/// request and reply in each step of 10 ms.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
@@ -221,7 +220,7 @@ fn bridge_restarted_vessel() {
     let (mut b, now) = converged(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
-    // A computer that is received still was not started again.
+    // A computer that is still received has not restarted.
     assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
     let now = now + 0.6;
     assert!(admitted(&mut b, now, &estimate(2, 17, vessel(now - 0.05))).is_some());
@@ -231,8 +230,9 @@ fn bridge_restarted_vessel() {
     assert_eq!(b.second_sender(drone(now)), None);
 }
 
-/// Two computers speak as vessel 1 for so long, s: the current computer (boot 1) but in `outage`, s since the start, and another
-/// (boot 2) from 0.2 s on, which answers in a tenth of the time and has the later clock. Boots whose estimates passed.
+/// Runs two computers publishing as vessel 1 for `seconds`: the current computer (boot 1) except during `outage`, s
+/// since the start, and another (boot 2) from 0.2 s on, which replies in a tenth of the time and has the later clock.
+/// Returns the boots whose estimates were admitted.
 fn next_to_a_second_computer(
     b: &mut Bridge,
     start: f64,
@@ -280,18 +280,18 @@ fn second_computer_with_the_vessels_identity() {
     assert!(passed.len() > 500 && passed.iter().all(|(_, boot)| *boot == 1));
     let after = b.offset(drone(now + 20.0)).unwrap().offset_s;
     assert!((after - before).abs() < 0.01, "{before} {after}");
-    // Counted and named.
+    // The second computer is counted and reported.
     assert_eq!(b.second_sender(drone(now + 20.0)), Some(2));
     assert!(b.rejections().of(RejectionReason::SecondSender) > 500);
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
-    // Nor while the current computer's radio is out for as long as any descent lasts.
+    // The same applies during an outage of the current computer's radio that lasts as long as any descent.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));
     assert!(passed.iter().any(|(t, _)| *t > 45.0));
-    // Once it is gone for good, the other has the identity.
+    // After a permanent outage, the second computer takes over the identity.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
     let first = passed.iter().find(|(_, boot)| *boot == 2).unwrap().0;
@@ -301,7 +301,7 @@ fn second_computer_with_the_vessels_identity() {
 #[test]
 fn second_computer_first_received_in_an_outage() {
     let (mut b, now) = converged(0.05, 0.05, 5);
-    // It is taken for the vessel's next start, until the current computer answers.
+    // The second computer counts as the vessel's restart until the current computer replies.
     let passed = next_to_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
     assert!(passed.iter().any(|(_, boot)| *boot == 2));
     assert!(
@@ -336,12 +336,12 @@ fn abort_through_a_second_computer() {
 #[test]
 fn bridge_restarted_vessel_with_earlier_clock() {
     let (mut b, now) = converged(0.05, 0.05, 5);
-    // Given a vessel that restarts with its clock 100 s behind.
+    // A vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     assert!(admitted(&mut b, now, &e(0, now)).is_none());
-    // When it answers a request, and its predecessor is not received any more.
+    // The restarted computer is accepted when it replies to a request and its predecessor is silent.
     let mut t = now + 0.6;
     let q = loop {
         t += 0.01;
@@ -354,7 +354,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     r.received_at = behind(t + 0.05);
     t += 0.1;
     step(&mut b, t, vec![packet(t, RadioTopic::TimeReply, &r)]);
-    // Then its estimates are admitted at their right time.
+    // Its estimates are then admitted with correct times.
     let now_dated = admitted(&mut b, t, &e(1, t)).unwrap();
     assert!((now_dated.header.at.secs() - (t - 0.05)).abs() < 0.01);
 }
@@ -365,7 +365,7 @@ fn bridge_link_state_at_10_hz() {
     let mut links = Vec::new();
     for k in 0..300_u32 {
         let now = start + 0.01 * f64::from(k);
-        // 25 Hz; every fifth is lost; silence after 2 s.
+        // Estimates at 25 Hz, of which every fifth is lost; silence after 2 s.
         let sent = k % 4 == 0 && now < start + 2.0;
         let seq = k / 4;
         let m = estimate(1, seq, vessel(now - 0.06));
@@ -382,7 +382,6 @@ fn bridge_link_state_at_10_hz() {
     last.check().unwrap();
 }
 
-/// Small deterministic noise in [0, 1).
 fn uniform(k: u32) -> f64 {
     f64::from(k.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24)
 }
@@ -442,7 +441,7 @@ proptest! {
         for (k, seq) in order.iter().enumerate() {
             let now = start + 0.5 + 0.002 * k as f64;
             let m = estimate(1, *seq, vessel(start + 0.01 * f64::from(*seq)));
-            // Each arrives twice.
+            // Each packet arrives twice.
             let p = estimate_packet(now, &m);
             sent += 2;
             if let Some(e) = step(&mut b, now, vec![p.clone(), p]).estimate {
@@ -480,7 +479,7 @@ proptest! {
     }
 }
 
-/// Made from the newest of each, twice a second, and not before the mission decides.
+/// The status is assembled from the newest reports twice a second, once the mission publishes.
 #[test]
 fn status_of_the_drone() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9).disarmed_within(2.0);

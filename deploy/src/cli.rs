@@ -53,12 +53,11 @@ alight rehearse             what the packages install\n  \
 alight explain MESSAGE      what to do about a message\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
 pub struct Cli {
-    /// The command.
     #[command(subcommand)]
     pub command: AlightCommand,
 }
 
-/// The commands of people, by their purpose, in the order in which they are met.
+/// Commands by purpose, in the order of their use.
 const GROUPS: [(&str, &[&str]); 3] = [
     ("Simulate", &["trial", "study", "land", "rehearse"]),
     (
@@ -83,7 +82,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Commands that a program may be built without, and the feature of each.
+/// Commands of optional features, and the feature of each.
 const FEATURES: [(&str, &str); 7] = [
     ("calibrate", "calibrate"),
     ("land", "lab"),
@@ -94,10 +93,10 @@ const FEATURES: [(&str, &str); 7] = [
     ("trial", "lab"),
 ];
 
-/// A line below the help of each command that has the flags of a scene.
+/// Line below the help of each command with the flags of a scene.
 const SCENE: &str = "Scene (--sea, --wind, --hull, --vessel and more): alight help scene";
 
-/// Hides the flags of a scene, which `alight help scene` prints, and prints the short help for `--help`, too.
+/// Hides the flags of a scene, which `alight help scene` prints, and makes `--help` print the short help.
 fn brief(command: Clap) -> Clap {
     let is_scene = command.get_name() == "scene";
     let groups = command
@@ -122,7 +121,7 @@ fn brief(command: Clap) -> Clap {
     }
 }
 
-/// The flag of `command` that `typed` becomes when two neighbouring letters change places.
+/// Flag of `command` that `typed` becomes when two neighbouring letters are swapped.
 fn transposed(command: &Clap, typed: &str) -> Option<String> {
     let is_near = |long: &&str| {
         (1..long.len()).any(|k| {
@@ -135,7 +134,6 @@ fn transposed(command: &Clap, typed: &str) -> Option<String> {
     Some(format!("--{near}"))
 }
 
-/// The command of a command line.
 fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
     let mut command = cli;
     for name in typed.iter().skip(1) {
@@ -147,7 +145,8 @@ fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
     command
 }
 
-/// "error: invalid value '6' for '--sea-state <1..5>': 6 is not in 1..=5" with the name and the range as people write them.
+/// Text of a range error with a readable range: from "error: invalid value '6' for '--sea-state
+/// <1..5>': 6 is not in 1..=5".
 fn readable_range(text: &str) -> Option<String> {
     let (before, rest) = text.split_once(" is not in ")?;
     let (range, after) = rest.split_once('\n').unwrap_or((rest, ""));
@@ -167,7 +166,7 @@ fn readable_range(text: &str) -> Option<String> {
     Some(format!("{before}: {name} must be {range}\n{after}"))
 }
 
-/// Reports of the standard library's parsers, and what is wanted.
+/// Error texts of the standard library's parsers, and the expected input.
 const WANTED: [(&str, &str); 7] = [
     (
         "invalid digit found in string",
@@ -197,7 +196,7 @@ const WANTED: [(&str, &str); 7] = [
 ];
 
 impl Cli {
-    /// Reads the command line; on an error, or where help is asked for, prints that and ends the process.
+    /// Reads the command line. On an error or a request for help, prints that and ends the process.
     pub fn read() -> Cli {
         let (cli, typed) = (Cli::grouped(), std::env::args_os().collect::<Vec<_>>());
         let matches = cli.clone().try_get_matches_from(&typed);
@@ -205,7 +204,7 @@ impl Cli {
             .and_then(|m| Cli::from_arg_matches(&m))
             .unwrap_or_else(|e| Self::reject(e, named(&cli, &typed), &typed))
     }
-    /// Shows the error of `command`, where a value is wrong with what is wanted, or help, and ends the process.
+    /// Prints help, or the error of `command` with the expected input, and ends the process.
     fn reject(mut e: clap::Error, command: &Clap, typed: &[OsString]) -> ! {
         if let Some(help) = command::help(command, typed).filter(|_| e.kind() == ErrorKind::DisplayHelp) {
             terminal::line(help.trim_end());
@@ -238,7 +237,7 @@ impl Cli {
         let wanted = |text: String, (found, wanted): &(&str, &str)| text.replace(found, wanted);
         WANTED.iter().fold(text, wanted)
     }
-    /// The command line with its commands in groups, which clap has for options alone.
+    /// Command line with its commands in groups; clap groups only options.
     fn grouped() -> Clap {
         let cli = brief(Cli::command());
         #[cfg(not(feature = "lab"))]
@@ -273,7 +272,6 @@ fn is_process(about: &StyledStr) -> bool {
     about.to_string().starts_with("Process of ")
 }
 
-/// Commands.
 #[derive(Subcommand, Debug)]
 pub enum AlightCommand {
     /// Simulation and experiments.
@@ -295,7 +293,7 @@ pub enum AlightCommand {
     Status(status::StatusArgs),
     /// Show deck, drone and alarms in a browser.
     View(view::ViewCommand),
-    /// Be a node of ROS 2: poses, diagnostics, orders.
+    /// Run a ROS 2 node: poses, diagnostics, orders.
     #[cfg(feature = "ros2")]
     Ros2(ros2::Ros2Args),
     /// Show deck, drone and alarms on Signal K.
@@ -345,7 +343,7 @@ pub enum AlightCommand {
     Check(check::CheckArgs),
     /// List the deck's tags; print them at true scale.
     Tag(tag::TagArgs),
-    /// Measure what the files of vessel and drone need.
+    /// Measure values for the files of boat and drone.
     #[cfg(feature = "calibrate")]
     Calibrate(calibrate::CalibrateArgs),
     /// Advice on a message of the mission.
@@ -354,12 +352,12 @@ pub enum AlightCommand {
     /// Write manual pages for man(1) into a directory.
     #[command(hide = true)]
     Manual {
-        /// The directory, which exists.
+        /// Directory, which has to exist.
         directory: PathBuf,
     },
 }
 
-/// The laboratory's part in a replay.
+/// Parts of a replay that the laboratory provides.
 const LABORATORY: Laboratory<'static> = {
     #[cfg(feature = "lab")]
     let laboratory = Laboratory {
@@ -375,7 +373,6 @@ const LABORATORY: Laboratory<'static> = {
 };
 
 impl AlightCommand {
-    /// Runs it to its end.
     pub fn run(&self) -> Result<Exit, CliError> {
         match self {
             #[cfg(feature = "lab")]
@@ -422,7 +419,7 @@ impl AlightCommand {
     }
 }
 
-/// Adds to the synopsis of each manual page the values of its flags, which clap_mangen leaves out.
+/// Adds the values of the flags to the synopsis of each manual page; clap_mangen leaves them out.
 fn name_values(command: &Clap, directory: &Path) -> std::io::Result<()> {
     let name = command.get_display_name().unwrap_or(command.get_name());
     let path = directory.join(format!("{name}.1"));
@@ -444,24 +441,24 @@ fn name_values(command: &Clap, directory: &Path) -> std::io::Result<()> {
         .try_for_each(|c| name_values(c, directory))
 }
 
-/// Configurations, and what other programs and shells read of this one.
+/// Configurations, and data for other programs and shells.
 #[derive(Subcommand, Debug)]
 pub enum ConfigCommand {
-    /// The vessel's computer's, as it is shipped.
+    /// The configuration of the vessel's computer, as shipped.
     Vessel(config::ConfigArgs),
-    /// The drone's computer's, as it is shipped.
+    /// The configuration of the drone's computer, as shipped.
     Drone(config::ConfigArgs),
-    /// The simulated world's, with every default.
+    /// The configuration of the simulated world, with every default.
     #[cfg(feature = "lab")]
     Scenario,
-    /// The process's of the simulation (`alight world`), with every default.
+    /// The configuration of the simulation's process (`alight world`), with every default.
     #[cfg(feature = "lab")]
     World,
-    /// The messages on Zenoh and iceoryx2, and the fields of one.
+    /// The messages on Zenoh and iceoryx2, or the fields of one.
     Schema(schema::SchemaArgs),
     /// A script that completes these commands in a shell.
     Completions {
-        /// The shell.
+        /// Shell to complete for.
         shell: Shell,
     },
 }
@@ -503,7 +500,6 @@ mod tests {
         assert_eq!(shown, 20);
     }
 
-    /// Each command below `command` with its name.
     fn all(command: &Clap, name: &str, found: &mut Vec<(String, Clap)>) {
         for inner in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = format!("{name} {}", inner.get_name());

@@ -1,10 +1,9 @@
-//! The apparent slope of the deck: the tangent of the angle between its normal and the specific force.
+//! Apparent slope of the deck: tangent of the angle between its normal and the specific force.
 //!
-//! A landed drone with stopped motors stays only while friction holds it against that slope. In steep short seas a
-//! light hull that the water does not carry sideways leaves the water: its deck tilts and falls as no sum of waves
-//! predicts, in groups 15 to 45 s apart. The vessel has watched its deck for longer than a drone that has just
-//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes. Above a vessel that
-//! publishes nothing the drone watches it itself.
+//! A landed drone with stopped motors stays only while friction exceeds the apparent slope. In steep short seas a light
+//! hull leaves the water: its deck tilts and falls in a way that no sum of waves predicts, in groups 15 to 45 s apart.
+//! The vessel has observed its deck for longer than an arriving drone, so it publishes the steepest apparent slope of
+//! each window of the last two minutes. Above a vessel that publishes none, the drone computes it from its own vision.
 
 use std::collections::VecDeque;
 
@@ -15,24 +14,24 @@ use crate::geometry::GRAVITY;
 use crate::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate};
 use crate::time::{Clock, Span, Time};
 
-/// Rate of the states that it is computed from, Hz.
+/// Rate of the input states, Hz.
 pub const RATE_HZ: f64 = 20.0;
-/// The specific force is averaged over this time, s: a shorter slide moves the drone by centimetres, and a quickly
-/// rocking platform has only such.
+/// Averaging time of the specific force, s: a shorter slide moves the drone by centimetres, and a platform that rocks
+/// quickly has only such slides.
 const MEAN_S: f64 = 1.0;
-/// Longest time between two estimates over which an acceleration is computed, s.
+/// Maximum time between two estimates for computing an acceleration, s.
 const MAX_GAP_S: f64 = 0.3;
-/// Smallest normal force that the slope is computed with, m/s².
+/// Minimum normal force for computing a slope, m/s².
 const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
 
-/// The deck's specific force over the last second, and its steepest slope per window.
+/// Mean specific force of the deck and its steepest slope per window.
 #[derive(Clone, Debug)]
 pub struct ApparentSlope<C: Clock> {
     /// Time and velocity (NED, m/s) of the deck's centre at the last update.
     before: Option<(Time<C>, Vector3<f64>)>,
-    /// Specific force in the deck's axes (m/s²) and the time that each lasted (s), oldest first.
+    /// Specific force in the deck's axes (m/s²) and duration of each (s), oldest first.
     forces: VecDeque<(Vector3<f64>, f64)>,
-    /// Steepest slope per window, newest first, and when the newest began.
+    /// Steepest slope per window, newest first, and start of the newest.
     windows: Seq<u8, SLOPE_WINDOWS>,
     began: Option<Time<C>>,
 }
@@ -49,7 +48,7 @@ impl<C: Clock> Default for ApparentSlope<C> {
 }
 
 impl<C: Clock> ApparentSlope<C> {
-    /// Takes the vessel's state.
+    /// Adds the vessel's state.
     pub fn update(&mut self, e: &VesselEstimate<C>) {
         let [_, _, _, roll, pitch, yaw] = e.eta;
         let attitude = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -58,8 +57,8 @@ impl<C: Clock> ApparentSlope<C> {
         let velocity = Vector3::new(vn, ve, vd) + spin.cross(&(attitude * e.deck_centre()));
         self.push(e.header.at, &attitude, velocity);
     }
-    /// Takes the deck's attitude (NED from deck) and its centre's velocity, m/s. Its acceleration is the difference of its
-    /// velocity: a filter's own acceleration knows only the motion of its model.
+    /// Adds the deck's attitude (NED from deck) and the velocity of its centre, m/s. The acceleration is the difference
+    /// of velocities, because a filter's acceleration contains only modelled motion.
     pub fn push(&mut self, at: Time<C>, attitude: &UnitQuaternion<f64>, velocity: Vector3<f64>) {
         let before = self.before.replace((at, velocity));
         let Some((dt, old)) = before.map(|(t, v)| ((at - t).secs(), v)) else {
@@ -86,12 +85,12 @@ impl<C: Clock> ApparentSlope<C> {
             / self.duration_s();
         let slope = sum.xy().norm() / (-sum.z).max(MIN_NORMAL_FORCE_MPS2);
         if let Some(newest) = self.windows.first_mut() {
-            // A cast of a number too large gives the largest.
+            // The cast saturates.
             *newest = (*newest).max((slope / SLOPE_STEP).round() as u8);
         }
     }
 
-    /// The steepest slope of each window, in units of [`SLOPE_STEP`], the present one first; empty before the first.
+    /// Steepest slope of each window in units of [`SLOPE_STEP`], present one first; empty before the first.
     pub fn slopes(&self, now: Time<C>) -> Seq<u8, SLOPE_WINDOWS> {
         let mut copy = ApparentSlope {
             windows: self.windows,
@@ -108,7 +107,6 @@ impl<C: Clock> ApparentSlope<C> {
         self.forces.iter().map(|f| f.1).sum()
     }
 
-    /// Begins new windows up to `now`.
     fn advance_windows(&mut self, now: Time<C>) {
         let Some(began) = self.began else {
             self.began = Some(now);
@@ -136,8 +134,8 @@ mod tests {
     use crate::time::VesselClock;
     use crate::vessel_model::{ROLL, SWAY};
 
-    /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
-    /// (`with` 1) or not (0); the deck is at its reference point.
+    /// A vessel that rolls by `amplitude` sin(omega t), with the deck at its reference point. If `with` is 1, it
+    /// accelerates sideways like the sloping water under it; if 0, it does not.
     fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope<VesselClock> {
         let mut f = ApparentSlope::default();
         for k in 0..(seconds * RATE_HZ) as u32 {
@@ -149,7 +147,7 @@ mod tests {
             };
             e.eta[ROLL] = amplitude * s;
             e.eta_dot[ROLL] = (amplitude * omega * c) as f32;
-            // Starboard down: the water there accelerates to starboard, g tan(roll).
+            // With starboard down, the water accelerates to starboard by g tan(roll).
             e.eta_dot[SWAY] = (-with * GRAVITY * amplitude * c / omega) as f32;
             f.update(&e);
         }

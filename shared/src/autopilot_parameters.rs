@@ -1,17 +1,17 @@
 //! Parameters of PX4 and ArduCopter that a landing relies on, with limits and reasons.
 //!
-//! Without set-points (companion, pilot or cable dead) the failsafe has to stop the descent: a sink of `v` = 2.5 m/s,
-//! a timeout of `T` = 0.5 s and a braking of `a` = 8 m/s² need `v T + v² / (2 a)` = 1.6 m, the mission's decision
-//! clearance, below which the plan sinks more slowly.
+//! After set-point loss (companion, pilot or cable failed) the failsafe must stop the descent. A sink rate of `v` = 2.5
+//! m/s, a timeout of `T` = 0.5 s and a deceleration of `a` = 8 m/s² need `v T + v² / (2 a)` = 1.6 m. This is the
+//! mission's decision clearance, below which the plan sinks more slowly.
 
 use core::fmt;
 
 /// Requirement on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// Between these, both included; an infinite one is no limit.
+    /// Within these bounds, inclusive; an infinite bound is no limit.
     Within(f64, f64),
-    /// This value, and its name.
+    /// Equal to this value, given with its name.
     Is(f64, &'static str),
     /// One of these values, with their names.
     OneOf(&'static [(f64, &'static str)]),
@@ -19,35 +19,35 @@ pub enum Wanted {
     Bits(u32),
 }
 
-/// Meaning of a value that does not fulfil it.
+/// Consequence of an unsuitable value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
     /// No landing is permitted.
     Refuse,
-    /// A landing may end worse than it has to.
+    /// A landing may end worse than necessary.
     Warn,
 }
 
 /// One parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// The autopilot's name of it.
+    /// Name in the autopilot.
     pub name: &'static str,
-    /// Unit, with a space before it, or nothing.
+    /// Unit with a leading space, or empty.
     pub unit: &'static str,
     /// Requirement on the value.
     pub wanted: Wanted,
-    /// Severity of another value.
+    /// Severity of an unsuitable value.
     pub severity: Severity,
-    /// Effect of another value.
+    /// Effect of an unsuitable value.
     pub why: &'static str,
 }
 
-/// Requests without an answer after which a parameter counts as one that the autopilot does not have.
+/// Number of unanswered requests after which the autopilot counts as lacking a parameter.
 pub const REQUESTS: u32 = 10;
 
-/// PX4's. Those of lost links, battery, fence and return are for a home that is a boat: it has left the place where
-/// home was set, and a landing there is one on the water.
+/// PX4's parameters. The failsafes for lost links, battery, fence and return assume a home that is a boat: it has left
+/// the position where home was set, and landing there means landing on water.
 ///
 /// Source: PX4's parameter reference (main): Commander, Geofence, Return Mode.
 pub const PX4: &[Parameter] = &[
@@ -56,29 +56,29 @@ pub const PX4: &[Parameter] = &[
         unit: " s",
         wanted: Wanted::Within(0.1, 0.5),
         severity: Severity::Refuse,
-        why: "for so long after the last set-point the drone sinks on",
+        why: "the drone keeps descending for this time after the last set-point",
     },
     Parameter {
         name: "COM_OBL_RC_ACT",
         unit: "",
         wanted: Wanted::Is(5.0, "Hold"),
         severity: Severity::Refuse,
-        why: "without set-points it has to stop above the deck, and on the deck to stay for the disarm",
+        why: "without set-points it must stop above the deck, and stay on the deck until disarmed",
     },
     Parameter {
         name: "MPC_ACC_UP_MAX",
         unit: " m/s²",
         wanted: Wanted::Within(8.0, f64::INFINITY),
         severity: Severity::Refuse,
-        why: "without set-points it brakes the sink with no more than this",
+        why: "this limits the deceleration of its descent without set-points",
     },
-    // Off is PX4's default, and on the ground the safer one; the set-points keep a minimum thrust instead.
+    // Off is PX4's default and safer on the ground; instead, the set-points keep a minimum thrust.
     Parameter {
         name: "MC_AIRMODE",
         unit: "",
         wanted: Wanted::Within(1.0, 2.0),
         severity: Severity::Warn,
-        why: "at little thrust its mixer cuts roll and pitch torque",
+        why: "at low thrust its mixer cuts roll and pitch torque",
     },
     Parameter {
         name: "NAV_RCL_ACT",
@@ -99,14 +99,14 @@ pub const PX4: &[Parameter] = &[
         unit: "",
         wanted: Wanted::OneOf(&[(2.0, "Land"), (3.0, "Return, then Land")]),
         severity: Severity::Warn,
-        why: "when Alight is dead for good it hovers until the battery is empty, and falls",
+        why: "if Alight has failed for good it hovers until the battery is empty and falls",
     },
     Parameter {
         name: "BAT_CRIT_THR",
         unit: "",
         wanted: Wanted::Within(0.03, 0.08),
         severity: Severity::Warn,
-        why: "below this charge COM_LOW_BAT_ACT acts, which is to be after Alight has chosen a place",
+        why: "COM_LOW_BAT_ACT acts below this charge, and must do so after Alight has chosen a landing place",
     },
     Parameter {
         name: "GF_ACTION",
@@ -120,33 +120,34 @@ pub const PX4: &[Parameter] = &[
         unit: " s",
         wanted: Wanted::Is(-1.0, "hovers"),
         severity: Severity::Warn,
-        why: "a return has to end in a hover that a person or Alight takes over: home may be water",
+        why: "a return must end in a hover until the pilot or Alight takes over: home may be water",
     },
-    // Of two sensors on a deck that rocks, which the defaults allow.
+    // Consistency checks of redundant sensors that fail on a rocking deck with the defaults.
     Parameter {
         name: "COM_ARM_IMU_ACC",
         unit: " m/s²",
         wanted: Wanted::Within(0.7, f64::INFINITY),
         severity: Severity::Warn,
-        why: "on a rocking deck it does not arm",
+        why: "it does not arm on a rocking deck",
     },
     Parameter {
         name: "COM_ARM_IMU_GYR",
         unit: " rad/s",
         wanted: Wanted::Within(0.25, f64::INFINITY),
         severity: Severity::Warn,
-        why: "on a rocking deck it does not arm",
+        why: "it does not arm on a rocking deck",
     },
     Parameter {
         name: "COM_ARM_MAG_STR",
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "off"), (2.0, "Warning only")]),
         severity: Severity::Warn,
-        why: "over the steel of a deck it does not arm",
+        why: "it does not arm above a steel deck",
     },
 ];
 
-/// ArduCopter's. Those of lost links, battery, fence and return are for a home that is a boat, as PX4's are.
+/// ArduCopter's parameters. Their failsafes for lost links, battery, fence and return assume a home that is a boat,
+/// like PX4's.
 ///
 /// Source: ArduPilot's `ArduCopter/Parameters.cpp`, `AC_AttitudeControl_Multi.cpp`, `AP_BattMonitor_Params.cpp`,
 /// `AC_Fence.cpp`, `AP_InertialSensor.cpp`, `AP_NavEKF_Source.cpp`.
@@ -156,21 +157,21 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: " s",
         wanted: Wanted::Within(0.1, 0.5),
         severity: Severity::Refuse,
-        why: "for so long after the last set-point the drone sinks on",
+        why: "the drone keeps descending for this time after the last set-point",
     },
     Parameter {
         name: THRUST_OPTION,
         unit: "",
         wanted: Wanted::Bits(8),
         severity: Severity::Refuse,
-        why: "it takes the thrust of a set-point for a climb rate",
+        why: "it interprets the thrust of a set-point as a climb rate",
     },
     Parameter {
         name: "ATC_THR_MIX_MIN",
         unit: "",
         wanted: Wanted::Within(0.1, f64::INFINITY),
         severity: Severity::Warn,
-        why: "at little thrust its mixer cuts roll and pitch torque",
+        why: "at low thrust its mixer cuts roll and pitch torque",
     },
     Parameter {
         name: "FS_THR_ENABLE",
@@ -191,7 +192,7 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: "",
         wanted: Wanted::Within(3.0, f64::INFINITY),
         severity: Severity::Warn,
-        why: "it reports no battery, without which no take-off begins; 4 measures voltage and current",
+        why: "it reports no battery, and no take-off begins; 4 measures voltage and current",
     },
     Parameter {
         name: "BATT_FS_LOW_ACT",
@@ -205,7 +206,7 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: "",
         wanted: Wanted::Is(1.0, "Land"),
         severity: Severity::Warn,
-        why: "with the last of its battery it hovers until it falls when Alight is dead, or goes where the boat was",
+        why: "on a critical battery, if Alight has failed, it hovers until it falls or goes where the boat was",
     },
     Parameter {
         name: "BATT_CRT_VOLT",
@@ -226,44 +227,44 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: " cm",
         wanted: Wanted::Within(300.0, f64::INFINITY),
         severity: Severity::Warn,
-        why: "a return has to end in a hover that a person or Alight takes over: home may be water",
+        why: "a return must end in a hover until the pilot or Alight takes over: home may be water",
     },
     Parameter {
         name: "INS_GYR_CAL",
         unit: "",
         wanted: Wanted::Is(0.0, "Never"),
         severity: Severity::Warn,
-        why: "at its start it takes the rocking of the deck for an error of its gyros: calibrate them ashore",
+        why: "it mistakes the rocking of the deck at start-up for a gyro bias: calibrate the gyros ashore",
     },
     Parameter {
         name: "EK3_SRC1_YAW",
         unit: "",
         wanted: Wanted::OneOf(&[(1.0, "compass"), (2.0, "GPS"), (3.0, "GPS, else compass")]),
         severity: Severity::Warn,
-        why: "on the deck it has no heading, and finds it in flight",
+        why: "it has no heading on the deck and aligns it in flight",
     },
 ];
 
-/// ArduCopter's parameter of how it reads a set-point's thrust.
+/// ArduCopter parameter that selects the meaning of a set-point's thrust.
 pub const THRUST_OPTION: &str = "GUID_OPTIONS";
 
-/// Those of PX4 with their numbers, as reasons carry them.
+/// PX4's parameters with the numbers that reasons carry.
 pub fn of_px4() -> impl Iterator<Item = (usize, &'static Parameter)> {
     PX4.iter().enumerate()
 }
-/// Those of ArduCopter with their numbers, which go on from PX4's.
+/// ArduCopter's parameters with the numbers that reasons carry, following PX4's.
 pub fn of_ardu_copter() -> impl Iterator<Item = (usize, &'static Parameter)> {
     ARDU_COPTER.iter().enumerate().map(|(k, p)| (PX4.len() + k, p))
 }
 
-/// The parameter with this number, as a reason carries it.
+/// Parameter with this number in a reason.
 pub(crate) fn numbered(number: f64) -> Option<&'static Parameter> {
     let mut all = of_px4().chain(of_ardu_copter());
     all.find(|(k, _)| *k as f64 == number).map(|(_, p)| p)
 }
 
 impl Wanted {
-    /// A value that suits; a mask's bits alone.
+    /// A suitable value; for a mask its required bits only.
     pub fn value(&self) -> f64 {
         match self {
             Wanted::Within(low, high) if low.is_infinite() => *high,
@@ -276,7 +277,7 @@ impl Wanted {
 }
 
 impl Parameter {
-    /// Whether `value` is as wanted. Autopilots keep 32 bits of it.
+    /// Whether `value` is suitable. Autopilots store 32 bits.
     pub fn suits(&self, value: f64) -> bool {
         let same = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b.abs().max(1.0);
         match self.wanted {
@@ -300,7 +301,7 @@ impl fmt::Display for Described {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Described(p, value) = self;
         let unit = p.unit;
-        // As the autopilot shows it, not with the digits of a wider float.
+        // The value is displayed in single precision, as by the autopilot.
         write!(f, "{} is {}{unit}", p.name, *value as f32)?;
         if p.suits(*value) {
             return Ok(());
@@ -344,11 +345,11 @@ mod tests {
                 &[8.0, 9.0, 72.0],
                 &[0.0, 7.0, -8.0, f64::INFINITY],
             ),
-            // A return to where the boat was is as bad as a landing on the water.
+            // A return to the boat's former position is as bad as a landing on water.
             ("FS_THR_ENABLE", &[0.0, 7.0], &[1.0, 3.0, 4.0, 5.0, f64::NAN]),
             ("NAV_RCL_ACT", &[1.0], &[2.0, 3.0, 5.0]),
             ("NAV_DLL_ACT", &[0.0, 1.0], &[2.0, 3.0]),
-            // A drone whose companion is dead for good must not hover until it falls.
+            // A drone whose companion has failed for good must not hover until it falls.
             ("COM_LOW_BAT_ACT", &[2.0, 3.0], &[0.0, 1.0]),
             ("BAT_CRIT_THR", &[0.05, 0.07], &[0.0, 0.1, 0.15]),
             ("GF_ACTION", &[0.0, 1.0, 2.0], &[3.0, 4.0, 5.0]),
@@ -372,7 +373,8 @@ mod tests {
         let text = |name: &str, value| named(name).describe(value).to_string();
         assert_eq!(
             text("COM_OF_LOSS_T", 1.0),
-            "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed: for so long after the last set-point the drone sinks on"
+            "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed: the drone keeps descending for this time after the last \
+             set-point"
         );
         assert!(
             text("MPC_ACC_UP_MAX", 4.0).starts_with("MPC_ACC_UP_MAX is 4 m/s², at least 8 m/s² is needed")

@@ -1,61 +1,65 @@
-//! The bus between the rows of a computer, and how a node is wired to it.
+//! Bus between the rows of a computer, and wiring of nodes to it. A row is a node with its ports, run by one process.
 //!
-//! A node's wiring is data next to the node, declared once by [`wiring!`]: the topics that it reads (the newest message,
-//! or all), those that it writes, those that wake it, and the checkpoint that outlives its process. What carries the
-//! topics is another crate's [`Bus`].
+//! Each node declares its wiring once with [`wiring!`]: the topics that it reads (the newest message, or all messages),
+//! those that it writes, those that wake it, and the checkpoint that outlives its process. Another crate implements the
+//! [`Bus`] that carries the topics.
 
 mod absent;
+
+use core::any::Any;
+
+use serde::de::DeserializeOwned;
 
 use crate::node::Node;
 use crate::plain::Plain;
 use crate::process::{InputState, ProcessKind};
-use crate::step::{Recorded, Step};
+use crate::step::{Parts, Recorded, Step};
 use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
-/// Carries topics.
+/// Transport of topics between rows.
 pub trait Bus {
-    /// Why a port cannot be opened.
+    /// Error when a port cannot be opened.
     type Error;
-    /// Reads messages `M`.
+    /// Reader of messages `M`.
     type Reader<M: Plain>: Reader<M>;
-    /// Writes messages `M`.
+    /// Writer of messages `M`.
     type Writer<M: Plain>: Writer<M>;
-    /// Wakes a row.
+    /// Signal that wakes a row.
     type Wake: Wake;
 
     /// Opens a reader of the topic of `M`.
     fn reader<M: Plain>(&self) -> Result<Self::Reader<M>, Self::Error>;
     /// Opens a writer of the topic of `M`.
     fn writer<M: Plain>(&self) -> Result<Self::Writer<M>, Self::Error>;
-    /// Opens what wakes a row with each message `M`.
+    /// Opens a signal that wakes a row at each message `M`.
     fn wake<M: Plain>(&self) -> Result<Self::Wake, Self::Error>;
 }
 
 /// Reads messages `M` in the order in which they were sent.
 pub trait Reader<M> {
-    /// The newest message since the last reading, if any came; `now_ns` is the clock of its stamps.
+    /// Newest message since the last read, if any; `now_ns` is on the clock of the messages' stamps.
     fn newest(&mut self, now_ns: i64) -> Option<M>;
-    /// All messages since the last reading, as many as the topic's buffer holds.
+    /// All messages since the last read, at most as many as the topic's buffer holds.
     fn all(&mut self, now_ns: i64) -> Vec<M>;
     /// Counts of messages read and missed so far.
     fn state(&self, now_ns: i64) -> InputState;
 }
 
-/// Signal that a topic brought a message.
+/// Signal that a message has arrived on a topic.
 pub trait Wake {
-    /// Whether one came since it was asked last.
+    /// Whether a message has arrived since the last call.
     fn woke(&mut self) -> bool;
 }
 
-/// Writes messages `M`; never waits for who reads.
+/// Writes messages `M` and never waits for a reader.
 pub trait Writer<M> {
-    /// Sends it to all readers.
+    /// Sends `message` to all readers.
     fn send(&mut self, message: &M);
-    /// Messages that could not be sent.
+    /// Number of messages that could not be sent.
     fn unsent(&self) -> u64;
 
-    /// Sends what there is, an `Option` or a `Vec`; whether there was anything.
+    /// Sends all messages of an `Option` or a `Vec`. Returns whether there were any.
     fn send_each<'a>(&mut self, messages: impl IntoIterator<Item = &'a M>) -> bool
     where
         M: 'a,
@@ -64,95 +68,102 @@ pub trait Writer<M> {
     }
 }
 
-/// A node whose wiring is declared.
-pub trait Wired: Node + Sized {
+/// A node whose wiring is declared. Its steps can be recorded and computed again.
+pub trait Wired: Node<In: Recorded + Clone + DeserializeOwned, Out: Recorded> + Sized {
     /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
+
+    /// Shows the parts of an input that topics bring, each an `Option` or a `Vec` of messages.
+    fn read_parts(input: &mut Self::In, each: &mut dyn FnMut(&mut dyn Any));
+    /// Shows the parts of an output that go to topics, each a collection of messages.
+    fn written_parts(out: &Self::Out, each: &mut dyn FnMut(&dyn Any));
 }
 
-/// The ports of a node on one bus.
+/// Ports of a node on one bus.
 pub trait Ports<B: Bus>: Sized {
     /// The node's input.
     type In;
     /// The node's output.
     type Out;
 
-    /// Opens all.
+    /// Opens all ports.
     fn join(bus: &B) -> Result<Self, B::Error>;
-    /// Opens what wakes the node.
+    /// Opens the signals that wake the node.
     fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error>;
-    /// Reads what came since the last reading; `now_ns` is the computer's clock.
+    /// Reads all input since the last read; `now_ns` is on the computer's clock.
     fn read(&mut self, now_ns: i64) -> Self::In;
-    /// Writes an output, its checkpoint first; whether there was anything in addition to the checkpoint.
+    /// Writes an output, its checkpoint first. Returns whether it contained anything besides the checkpoint.
     fn write(&mut self, out: &Self::Out) -> bool;
-    /// Counts of what was read on each topic.
+    /// Counts of the messages read on each topic.
     fn states(&self, now_ns: i64) -> Vec<InputState>;
-    /// Messages that could not be sent.
+    /// Number of messages that could not be sent.
     fn unsent(&self) -> u64;
 }
 
-/// A node's checkpoint: that of the node before it, until this one writes its own, which it would read.
+/// Checkpoint topic of a node. The node reads its predecessor's checkpoint until it writes its own, which it would
+/// otherwise read back.
 pub struct Saved<B: Bus, M: Plain> {
     own: B::Writer<M>,
     predecessor: Option<B::Reader<M>>,
 }
 
 impl<B: Bus, M: Plain> Saved<B, M> {
-    /// Looks for a predecessor's.
+    /// Opens the topic of the checkpoint.
     pub fn join(bus: &B) -> Result<Saved<B, M>, B::Error> {
         Ok(Saved {
             own: bus.writer()?,
             predecessor: Some(bus.reader()?),
         })
     }
-    /// The predecessor's; `now_ns` is the computer's clock.
+    /// Checkpoint of the predecessor, if any; `now_ns` is on the computer's clock.
     pub fn predecessor(&mut self, now_ns: i64) -> Option<M> {
         self.predecessor.as_mut()?.newest(now_ns)
     }
-    /// Writes its own, where it is due.
+    /// Writes the node's own checkpoint, if it is due.
     pub fn write(&mut self, own: Option<&M>) {
         if self.own.send_each(own) {
             self.predecessor = None;
         }
     }
-    /// Messages that could not be sent.
+    /// Number of messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.own.unsent()
     }
 }
 
-/// The end of a row outside its bus: a radio, a wire, a device; `()` for a row without one.
+/// Connection of a row to the outside of its bus: a radio, a cable or a device; `()` for a row without one.
 pub trait Edge<N: Wired> {
-    /// Adds to the input of a step what came from outside since the last one.
+    /// Adds data from outside since the last step to the input of the next one.
     fn read(&mut self, _input: &mut N::In) {}
-    /// Sends a step's output outside and by the row's ports; whether there was anything in addition to the checkpoint.
+    /// Sends a step's output to the outside and to the row's ports. Returns whether it contained anything besides the
+    /// checkpoint.
     fn write<B: Bus>(&mut self, _input: &N::In, out: &mut N::Out, ports: &mut N::Ports<B>) -> bool {
         ports.write(out)
     }
 }
 impl<N: Wired> Edge<N> for () {}
 
-/// A row without messages steps this often.
+/// Maximum time between two steps of a row without messages.
 pub const MAX_WAIT: Span = Span::from_millis(20);
 
-/// A node with its ports: what one process runs.
+/// Node with its ports, run by one process.
 pub struct Row<N: Wired, B: Bus> {
     /// The node.
     pub node: N,
     /// Ports of the node.
     pub ports: N::Ports<B>,
-    /// Topics that wake it; who waits for them may take them.
+    /// Signals that wake the row; a caller that waits for them may take them.
     pub wakes: Vec<B::Wake>,
     stepped: Option<Time<N::Clock>>,
 }
 
-/// A step that a row has made.
+/// Completed step of a row.
 pub struct RowStep<N: Node> {
-    /// The row's own time.
+    /// Time on the row's own clock.
     pub at: Time<N::Clock>,
     /// Duration of the node's computation.
     pub took: Span,
-    /// Anything was sent in addition to the checkpoint.
+    /// The step sent something besides the checkpoint.
     pub worked: bool,
     /// Input of the step.
     pub input: N::In,
@@ -160,7 +171,7 @@ pub struct RowStep<N: Node> {
     pub out: N::Out,
 }
 
-impl<N: Node<In: Recorded, Out: Recorded>> RowStep<N> {
+impl<N: Wired> RowStep<N> {
     /// As observers see it, of the start of a process with this boot id.
     pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
         Step {
@@ -169,7 +180,18 @@ impl<N: Node<In: Recorded, Out: Recorded>> RowStep<N> {
             now_ns: self.at.nanos(),
             input: &self.input,
             output: &self.out,
+            parts: self,
         }
+    }
+}
+impl<N: Wired> Parts for RowStep<N> {
+    fn input_with(&self, change: &mut dyn FnMut(&mut dyn Any)) -> Box<dyn Recorded> {
+        let mut input = self.input.clone();
+        N::read_parts(&mut input, change);
+        Box::new(input)
+    }
+    fn written(&self, each: &mut dyn FnMut(&dyn Any)) {
+        N::written_parts(&self.out, each);
     }
 }
 
@@ -183,7 +205,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
             stepped: None,
         })
     }
-    /// Whether it steps at `now`: a topic has woken it, or it has waited for [`MAX_WAIT`].
+    /// Whether the row is due at `now`: a topic has woken it, or it has waited for [`MAX_WAIT`].
     pub fn is_due(&mut self, now: Time<N::Clock>) -> bool {
         let woken = self
             .wakes
@@ -191,12 +213,12 @@ impl<N: Wired, B: Bus> Row<N, B> {
             .fold(false, |woken, wake| wake.woke() | woken);
         woken || self.stepped.is_none_or(|at| now - at >= MAX_WAIT)
     }
-    /// One step by the computer's clock, which never goes back.
+    /// Performs one step. `clock` reads the computer's clock, which never goes back.
     pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
         let mut input = self.ports.read(clock().nanos());
         edge.read(&mut input);
-        // Read after the messages: a step is never earlier than a message that it consumes, however long its process was
-        // kept waiting in between.
+        // The clock is read after the messages, so that a step is never earlier than a message that it consumes, even
+        // if the process was delayed in between.
         let at = clock();
         self.stepped = Some(at);
         let mut out = self.node.step(at, &input);
@@ -212,21 +234,22 @@ impl<N: Wired, B: Bus> Row<N, B> {
     }
 }
 
-/// Counts of what was read on one topic, by the messages' own numbers.
+/// Counts of messages read and missed on one topic, from their sequence numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct ReadCounts {
     topic: &'static Topic,
     received: u64,
     missed: u64,
-    /// Boot and sequence of the newest.
+    /// Boot and sequence of the newest message.
     order: Option<(u32, u32)>,
-    /// The newest as the lowest bit and those before it, each that was read or came before the first.
+    /// Bit mask of the newest message (lowest bit) and its predecessors. A bit is set if the message was read, or
+    /// precedes the first message.
     read: u64,
     newest_ns: Option<i64>,
 }
 
 impl ReadCounts {
-    /// Nothing yet.
+    /// Counts of a topic without messages so far.
     pub const fn of(topic: &'static Topic) -> ReadCounts {
         ReadCounts {
             topic,
@@ -237,7 +260,7 @@ impl ReadCounts {
             newest_ns: None,
         }
     }
-    /// A message was read.
+    /// Counts a message that was read.
     pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64) {
         self.received += 1;
         self.newest_ns = Some(at_ns);
@@ -248,7 +271,7 @@ impl ReadCounts {
                 self.missed += ahead as u64 - 1;
                 self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
-            // A message that was overtaken and counted as missed, or one that is repeated.
+            // An overtaken message that was counted as missed, or a repeated one.
             Some(behind @ -63..=0) => {
                 let own = 1 << -behind;
                 self.missed -= u64::from(self.read & own == 0);
@@ -259,7 +282,7 @@ impl ReadCounts {
         }
         self.order = order;
     }
-    /// Counts for a report; `now_ns` is the clock of the messages' stamps.
+    /// Counts for a report; `now_ns` is on the clock of the messages' stamps.
     pub fn state(&self, now_ns: i64) -> InputState {
         let index = topics::ALL.iter().position(|t| t.name == self.topic.name);
         InputState {
@@ -274,8 +297,8 @@ impl ReadCounts {
     }
 }
 
-/// Declares a computer: its rows in the order in which data flow, each a node whose wiring is declared, the process that runs
-/// it, and how it is made for a start with a boot id.
+/// Declares a computer: its rows in the order of the data flow. Each row gives a node with a declared wiring, the
+/// process that runs it, and an expression that creates the node for a start with a boot id.
 ///
 /// ```ignore
 /// computer! {
@@ -285,7 +308,7 @@ impl ReadCounts {
 ///         predictor: Predictor => ProcessKind::Predictor, |of, boot| Predictor::new(&of.drone.predictor(), boot);
 ///     }
 ///     /// Their processes.
-///     PROCESSES: Installed
+///     PROCESSES: Installed, RowVisitor
 /// }
 /// ```
 #[macro_export]
@@ -294,20 +317,20 @@ macro_rules! computer {
         $(#[$doc:meta])* $computer:ident of $nodes:ty {
             $($(#[$about:meta])* $row:ident: $node:ty => $process:expr, $make:expr;)*
         }
-        $(#[$list_doc:meta])* $list:ident: $kind:ident
+        $(#[$list_doc:meta])* $list:ident: $kind:ident, $visitor:ident
     ) => {
         $(#[$doc])*
         pub struct $computer<B: $crate::bus::Bus> {
             $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
         }
         impl<B: $crate::bus::Bus> Default for $computer<B> {
-            /// With none running.
+            /// Computer without running processes.
             fn default() -> Self {
                 $computer { $($row: None,)* }
             }
         }
         impl<B: $crate::bus::Bus> $computer<B> {
-            /// Starts this process of the computer, in the place of one that runs.
+            /// Starts this process of the computer, and replaces it if it already runs.
             pub fn start(
                 &mut self,
                 process: $crate::process::ProcessKind,
@@ -319,7 +342,7 @@ macro_rules! computer {
                 })*
                 Ok(())
             }
-            /// Ends it.
+            /// Ends this process.
             pub fn kill(&mut self, process: $crate::process::ProcessKind) {
                 $(if process == $process {
                     self.$row = None;
@@ -328,11 +351,11 @@ macro_rules! computer {
         }
         $(#[$list_doc])*
         pub const $list: &[$crate::process::ProcessKind] = &[$($process),*];
-        /// A node that is a row of this computer: a process runs it.
+        /// Node of a row of this computer, run by one of its processes.
         pub trait $kind: $crate::bus::Wired {
-            /// Which.
+            /// Process that runs the node.
             const KIND: $crate::process::ProcessKind;
-            /// The node for a start with this boot id.
+            /// Creates the node for a start with this boot id.
             fn installed(nodes: &$nodes, boot: u32) -> Self;
         }
         $(impl $kind for $node {
@@ -342,11 +365,25 @@ macro_rules! computer {
                 make(nodes, boot)
             }
         })*
+        /// Does something for a row, whichever node it is.
+        pub trait $visitor: Sized {
+            /// Result for a row.
+            type Found;
+            /// For the row of this node.
+            fn row<N: $kind + 'static>(self) -> Self::Found;
+            /// For the row of this process; None: the computer has none.
+            fn visit(self, process: $crate::process::ProcessKind) -> Option<Self::Found> {
+                $(if process == $process {
+                    return Some(self.row::<$node>());
+                })*
+                None
+            }
+        }
     };
 }
 pub use crate::computer;
 
-/// Declares readers of topics outside the rows, by their messages.
+/// Declares readers of topics outside the rows, by message type.
 #[macro_export]
 macro_rules! readers {
     ($(#[$doc:meta])* $vis:vis struct $name:ident { $($field:ident: $read:ty),* $(,)? }) => {
@@ -366,11 +403,11 @@ macro_rules! readers {
 }
 pub use crate::readers;
 
-/// Declares the wiring of a node, with the names of the fields of its input and of its output:
+/// Declares the wiring of a node, with the field names of its input and output:
 ///
 /// ```ignore
 /// wiring! {
-///     /// What the planner reads and writes.
+///     /// Inputs and outputs of the planner.
 ///     PlannerPorts of Planner: PlannerIn => PlannerOut {
 ///         reads { newest forecast: DeckForecast, all commands: Command }
 ///         edge { packets }
@@ -381,8 +418,8 @@ pub use crate::readers;
 /// }
 /// ```
 ///
-/// Inputs that come by an edge (packets, frames of a link) are left empty for who holds the edge. `edge` and `saves` may
-/// be left out; a field of the input that is named nowhere does not compile.
+/// Inputs from an edge (packets, frames of a link) stay empty and are filled by the owner of the edge. `edge` and
+/// `saves` are optional. The macro does not compile if a field of the input is not named.
 #[macro_export]
 macro_rules! wiring {
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
@@ -440,6 +477,15 @@ macro_rules! wiring {
         }
         impl $crate::bus::Wired for $node {
             type Ports<B: $crate::bus::Bus> = $ports<B>;
+
+            #[allow(unused_variables, reason = "a node may read nothing")]
+            fn read_parts(input: &mut $input, each: &mut dyn FnMut(&mut dyn core::any::Any)) {
+                $(each(&mut input.$in);)*
+            }
+            #[allow(unused_variables, reason = "a node may write nothing")]
+            fn written_parts(out: &$output, each: &mut dyn FnMut(&dyn core::any::Any)) {
+                $(each(&out.$out);)*
+            }
         }
     };
 }
@@ -447,17 +493,18 @@ pub use crate::wiring;
 
 #[cfg(test)]
 mod tests {
-    use core::any::Any;
     use core::cell::RefCell;
     use core::convert::Infallible;
     use core::marker::PhantomData;
     use std::rc::Rc;
 
+    use serde::{Deserialize, Serialize};
+
     use super::*;
     use crate::msg::{MissionCheckpoint, MissionState, Plan, RangeSample};
     use crate::time::{DroneClock, Time};
 
-    /// All that was sent, in order.
+    /// All sent messages, in order.
     #[derive(Default)]
     struct Wire(Rc<RefCell<Vec<Box<dyn Any>>>>);
     struct Port<M>(Rc<RefCell<Vec<Box<dyn Any>>>>, usize, PhantomData<M>);
@@ -513,13 +560,14 @@ mod tests {
     }
 
     pub struct Echo;
+    #[derive(Clone, Default, Serialize, Deserialize)]
     pub struct In {
         plan_in: Option<Plan>,
         ranges: Vec<RangeSample>,
         frames: Vec<u8>,
         kept: Option<MissionCheckpoint>,
     }
-    #[derive(Default)]
+    #[derive(Default, Serialize)]
     pub struct Out {
         states: Vec<MissionState>,
         plan: Option<Plan>,
@@ -565,7 +613,7 @@ mod tests {
         let again = ports.read(0);
         assert!(again.plan_in.is_none() && again.ranges.is_empty());
 
-        // The checkpoint first; and from then on it is its own.
+        // The checkpoint is written first. From then on, the predecessor's is not read any more.
         assert!(!ports.write(&Out {
             kept: Some(MissionCheckpoint::default()),
             ..Out::default()
@@ -582,6 +630,14 @@ mod tests {
         assert!(ports.read(0).kept.is_none());
 
         assert_eq!((ports.states(0).len(), ports.unsent()), (2, 3));
+        let (mut read, mut written) = (0, 0);
+        Echo::read_parts(&mut In::default(), &mut |part| {
+            read += usize::from(part.is::<Option<Plan>>() || part.is::<Vec<RangeSample>>());
+        });
+        Echo::written_parts(&Out::default(), &mut |part| {
+            written += usize::from(part.is::<Vec<MissionState>>())
+        });
+        assert_eq!((read, written), (2, 1));
         assert_eq!(
             EchoPorts::wakes(&wire),
             Ok(vec![crate::topics::RANGE.name, crate::topics::PLAN.name])

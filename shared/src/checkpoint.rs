@@ -1,6 +1,6 @@
-//! Checkpoints of a crashed predecessor, from which a successor goes on. A node publishes its checkpoint as it runs; a
-//! [`Keeper`] holds the newest of each node; a successor waits for its answer ([`Recovery`]) and validates it before it
-//! counts ([`validate`]).
+//! Checkpoints from which a restarted node continues. A node publishes its checkpoint as it runs, and a [`Keeper`]
+//! stores the newest of each node. A restarted node waits for the stored checkpoint ([`Recovery`]) and validates it
+//! before use ([`validate`]).
 
 use core::fmt;
 
@@ -15,23 +15,23 @@ use crate::time::{DroneClock, Span, Time};
 use crate::topics;
 use crate::wire::{self, WireError};
 
-/// A successor waits so long for an answer: 15 periods of its keeper.
+/// Timeout for the stored checkpoint: 15 periods of its publisher.
 const TIMEOUT: Span = Span::from_millis(300);
-/// A checkpoint may lie so far ahead of its reader's clock.
+/// Maximum lead of a checkpoint over its reader's clock.
 const AHEAD: Span = Span::from_millis(50);
 
-/// Why a checkpoint does not count.
+/// Reason for rejecting a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CheckpointRejection {
-    /// Another layout.
+    /// Another layout version.
     Version,
-    /// Another drone's.
+    /// Written by another drone.
     OtherDrone,
     /// Too old, or from the future.
     Age,
-    /// A number in it is outside what its writer can write.
+    /// Contains a number that its writer cannot write.
     Damaged,
-    /// From another boot of the computer, whose clock was another, or from another vessel.
+    /// Written in another boot of the computer, on another clock, or for another vessel.
     OtherOwner,
 }
 
@@ -47,17 +47,16 @@ impl fmt::Display for CheckpointRejection {
     }
 }
 
-/// A node that begins waits for the checkpoint of a crashed predecessor.
+/// Start-up of a node that waits for the checkpoint of its crashed predecessor.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery<M> {
     since: Option<Time<DroneClock>>,
-    /// The keeper's answer.
     answer: Option<M>,
 }
 
 impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
-    /// Takes the checkpoint that the node with this `boot` is `given`; true once the keeper has answered, or the wait is
-    /// over.
+    /// Takes the checkpoint `given` to the node with this `boot`. Returns true once one has arrived or the wait has
+    /// timed out.
     pub fn poll(&mut self, now: Time<DroneClock>, boot: u32, given: Option<&M>) -> bool {
         self.answer = given.filter(|m| m.header().boot != boot).copied().or(self.answer);
         self.answer.is_some() || self.waited(now) >= TIMEOUT
@@ -66,13 +65,13 @@ impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
     pub fn waited(&mut self, now: Time<DroneClock>) -> Span {
         now - *self.since.get_or_insert(now)
     }
-    /// The predecessor's checkpoint, not yet validated; None where the keeper has none (boot 0).
+    /// Checkpoint of the predecessor, not yet validated; None if none is stored (boot 0).
     pub fn checkpoint(&self) -> Option<M> {
         self.answer.filter(|m| m.header().boot != 0)
     }
 }
 
-/// Whether `m` counts at `now` for drone `drone`.
+/// Validates `m` at `now` for drone `drone`.
 pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Result<(), CheckpointRejection> {
     let h = m.header();
     if h.version != MESSAGE_VERSION {
@@ -87,23 +86,23 @@ pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Resu
     m.check().map_err(|_field| CheckpointRejection::Damaged)
 }
 
-/// A node's checkpoint, with its place in the [`Keeper`].
+/// Checkpoint of a node, with its place in the [`Keeper`].
 pub trait Checkpoint: Message<Clock = DroneClock> + Copy + Default {
-    /// An older one does not count.
+    /// Age above which the checkpoint is rejected.
     const MAX_AGE: Span;
-    /// Place of the checkpoint among the kept ones.
+    /// Stored checkpoint of this kind.
     fn of(keeper: &Keeper) -> &Latest<Self>;
-    /// Mutable place of the checkpoint among the kept ones.
+    /// Stored checkpoint of this kind, mutable.
     fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self>;
 }
 
 macro_rules! kept {
     ($($field:ident: $checkpoint:ty, $topic:ident;)*) => {
-        /// Holds the newest checkpoint of each node of a drone, for a successor.
+        /// Stores the newest checkpoint of each node of a drone for a restart.
         #[derive(Clone, Debug, Default)]
         pub struct Keeper { $($field: Latest<$checkpoint>,)* }
 
-        /// Part of a [`Keeper`] that the file holds.
+        /// Part of a [`Keeper`] that is saved to a file.
         #[derive(Default, Serialize, Deserialize)]
         struct Checkpoints { $($field: Option<$checkpoint>,)* }
 
@@ -132,10 +131,9 @@ kept! {
     link: LinkCheckpoint, LINK_CHECKPOINT;
 }
 
-/// Layout of the file.
 const FILE_VERSION: u32 = 1;
 
-/// A file of what outlives a process, and what it has to fulfil to count.
+/// File with state that outlives a process, and the fields that validate it.
 #[derive(Serialize, Deserialize)]
 struct File {
     version: (u32, u16),
@@ -150,8 +148,8 @@ impl File {
     }
 }
 
-/// The content of a file that outlives a process: `kept` in this layout, with whose it is (a boot of the computer, a vessel) and a
-/// checksum.
+/// Content of a file that outlives a process: `kept` in this layout, with its owner (boot of the computer, or vessel)
+/// and a checksum.
 pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u8>, WireError> {
     let mut file = File {
         version: (layout, MESSAGE_VERSION),
@@ -163,7 +161,7 @@ pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u
     wire::encode_record(&file)
 }
 
-/// Content of such a file, where it is whole, of this layout and this owner's.
+/// Reads a file written by [`to_file`]. The file must be complete, and its layout and owner must match.
 pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
     let damaged = |_: WireError| CheckpointRejection::Damaged;
     let file: File = wire::decode_record(file).map_err(damaged)?;
@@ -180,20 +178,20 @@ pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Re
 }
 
 impl Keeper {
-    /// Takes a checkpoint that a node published; whether it is newer than the last.
+    /// Takes a checkpoint published by a node. Returns whether it is newer than the stored one.
     pub fn take<M: Checkpoint>(&mut self, now: Time<DroneClock>, m: Option<&M>) -> bool {
         m.filter(|m| m.header().boot != 0)
             .is_some_and(|m| M::of_mut(self).offer(now, m))
     }
-    /// The newest; boot 0 without one.
+    /// Newest checkpoint; boot 0 without one.
     pub fn newest<M: Checkpoint>(&self) -> M {
         M::of(self).get().copied().unwrap_or_default()
     }
-    /// The answer to the node with this `boot`; None once it has published its own.
+    /// Stored checkpoint for the node with this `boot`; None once it has published its own.
     pub fn answer<M: Checkpoint>(&self, boot: u32) -> Option<M> {
         Some(self.newest()).filter(|m: &M| m.header().boot != boot)
     }
-    /// Part that outlives the computer's boot: the purpose of the flight.
+    /// Part that stays valid across a reboot of the computer: the purpose of the flight.
     pub fn lasting(&self) -> Keeper {
         let mut kept = Keeper::default();
         let mission = self.mission.get().and_then(MissionCheckpoint::lasting);
@@ -202,16 +200,16 @@ impl Keeper {
         kept.take(Time::EPOCH, link.as_ref());
         kept
     }
-    /// It keeps nothing.
+    /// Whether it holds no checkpoint.
     pub fn is_empty(&self) -> bool {
         self.predictor.get().is_none() && self.mission.get().is_none() && self.link.get().is_none()
     }
-    /// The content of a file that outlives the keeper. The checkpoints' times are the computer's steady clock, which
-    /// begins again at each boot: `computer_boot` names this boot.
+    /// Content of the file. The checkpoints' times are on the computer's steady clock, which restarts at each boot;
+    /// `computer_boot` identifies this boot.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
         to_file(FILE_VERSION, computer_boot, &self.checkpoints())
     }
-    /// Takes the checkpoints of a former keeper's file.
+    /// Restores the checkpoints of an earlier file.
     pub fn restore(
         &mut self,
         now: Time<DroneClock>,
@@ -223,8 +221,8 @@ impl Keeper {
     }
 }
 
-/// The supervisor's place on the bus: a [`Keeper`] that takes the newest checkpoint of each node and publishes it on the same topic,
-/// where a node that begins looks for one of another boot; without one it publishes that.
+/// Bus endpoint of the supervisor: takes the newest checkpoint of each node into a [`Keeper`] and publishes it on the
+/// same topic, where a starting node looks for one of another boot. Without a checkpoint it publishes one with boot 0.
 pub struct Republisher<B: Bus> {
     keeper: Keeper,
     predictor: Republished<B, PredictorCheckpoint>,
@@ -233,7 +231,7 @@ pub struct Republisher<B: Bus> {
 }
 
 impl<B: Bus> Republisher<B> {
-    /// Begins with what `keeper` holds.
+    /// Starts with the checkpoints in `keeper`.
     pub fn join(bus: &B, keeper: Keeper) -> Result<Republisher<B>, B::Error> {
         Ok(Republisher {
             keeper,
@@ -242,7 +240,7 @@ impl<B: Bus> Republisher<B> {
             link: Republished::join(bus)?,
         })
     }
-    /// Takes what was published; whether something is new.
+    /// Takes published checkpoints. Returns whether one is new.
     pub fn take(&mut self, now: Time<DroneClock>) -> bool {
         let new = [
             self.predictor.take(now, &mut self.keeper),
@@ -251,7 +249,7 @@ impl<B: Bus> Republisher<B> {
         ];
         new.contains(&true)
     }
-    /// Takes new checkpoints, and publishes the newest of each.
+    /// Takes new checkpoints and publishes the newest of each.
     pub fn poll(&mut self, now: Time<DroneClock>) -> bool {
         let new = self.take(now);
         self.predictor.own.send(&self.keeper.newest());
@@ -259,17 +257,17 @@ impl<B: Bus> Republisher<B> {
         self.link.own.send(&self.keeper.newest());
         new
     }
-    /// The checkpoints that it holds.
+    /// Stored checkpoints.
     pub const fn keeper(&self) -> &Keeper {
         &self.keeper
     }
-    /// The checkpoints that it holds, mutable.
+    /// Stored checkpoints, mutable.
     pub const fn keeper_mut(&mut self) -> &mut Keeper {
         &mut self.keeper
     }
 }
 
-/// One node's.
+/// Checkpoint of one node on the bus.
 struct Republished<B: Bus, M: Plain> {
     nodes: B::Reader<M>,
     own: B::Writer<M>,
@@ -282,7 +280,7 @@ impl<B: Bus, M: Plain + Checkpoint> Republished<B, M> {
             own: bus.writer()?,
         })
     }
-    /// Whether there is a new one. It receives its own publications, which are no newer.
+    /// Returns whether a new checkpoint arrived. Own publications come back and are not newer.
     fn take(&mut self, now: Time<DroneClock>, keeper: &mut Keeper) -> bool {
         let taken = |new, m| keeper.take(now, Some(&m)) | new;
         self.nodes.all(now.nanos()).into_iter().fold(false, taken)
@@ -331,7 +329,7 @@ mod tests {
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
-    /// The purpose of the flight outlives a boot of the computer, at any time of its new clock, and is no fresh checkpoint.
+    /// The purpose of a flight outlives a reboot with any new clock, but does not count as a fresh checkpoint.
     #[test]
     fn keeper_after_a_reboot() {
         assert!(keeper().lasting().is_empty());
@@ -357,7 +355,7 @@ mod tests {
         for now in [0.1, 3.0, 1000.0].map(at) {
             assert_eq!(validate(now, 1, &kept), Err(CheckpointRejection::Age));
         }
-        // A newer one of the same boot comes before.
+        // A newer checkpoint of the same boot has priority.
         assert!(k.take(at(1.0), Some(&mission(7, 1.0))));
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }

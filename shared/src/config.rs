@@ -1,5 +1,5 @@
-//! Typed configuration: TOML, units in key names, unknown keys rejected, values checked against
-//! their allowed range with an error that names key, value and range.
+//! Typed configuration in TOML with units in key names. Unknown keys are rejected, values are checked against their
+//! allowed range, and errors name key, value and range.
 
 mod whole;
 
@@ -12,13 +12,13 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::{Table, Value};
 
-/// Why a configuration was rejected.
+/// Reason for rejecting a configuration.
 #[derive(Debug, Error)]
 pub enum ConfigError {
     /// The file could not be read.
     #[error("reading configuration {path}: {source}; check the path and its permissions")]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the system.
         source: std::io::Error,
@@ -26,7 +26,7 @@ pub enum ConfigError {
     /// Not TOML, an unknown key, or a value of the wrong type.
     #[error("parsing configuration {origin}: {message}")]
     Parse {
-        /// The file, or what else the text came from.
+        /// File or other origin of the text.
         origin: String,
         /// Error of the parser, with line and column.
         message: String,
@@ -36,20 +36,20 @@ pub enum ConfigError {
     Range {
         /// Dotted key.
         key: String,
-        /// The value found.
+        /// Value found.
         value: String,
-        /// The permitted range, as text.
+        /// Permitted range as text.
         allowed: String,
     },
 }
 
-/// A configuration table: its values can be checked and its keys described.
+/// Configuration table whose values can be checked and whose keys can be described.
 pub trait Check {
-    /// Tables that a former version had, by their dotted names, with what became of them.
+    /// Tables of former versions by their dotted names, with their replacement.
     const FORMER: &'static [(&'static str, &'static str)] = &[];
-    /// Checks every value; `at` knows the dotted path of this table.
+    /// Checks every value; `at` holds the dotted path of this table.
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError>;
-    /// Puts what each key means (unit and source included) under its dotted name.
+    /// Inserts the meaning of each key (including unit and source) under its dotted name.
     fn describe(_at: &Keys<'_>, _keys: &mut BTreeMap<String, String>)
     where
         Self: Sized,
@@ -57,9 +57,9 @@ pub trait Check {
     }
 }
 
-/// Numbers that can be held against a range, each of several alike.
+/// Number, or list of numbers, that can be checked against a range.
 pub trait InRange {
-    /// `range.start <= value <= range.end` for all of them; a NaN fails.
+    /// Checks `range.start <= value <= range.end` for every number; a NaN fails.
     fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError>;
 }
 
@@ -96,9 +96,8 @@ impl<T: InRange> InRange for Option<T> {
     }
 }
 
-/// Declares a table of the configuration in one place: for each key its meaning, unit and source (the
-/// doc comment), its type, its default and its range. Makes the struct, `Default`, [`Check`] and serde's
-/// traits; a key that is not declared is rejected.
+/// Declares a configuration table: for each key its meaning, unit and source (the doc comment), type, default and
+/// range. Generates the struct, `Default`, [`Check`] and serde's traits; undeclared keys are rejected.
 ///
 /// ```
 /// alight_shared::config! {
@@ -116,7 +115,7 @@ impl<T: InRange> InRange for Option<T> {
 ///     }
 /// }
 /// ```
-/// `= DEFAULT, table` is a table whose default here is not its own.
+/// `= DEFAULT, table` gives a nested table a default that differs from its own.
 #[macro_export]
 macro_rules! config {
     (
@@ -185,7 +184,7 @@ macro_rules! config {
     (@doc $($other:tt)*) => { "" };
 }
 
-/// The dotted path of a table, for errors.
+/// Dotted path of a table, for errors.
 #[derive(Clone, Copy, Debug)]
 pub struct Keys<'a> {
     parent: Option<&'a Keys<'a>>,
@@ -193,7 +192,7 @@ pub struct Keys<'a> {
 }
 
 impl<'a> Keys<'a> {
-    /// The root of a file.
+    /// Root of a file.
     pub const ROOT: Keys<'static> = Keys {
         parent: None,
         name: "",
@@ -206,7 +205,7 @@ impl<'a> Keys<'a> {
             name,
         }
     }
-    /// The dotted name of `key` in this table.
+    /// Dotted name of `key` in this table.
     pub fn key(&self, key: &str) -> String {
         let mut parts = vec![key];
         let mut at = Some(self);
@@ -219,7 +218,7 @@ impl<'a> Keys<'a> {
         parts.reverse();
         parts.join(".")
     }
-    /// `low <= value <= high`; a NaN fails.
+    /// Checks `low <= value <= high`; a NaN fails.
     pub fn range(&self, key: &str, value: f64, low: f64, high: f64) -> Result<(), ConfigError> {
         if (low..=high).contains(&value) {
             return Ok(());
@@ -230,14 +229,14 @@ impl<'a> Keys<'a> {
             allowed: format!("{low} to {high}"),
         })
     }
-    /// Every item of a list in range.
+    /// Checks every item of a list against a range.
     pub fn ranges(&self, key: &str, values: &[f64], low: f64, high: f64) -> Result<(), ConfigError> {
         values
             .iter()
             .enumerate()
             .try_for_each(|(i, v)| self.range(&format!("{key}[{i}]"), *v, low, high))
     }
-    /// Any other condition, with its text.
+    /// Checks another condition, with the allowed values as text.
     pub fn require(
         &self,
         ok: bool,
@@ -256,8 +255,8 @@ impl<'a> Keys<'a> {
     }
 }
 
-/// Parses and checks a configuration; `origin` names the text in errors. A list that is longer than its type is an error
-/// with what its key means, and a table of a former version one with what became of it.
+/// Parses and checks a configuration; `origin` names the text in errors. A list longer than its type is an error with
+/// the key's meaning, and a table of a former version is an error with its replacement.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let meaning = |key: &str| {
         let mut meanings = BTreeMap::new();
@@ -283,7 +282,7 @@ pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T,
     Ok(config)
 }
 
-/// Reads TOML that is no table of ours, as strictly: a list that is longer than its type is an error.
+/// Reads TOML without a table declaration, as strictly: a list longer than its type is an error.
 pub fn read<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     whole::read(text, origin, |_| None)
 }
@@ -297,12 +296,12 @@ pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> 
     parse(&text, &path.display().to_string())
 }
 
-/// A configuration as TOML with the meaning of each key (unit and source included) above it.
+/// Configuration as TOML with the meaning of each key (including unit and source) above it.
 pub fn commented<T: Serialize + Check>(config: &T) -> Result<String, toml::ser::Error> {
     commented_keys(config, &|_| true)
 }
 
-/// The keys of a configuration whose dotted names are `wanted`, as TOML with the meaning of each above it.
+/// Keys of a configuration whose dotted names are in `wanted`, as TOML with the meaning of each above it.
 pub fn commented_keys<T: Serialize + Check>(
     config: &T,
     wanted: &dyn Fn(&str) -> bool,
@@ -317,7 +316,7 @@ pub fn commented_keys<T: Serialize + Check>(
     Ok(out)
 }
 
-/// Simple keys first, then the tables below, as TOML wants them.
+/// Writes simple keys first, then the tables below, as TOML requires.
 fn write_table(
     table: &Table,
     path: &str,

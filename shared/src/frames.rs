@@ -1,9 +1,9 @@
-//! Typed frames: a vector, point or rotation carries the frame it is expressed in, and mixing
-//! frames does not compile.
+//! Typed frames: a vector, point or rotation carries its frame, and mixing frames does not compile.
 //!
-//! World frames are north, east, down about a place ([`Datum`]). Alight has three of them: [`VesselNed`] begins at the
-//! vessel's first GNSS fix, [`DroneNed`] where the drone's autopilot began, and each is displaced by its craft's own
-//! GNSS error (a metre or more); [`TrueNed`] exists in the simulated world only. Bodies are FRD (forward, right, down).
+//! World frames are north, east, down about an origin ([`Datum`]). Alight has three: [`VesselNed`] starts at the
+//! vessel's first GNSS fix and [`DroneNed`] at the origin of the drone's autopilot, each displaced by its own GNSS
+//! error of a metre or more; [`TrueNed`] exists only in the simulated world. Body frames are FRD (forward, right,
+//! down).
 //!
 //! ```compile_fail
 //! use alight_shared::frames::{Vector, VesselNed, DroneNed};
@@ -16,7 +16,7 @@ use core::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// A coordinate frame.
+/// Coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
     /// Name for messages.
     const NAME: &'static str;
@@ -31,16 +31,16 @@ macro_rules! frames {
     )*};
 }
 frames! {
-    /// NED about the vessel's datum as its GNSS sees it.
+    /// NED about the vessel's datum, by its GNSS.
     VesselNed = "vessel NED";
-    /// NED about the autopilot's origin as its navigation sees it.
+    /// NED about the autopilot's origin, by its navigation.
     DroneNed = "drone NED";
     /// The simulated world's NED tangent plane.
     TrueNed = "true NED";
     /// The vessel's body, FRD, origin at its reference point (midships on the waterline at rest).
     VesselBody = "vessel FRD";
-    /// The vessel-parallel frame: horizontal, turned by the heading, origin at the reference point
-    /// (Fossen 2011, section 7.5.3).
+    /// Vessel-parallel frame: horizontal, rotated by the heading, origin at the reference point (Fossen 2011, section
+    /// 7.5.3).
     VesselParallel = "vessel-parallel";
     /// The landing deck, FRD, origin at the centre of its upper surface.
     Deck = "deck FRD";
@@ -52,22 +52,22 @@ frames! {
     Tag = "tag FRD";
 }
 
-/// A free vector in frame `F` (displacement, velocity, acceleration, rate, force), SI units.
+/// Free vector in frame `F` (displacement, velocity, acceleration, rate, force), SI units.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Vector<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
-/// A position in frame `F`, m.
+/// Position in frame `F`, m.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Point<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
-/// The rotation that takes coordinates in `From` to coordinates in `To`: `v_to = R v_from`.
+/// Rotation that maps coordinates in `From` to coordinates in `To`: `v_to = R v_from`.
 #[derive(Clone, Copy, PartialEq)]
 pub struct Rotation<To, From>(pub UnitQuaternion<f64>, PhantomData<fn() -> (To, From)>);
 
 impl<F> Vector<F> {
-    /// From components.
+    /// Vector from components.
     pub const fn new(x: f64, y: f64, z: f64) -> Self {
         Vector(Vector3::new(x, y, z), PhantomData)
     }
-    /// From a bare vector whose frame the caller vouches for.
+    /// Vector from bare components; the caller guarantees their frame.
     pub const fn from(v: Vector3<f64>) -> Self {
         Vector(v, PhantomData)
     }
@@ -89,29 +89,29 @@ impl<F> Vector<F> {
     }
 }
 impl<F> Point<F> {
-    /// From components, m.
+    /// Point from components, m.
     pub const fn new(x: f64, y: f64, z: f64) -> Self {
         Point(Vector3::new(x, y, z), PhantomData)
     }
-    /// From a bare vector whose frame the caller vouches for.
+    /// Point from bare coordinates; the caller guarantees their frame.
     pub const fn from(v: Vector3<f64>) -> Self {
         Point(v, PhantomData)
     }
-    /// The frame's origin.
+    /// Origin of the frame.
     pub const fn origin() -> Self {
         Self::new(0.0, 0.0, 0.0)
     }
 }
 impl<To, From> Rotation<To, From> {
-    /// From a bare quaternion whose frames the caller vouches for.
+    /// Rotation from a bare quaternion; the caller guarantees its frames.
     pub const fn from(q: UnitQuaternion<f64>) -> Self {
         Rotation(q, PhantomData)
     }
-    /// The two frames are parallel.
+    /// Identity, for parallel frames.
     pub fn identity() -> Self {
         Self::from(UnitQuaternion::identity())
     }
-    /// ZYX Euler angles (Fossen 2011, eq. 2.18): `R = Rz(yaw) Ry(pitch) Rx(roll)`, rad.
+    /// Rotation from ZYX Euler angles (Fossen 2011, eq. 2.18): `R = Rz(yaw) Ry(pitch) Rx(roll)`, rad.
     pub fn from_euler(roll: f64, pitch: f64, yaw: f64) -> Self {
         Self::from(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
     }
@@ -119,11 +119,11 @@ impl<To, From> Rotation<To, From> {
     pub fn euler(&self) -> (f64, f64, f64) {
         self.0.euler_angles()
     }
-    /// The other way round.
+    /// Inverse rotation.
     pub fn inverse(&self) -> Rotation<From, To> {
         Rotation::from(self.0.inverse())
     }
-    /// Image of `From`'s down axis, e.g. the direction a body points its belly.
+    /// Image of `From`'s down axis, e.g. the viewing direction of a downward camera.
     pub fn down(&self) -> Vector<To> {
         Vector::from(self.0 * Vector3::z())
     }
@@ -197,8 +197,8 @@ impl<A, B, C> Mul<Rotation<B, C>> for Rotation<A, B> {
     }
 }
 
-/// Rotation body from camera, of one that looks down along the body's axes: camera x is body y, camera y is body -x, camera z
-/// is body z.
+/// Rotation from camera to body for a camera that looks down with aligned axes: camera x is body y, camera y is body
+/// -x, camera z is body z.
 pub fn body_from_camera() -> Matrix3<f64> {
     Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
@@ -210,8 +210,8 @@ pub fn wrap_angle(a: f64) -> f64 {
     if w <= -PI { PI } else { w }
 }
 
-/// Euler-angle rates from body rates: `T(phi, theta)` of Fossen 2011, eq. 2.28 (rad/s). Singular
-/// at pitch +-90 deg, where the cosine is held at 1e-3.
+/// Euler-angle rates from body rates: `T(phi, theta)` of Fossen 2011, eq. 2.28 (rad/s). Singular at pitch +-90 deg,
+/// where the cosine is limited to 1e-3.
 pub fn euler_rates(roll: f64, pitch: f64, body: Vector3<f64>) -> Vector3<f64> {
     let (sr, cr) = roll.sin_cos();
     let cp = if pitch.cos().abs() < 1e-3 {
@@ -251,11 +251,11 @@ mod tests {
 
     #[test]
     fn rotation_from_second_to_first_frame() {
-        // A vessel heading east: its bow points east.
+        // With the vessel heading east, the bow points east.
         let r = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.0, core::f64::consts::FRAC_PI_2);
         let bow = r * Vector::new(1.0, 0.0, 0.0);
         assert!((bow.0 - Vector3::new(0.0, 1.0, 0.0)).norm() < 1e-12);
-        // Bow up is positive pitch: the bow then points to negative down.
+        // Positive pitch raises the bow: it points towards negative down.
         let up = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.1, 0.0) * Vector::new(1.0, 0.0, 0.0);
         assert!(up.0.z < 0.0);
     }

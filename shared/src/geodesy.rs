@@ -1,4 +1,4 @@
-//! Places on the WGS-84 ellipsoid and the local frames that begin there.
+//! Positions on the WGS-84 ellipsoid and local frames about them.
 
 use core::f64::consts::TAU;
 
@@ -14,10 +14,10 @@ const A: f64 = 6_378_137.0;
 const F: f64 = 1.0 / 298.257_223_563;
 /// First eccentricity squared.
 const E2: f64 = F * (2.0 - F);
-/// Iterations of a latitude: each gains a factor of 1 / `E2` = 150, so that these reach the last bit.
+/// Iterations for a latitude. Each reduces the error by a factor of 1 / `E2` = 150; these reach the last bit.
 const ITERATIONS: usize = 8;
 
-/// A knot, m/s: a nautical mile in an hour.
+/// Speed of one knot, m/s: one nautical mile per hour.
 pub const KNOT_MPS: f64 = 1852.0 / 3600.0;
 
 /// WGS-84 position of the origin of a local frame.
@@ -34,7 +34,7 @@ pub struct Datum {
 }
 
 impl Datum {
-    /// From geodetic latitude and longitude, deg, and the height above the ellipsoid, m.
+    /// Position from geodetic latitude and longitude, deg, and height above the ellipsoid, m.
     pub const fn new(latitude_deg: f64, longitude_deg: f64, height_m: f64) -> Self {
         Datum {
             latitude_deg,
@@ -43,15 +43,15 @@ impl Datum {
         }
     }
 
-    /// It is on the Earth, or near it.
+    /// Whether it is on or near the Earth.
     pub fn is_on_earth(&self) -> bool {
         // NaN compares false.
         self.latitude_deg.abs() <= 90.0 && self.longitude_deg.abs() <= 360.0 && self.height_m.abs() <= 1e4
     }
 
-    /// Position of `other` in the local frame that begins here, m: north and east in the tangent plane, by way of ECEF; down
-    /// by the heights above the ellipsoid. Autopilots and GNSS receivers reckon the height so: it does not fall with the
-    /// square of the distance (2 m at 5 km) as in a tangent plane. Inverse of [`Datum::at`].
+    /// Position of `other` in the local frame with this origin, m: north and east in the tangent plane, via ECEF; down
+    /// from the heights above the ellipsoid. Autopilots and GNSS receivers define the height this way: it does not fall
+    /// with the square of the distance (2 m at 5 km) as in a tangent plane. Inverse of [`Datum::at`].
     pub fn to<F>(&self, other: &Datum) -> Vector<F> {
         if self == other {
             return Vector::zero();
@@ -60,14 +60,14 @@ impl Datum {
         Vector::new(ned.x, ned.y, self.height_m - other.height_m)
     }
 
-    /// The place at `local` (m) of the local frame that begins here.
+    /// Position at `local` (m) in the local frame with this origin.
     pub fn at<F>(&self, local: &Vector<F>) -> Datum {
         if local.0 == Vector3::zeros() {
             return *self;
         }
         let (axes, height_m) = (self.axes(), self.height_m - local.0.z);
         let (mut down, mut place) = (local.0.z, *self);
-        // Each turn leaves `(distance / radius)²` of the error of the height.
+        // Each iteration reduces the height error by `(distance / radius)²`.
         for _ in 0..ITERATIONS {
             place = Datum::of_ecef(self.ecef() + axes * Vector3::new(local.0.x, local.0.y, down));
             down += place.height_m - height_m;
@@ -75,13 +75,13 @@ impl Datum {
         Datum { height_m, ..place }
     }
 
-    /// Straight distance between two places, m.
+    /// Straight distance between two positions, m.
     pub fn distance_m(&self, other: &Datum) -> f64 {
         (self.ecef() - other.ecef()).norm()
     }
 
-    /// By how much north at `place` points east of the north axis of the local frame that begins here, rad: the
-    /// convergence of the meridians. A heading at `place` has this added in that frame.
+    /// Meridian convergence: angle from this frame's north axis eastwards to north at `place`, rad. Add it to a heading
+    /// at `place` to express the heading in this frame.
     pub fn convergence_rad(&self, place: &Datum) -> f64 {
         if self == place {
             return 0.0;
@@ -90,14 +90,18 @@ impl Datum {
         north.y.atan2(north.x)
     }
 
-    /// Metres in the local frame, north and east, per metre in the map of a firmware that takes the Earth for a sphere of
-    /// `radius_m`: the ellipsoid's radii of curvature along meridian and parallel (Groves 2013, eq. 2.105 and 2.106) over it.
+    /// Local-frame metres, north and east, per map metre of a firmware that models the Earth as a sphere of `radius_m`:
+    /// the ellipsoid's radii of curvature along meridian and parallel (Groves 2013, eq. 2.105 and 2.106) divided by it.
     pub fn metres_per_map_metre(&self, radius_m: f64) -> [f64; 2] {
         let w2 = 1.0 - E2 * self.latitude_deg.to_radians().sin().powi(2);
         let (prime, meridian) = (A / w2.sqrt(), A * (1.0 - E2) / (w2 * w2.sqrt()));
         [meridian, prime].map(|r| (r + self.height_m) / radius_m)
     }
 
+    /// The place with these Earth-centred, Earth-fixed coordinates, m.
+    pub fn from_ecef(at: [f64; 3]) -> Datum {
+        Datum::of_ecef(at.into())
+    }
     /// Earth-centred, Earth-fixed coordinates, m (Groves 2013, eq. 2.112).
     fn ecef(&self) -> Vector3<f64> {
         let (lat, lon) = (self.latitude_deg.to_radians(), self.longitude_deg.to_radians());
@@ -109,7 +113,7 @@ impl Datum {
             (prime * (1.0 - E2) + self.height_m) * lat.sin(),
         )
     }
-    /// The place with these coordinates, m: fixed point of `tan(lat) = (z + e² N sin(lat)) / p`.
+    /// Position from ECEF coordinates, m: fixed point of `tan(lat) = (z + e² N sin(lat)) / p`.
     fn of_ecef(at: Vector3<f64>) -> Datum {
         let parallel = at.x.hypot(at.y);
         let mut lat = at.z.atan2(parallel * (1.0 - E2));
@@ -124,7 +128,7 @@ impl Datum {
             height_m: parallel * lat.cos() + at.z * lat.sin() - surface,
         }
     }
-    /// Rotation ECEF from north, east, down here (Groves 2013, eq. 2.150).
+    /// Rotation from local NED to ECEF (Groves 2013, eq. 2.150).
     fn axes(&self) -> Matrix3<f64> {
         let (lat, lon) = (self.latitude_deg.to_radians(), self.longitude_deg.to_radians());
         let level = Rotation3::from_axis_angle(&Vector3::y_axis(), -lat - 0.25 * TAU);
@@ -138,7 +142,7 @@ mod tests {
     use crate::frames::TrueNed;
     use proptest::prelude::*;
 
-    /// South, west, close to the date line on both of its sides, far north.
+    /// South, west, both sides of the date line, far north.
     const PLACES: [Datum; 5] = [
         Datum::new(-33.9, 18.4, 31.0),
         Datum::new(47.6, -122.4, -21.0),
@@ -147,7 +151,8 @@ mod tests {
         Datum::new(70.1, 19.2, 30.0),
     ];
 
-    /// Independent of ECEF: the local radii of curvature, good to millimetres within 100 m.
+    /// Reference that is independent of ECEF: uses the local radii of curvature, and is accurate to millimetres within
+    /// 100 m.
     fn by_radii(from: &Datum, to: &Datum) -> Vector3<f64> {
         let lat = (0.5 * (from.latitude_deg + to.latitude_deg)).to_radians();
         let w2 = 1.0 - E2 * lat.sin().powi(2);
@@ -161,7 +166,8 @@ mod tests {
 
     #[test]
     fn known_ecef_coordinates() {
-        // By definition at the equator and the pole; in between after the tables of EPSG guidance note 7-2 (section 4.1.1).
+        // The expected values hold by definition at the equator and the pole. The one in between is from EPSG guidance
+        // note 7-2 (section 4.1.1).
         let at = |lat, lon, h| Datum::new(lat, lon, h).ecef();
         assert!((at(0.0, 90.0, 1.0) - Vector3::new(0.0, A + 1.0, 0.0)).norm() < 1e-6);
         assert!((at(90.0, 0.0, 0.0) - Vector3::new(0.0, 0.0, 6_356_752.314_2)).norm() < 1e-3);
@@ -204,7 +210,7 @@ mod tests {
     fn convergence_of_meridians_at_70_north() {
         let d = PLACES[4];
         let east = d.at(&Vector::<TrueNed>::new(0.0, 5e3, 0.0));
-        // distance / radius * tan(latitude); the sign: east of here, north leans to the west of our own north.
+        // distance / radius * tan(latitude); sign: east of the origin, north points west of the frame's north axis.
         let expected = 5e3 / 6.397e6 * d.latitude_deg.to_radians().tan();
         let convergence = d.convergence_rad(&east);
         assert!((convergence + expected).abs() < 2e-6, "{convergence} {expected}");

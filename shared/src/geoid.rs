@@ -1,33 +1,33 @@
-//! The geoid: mean sea level above the WGS-84 ellipsoid, for receivers that give a height above the sea and not by how
-//! much their sea lies above the ellipsoid.
+//! Geoid: mean sea level above the WGS-84 ellipsoid, for receivers that report a height above the sea without their
+//! geoid separation.
 //!
-//! `height above the ellipsoid = height above the sea + undulation`. A receiver that is silent about its undulation has
-//! worked the height out with a table of its own. Which one is not known: from EGM96 itself down to 10 by 10 degrees
-//! (STANAG 4294, annex A, interpolated bilinearly), which over 2500 places between 75 degrees south and north is off by
-//! 3.5 m (root of the mean square), 12.6 m (99 %) and 22.5 m (largest). That range is the spread that is stated here.
+//! `height above the ellipsoid = height above the sea + undulation`. A receiver that does not report its undulation has
+//! used a table of its own. The table is unknown: from EGM96 itself down to 10 by 10 degrees (STANAG 4294, annex A,
+//! interpolated bilinearly), whose errors over 2500 positions between 75 degrees south and north are 3.5 m (rms), 12.6
+//! m (99 %) and 22.5 m (maximum). The stated spread covers this range.
 
 use crate::geodesy::Datum;
 
-/// Minimum spread of receivers' tables, m: one of 5 by 5 degrees is off by 2.1 m (root of the mean square), and older models
-/// than EGM96 are about (6 m off in the example of one maker's manual). EGM96 itself is off by 0.5 m
-/// (NASA/TP-1998-206861, section 10), the sea's mean level from the geoid by 0.6 m.
+/// Minimum spread of receivers' tables, m. A table of 5 by 5 degrees has an error of 2.1 m (rms), and models older than
+/// EGM96 are in use (6 m error in the example of one maker's manual). EGM96 itself has an error of 0.5 m
+/// (NASA/TP-1998-206861, section 10), and the mean sea level differs from the geoid by 0.6 m.
 const TABLE_SD: f64 = 2.0;
-/// Spacing of the coarsest table that receivers carry, deg.
+/// Spacing of the coarsest table in receivers, deg.
 const COARSE_DEG: f64 = 10.0;
-/// A place this near the last one has its undulation, deg: 0.2 km, on which the geoid rises by 0.1 m where it is steepest.
+/// Distance within which the last undulation is reused, deg: 0.2 km, over which the steepest geoid rises by 0.1 m.
 const NEAR_DEG: f64 = 0.002;
 
 /// Mean sea level above the ellipsoid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Undulation {
-    /// EGM96 to degree 360, m, up positive.
+    /// EGM96 to degree 360, m, positive up.
     pub height_m: f64,
-    /// Standard deviation of the undulation that a receiver has used at this place about that, m. It is one error for as
-    /// long as the receiver stays there, and does not average out.
+    /// Standard deviation of a receiver's undulation about `height_m`, m. The error is constant while the receiver
+    /// stays there, and does not average out.
     pub sigma_m: f64,
 }
 
-/// The undulation at a geodetic latitude and longitude, rad. Takes about 5 ms: it sums five series of 65,000 terms.
+/// Undulation at a geodetic latitude and longitude, rad. Takes about 5 ms: five series of 65,000 terms.
 pub fn undulation(latitude_rad: f64, longitude_rad: f64) -> Undulation {
     let place = [latitude_rad, longitude_rad].map(f64::to_degrees);
     if !place.iter().all(|v| v.is_finite()) {
@@ -47,7 +47,7 @@ pub fn undulation(latitude_rad: f64, longitude_rad: f64) -> Undulation {
 /// Bound of the undulation's magnitude, m: from -107 m south of India to 86 m at New Guinea.
 pub const LARGEST_M: f64 = 110.0;
 
-/// The undulation in the coarsest table that receivers carry, m.
+/// Undulation in the coarsest table in receivers, m.
 fn coarse(latitude: f64, longitude: f64) -> f64 {
     let corner = |v: f64| (v / COARSE_DEG).floor() * COARSE_DEG;
     let south = corner(latitude).clamp(-90.0, 90.0 - COARSE_DEG);
@@ -60,14 +60,14 @@ fn coarse(latitude: f64, longitude: f64) -> f64 {
     (1.0 - u) * row(south) + u * row(south + COARSE_DEG)
 }
 
-/// The geoid along a path: computed again where the place has moved on.
+/// Geoid along a path, computed again after a move.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalGeoid {
     last: Option<([f64; 2], Undulation)>,
 }
 
 impl LocalGeoid {
-    /// The undulation at `place`, whose own height does not matter.
+    /// Undulation at `place`; its height is ignored.
     pub fn at(&mut self, place: &Datum) -> Undulation {
         let here = [place.latitude_deg, place.longitude_deg];
         let near = |there: &[f64; 2]| (0..2).all(|k| (here[k] - there[k]).abs() < NEAR_DEG);
@@ -84,11 +84,11 @@ impl LocalGeoid {
 mod tests {
     use super::*;
 
-    fn of(latitude_deg: f64, longitude_deg: f64) -> Undulation {
+    fn undulation_deg(latitude_deg: f64, longitude_deg: f64) -> Undulation {
         undulation(latitude_deg.to_radians(), longitude_deg.to_radians())
     }
 
-    /// The points that NGA published with the program of EGM96 (F477, output of the harmonic synthesis).
+    /// Points published by NGA with the EGM96 program (F477, output of the harmonic synthesis).
     #[test]
     fn undulation_at_published_points() {
         for (latitude, longitude, published) in [
@@ -99,7 +99,7 @@ mod tests {
             (38.625473, 359.9995, 50.07),
             (-0.466744, 0.0023, 17.33),
         ] {
-            let u = of(latitude, longitude);
+            let u = undulation_deg(latitude, longitude);
             assert!(
                 (u.height_m - published).abs() < 0.02,
                 "{latitude} {longitude}: {u:?}"
@@ -107,16 +107,16 @@ mod tests {
         }
     }
 
-    /// Undulations that receivers themselves state (GGA, field 11): their own tables, within three of the stated spread.
+    /// Undulations stated by receivers (GGA, field 11) from their own tables, within three times the stated spread.
     #[test]
     fn undulation_that_receivers_state() {
         for (latitude, longitude, stated) in [
-            // The NMEA standard's example, Munich; u-blox's, Zurich; Trimble's, California.
+            // Examples of the NMEA standard (Munich), u-blox (Zurich) and Trimble (California).
             (48.1173, 11.5167, 46.9),
             (47.28523, 8.56526, 48.0),
             (37.39, -122.03, -25.7),
         ] {
-            let u = of(latitude, longitude);
+            let u = undulation_deg(latitude, longitude);
             assert!((u.height_m - stated).abs() < 3.0 * u.sigma_m, "{stated}: {u:?}");
         }
     }
@@ -125,7 +125,7 @@ mod tests {
     fn undulation_anywhere() {
         for latitude in [-90.0, -60.0, -10.0, 0.0, 35.0, 89.9, 90.0] {
             for longitude in [-180.0, -179.9, -66.0, 0.0, 10.0, 179.9, 180.0] {
-                let u = of(latitude, longitude);
+                let u = undulation_deg(latitude, longitude);
                 assert!(u.height_m.abs() < LARGEST_M, "{u:?}");
                 assert!(
                     (TABLE_SD..30.0).contains(&u.sigma_m),
@@ -133,16 +133,16 @@ mod tests {
                 );
             }
         }
-        // One meridian, and one pole.
-        assert!((of(20.0, -180.0).height_m - of(20.0, 180.0).height_m).abs() < 1e-9);
-        assert!((of(90.0, 0.0).height_m - of(90.0, 123.0).height_m).abs() < 1e-6);
-        assert_eq!(of(f64::NAN, 0.0).sigma_m, LARGEST_M);
+        // The date line is one meridian, and the pole one point.
+        assert!((undulation_deg(20.0, -180.0).height_m - undulation_deg(20.0, 180.0).height_m).abs() < 1e-9);
+        assert!((undulation_deg(90.0, 0.0).height_m - undulation_deg(90.0, 123.0).height_m).abs() < 1e-6);
+        assert_eq!(undulation_deg(f64::NAN, 0.0).sigma_m, LARGEST_M);
     }
 
     #[test]
     fn undulation_along_a_path() {
         let mut geoid = LocalGeoid::default();
-        // Towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
+        // A path towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
         let mut last: Option<f64> = None;
         for k in 0..400 {
             let place = Datum::new(18.6 + 0.00045 * f64::from(k), -66.0, 0.0);

@@ -1,4 +1,4 @@
-//! Geometry of deck and drone, as measured.
+//! Measured geometry of deck and drone.
 
 use nalgebra::Vector3;
 
@@ -10,7 +10,7 @@ use crate::tags::{DeckTag, Tags, suggested};
 pub const GRAVITY: f64 = 9.806_65;
 
 config! {
-    /// The landing deck, in the vessel's body frame (FRD, origin midships on the waterline at rest).
+    /// Landing deck in the vessel's body frame (FRD, origin midships on the waterline at rest).
     ///
     /// Defaults: The paper's vessel: deck 2.5 x 1.7 m (Procházka 2024; one AprilTag of 1 m side there); height of 1.3 m
     /// from the Virtual RobotX WAM-V.
@@ -22,16 +22,16 @@ config! {
         pub length_m: f64 = 2.5, in 0.5..=100.0;
         /// Width across the vessel, m.
         pub width_m: f64 = 1.7, in 0.5..=100.0;
-        /// The deck's fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag --suggest` lists
-        /// for a deck of this size.
+        /// Fiducial tags, each with id, side_m and centre_m; empty: the tags that `alight tag --suggest` lists for a
+        /// deck of this size.
         pub tags: Tags = Tags::new();
-        /// In their place one tag alone: side of its black square, m.
+        /// Side of the black square of a single tag that replaces `tags`, m.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub tag_side_m: Option<f64> = None, in 0.02..=10.0;
-        /// Centre of the tag from the deck's centre, m.
+        /// Centre of the single tag relative to the deck's centre, m.
         pub tag_centre_m: [f64; 3] = [0.0, 0.0, 0.0], in -50.0..=50.0;
-        /// Force with which the deck holds a drone that stands on it (net, magnets, suction, latch), down along the deck's
-        /// normal, N, a quarter of it on each foot from its contact on; friction holds the more along the deck. 0: a plain
+        /// Force with which the deck holds a standing drone (net, magnets, suction, latch), down along the deck's
+        /// normal, N; a quarter acts on each foot from its contact on. It increases friction along the deck. 0: a plain
         /// deck.
         pub hold_n: f64 = 0.0, in 0.0..=1e4;
     }
@@ -41,17 +41,17 @@ config! {
             this.tag_side_m.is_none() || this.tags.is_empty(),
             "tag_side_m",
             this.tag_side_m.unwrap_or_default(),
-            "one of both: tag_side_m for one tag alone, or the list `tags`",
+            "either tag_side_m for a single tag, or the list `tags`",
         )?;
     }
 }
 
 impl DeckGeometry {
-    /// Deck centre in the body frame, m.
+    /// Deck centre in the vessel's body frame, m.
     pub fn centre(&self) -> Vector3<f64> {
         Vector3::from(self.centre_m)
     }
-    /// The tags on it.
+    /// Tags on the deck, or the suggested ones.
     pub fn tags(&self) -> Tags {
         match self.tag_side_m {
             Some(side_m) => Tags::filled([DeckTag {
@@ -73,21 +73,21 @@ impl DeckGeometry {
             ..self
         }
     }
-    /// Dimensions as messages have them.
+    /// Dimensions as sent in messages.
     pub fn dimensions(&self) -> DeckDimensions {
         DeckDimensions {
             centre: self.centre_m.map(|x| x as f32),
             size: [self.length_m, self.width_m].map(|x| x as f32),
         }
     }
-    /// Side of the largest of its tags, m.
+    /// Side of the largest tag, m.
     pub fn largest_tag_m(&self) -> f64 {
         self.tags().iter().fold(0.0, |most, tag| tag.side_m.max(most))
     }
 }
 
 impl DroneGeometry {
-    /// Radius of a sphere about the centre of mass that holds the whole drone, m: the rotors of an X do not overlap.
+    /// Radius of a sphere about the centre of mass that encloses the drone, m; the rotors of an X frame do not overlap.
     pub fn body_radius_m(&self) -> f64 {
         let rotors = self.arm_m * (1.0 + core::f64::consts::FRAC_1_SQRT_2);
         let feet = 0.5 * self.feet_span_m[0].hypot(self.feet_span_m[1]);
@@ -96,7 +96,7 @@ impl DroneGeometry {
 }
 
 config! {
-    /// The drone as its planner and pilot know it: nominal values, the real ones differ.
+    /// Nominal drone geometry used by planner and pilot; the actual values differ.
     ///
     /// Defaults: The paper's drone: 3.5 kg on a Tarot T650 (Procházka 2024; mass, arm), inertia and
     /// thrust limit as derived from ctu-mrs `t650`: rotor force 7.3385e-7 N/rpm² up to 5832 rpm.
@@ -114,13 +114,13 @@ config! {
         pub max_thrust_n: f64 = 99.8;
         /// Fore-aft and sideways distance between the feet, m.
         pub feet_span_m: [f64; 2] = [0.40, 0.40], in 0.05..=5.0;
-        /// Foot plane below the centre of mass, m.
+        /// Distance of the foot plane below the centre of mass, m.
         pub feet_below_m: f64 = 0.30, in 0.02..=5.0;
-        /// Camera's optical centre in the body frame, m; it looks down, image up is forward.
+        /// Camera's optical centre in the body frame, m. The camera looks down with the top of the image forward.
         pub camera_m: [f64; 3] = [0.0, 0.0, 0.08], in -5.0..=5.0;
-        /// Rangefinder in the body frame, m; it looks down.
+        /// Rangefinder in the body frame, m, looking down.
         pub rangefinder_m: [f64; 3] = [0.10, 0.0, 0.08], in -5.0..=5.0;
-        /// Antenna of the GNSS receiver that measures the place relative to the vessel, in the body frame, m.
+        /// Antenna of the GNSS receiver that measures the position relative to the vessel, in the body frame, m.
         pub gnss_antenna_m: [f64; 3] = [0.0, 0.0, -0.10], in -5.0..=5.0;
         /// Lag of the autopilot's attitude loop, s.
         pub attitude_lag_s: f64 = 0.2, in 0.0..=1.0;

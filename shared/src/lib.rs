@@ -1,9 +1,10 @@
-//! Types and models that vessel and drone share, without any middleware.
+//! Types and models shared by vessel and drone, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`plain`], [`node`], [`config`],
-//! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`], [`apparent_slope`] and [`estimation`].
+//! Suggested reading order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`plain`],
+//! [`node`], [`config`], [`admission`], then the estimation used by both computers: [`vessel_model`], [`motion_model`],
+//! [`apparent_slope`] and [`estimation`].
 
-// Schemas of the messages show other programs these comments.
+// Message schemas show these comments to other programs.
 #![warn(missing_docs)]
 
 pub mod admission;

@@ -1,16 +1,16 @@
-//! Lines of bounded length in a stream of bytes that is cut anywhere.
+//! Splitter of a byte stream, cut at arbitrary points, into lines of bounded length.
 
-/// The end of a line.
+/// End of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cut {
-    /// A line that is not empty, without its end.
+    /// Non-empty line without its terminator.
     Line(Vec<u8>),
-    /// One that was longer than a line may be; it is dropped.
+    /// Line beyond the maximum length; its content is dropped.
     Overlong,
 }
 
 impl Cut {
-    /// The line; one that was too long is counted.
+    /// Returns the line, or counts it as overlong.
     fn line(self, overlong: &mut u64) -> Option<Vec<u8>> {
         match self {
             Cut::Line(line) => Some(line),
@@ -22,17 +22,17 @@ impl Cut {
     }
 }
 
-/// The line that is not complete yet.
+/// Buffer of an incomplete line.
 #[derive(Clone, Debug)]
 pub struct LineBuffer {
     line: Vec<u8>,
-    /// It is too long: the rest of it is dropped.
+    /// The line is too long: the rest is dropped.
     overlong: bool,
     max: usize,
 }
 
 impl LineBuffer {
-    /// A splitter for lines of at most `max` bytes.
+    /// Splitter for lines of at most `max` bytes.
     pub fn new(max: usize) -> Self {
         LineBuffer {
             line: Vec::new(),
@@ -40,7 +40,7 @@ impl LineBuffer {
             max,
         }
     }
-    /// Takes a byte; the line that it ends.
+    /// Takes a byte. Returns the line that it completes.
     pub fn push(&mut self, byte: u8) -> Option<Cut> {
         match byte {
             b'\n' | b'\r' => return self.end(),
@@ -49,7 +49,7 @@ impl LineBuffer {
         }
         None
     }
-    /// Ends the line, if there is one.
+    /// Ends the present line, if any.
     pub fn end(&mut self) -> Option<Cut> {
         let (line, overlong) = (
             core::mem::take(&mut self.line),
@@ -60,18 +60,18 @@ impl LineBuffer {
             false => (!line.is_empty()).then_some(Cut::Line(line)),
         }
     }
-    /// The lines that these bytes end; overlong ones are counted.
+    /// Lines completed by these bytes; overlong ones are counted.
     pub fn whole(&mut self, bytes: &[u8], overlong: &mut u64) -> Vec<Vec<u8>> {
         bytes
             .iter()
             .filter_map(|byte| self.push(*byte)?.line(overlong))
             .collect()
     }
-    /// The last line, which has no end; an overlong one is counted.
+    /// Last line without terminator; an overlong one is counted.
     pub fn last(&mut self, overlong: &mut u64) -> Option<Vec<u8>> {
         self.end()?.line(overlong)
     }
-    /// Drops what there is of the line; its beginning.
+    /// Drops the present line and returns its beginning.
     pub fn restart(&mut self) -> Vec<u8> {
         self.overlong = false;
         core::mem::take(&mut self.line)

@@ -1,9 +1,9 @@
-//! MAVLink frames: bytes to payloads and back. The one user of the MAVLink crate's reader and writer, whose
-//! releases break often; vessel and drone map payloads to their own messages.
+//! MAVLink frames: conversion between bytes and payloads. No other module uses the MAVLink crate's reader and writer,
+//! because its releases often break compatibility. Vessel and drone map payloads to their own messages.
 //!
-//! MAVLink 2's extension fields are read and written by their place in the payload ([`Fields`],
-//! [`Outgoing`]): the crate's own feature for them would bring its code generator, and default
-//! features of the regular expressions in it, into every program.
+//! Extension fields of MAVLink 2 are read and written by their offset in the payload ([`Fields`], [`Outgoing`]): the
+//! crate's feature for them would add its code generator and the default features of its regular expressions to every
+//! program.
 
 mod signing;
 
@@ -20,11 +20,11 @@ pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
 pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
-/// `EKF_STATUS_REPORT` of ArduPilot's own dialect, the one message of it that is read: its number and its definition's check
-/// byte. The whole dialect would be as large again as the common one.
+/// `EKF_STATUS_REPORT`, the only message read from ArduPilot's dialect: its number and CRC_EXTRA. The whole dialect
+/// would be as large as the common one.
 pub const EKF_STATUS_REPORT: (u32, u8) = (193, 71);
 
-/// The common dialect, and what of ArduPilot's is read.
+/// Common dialect and the ArduPilot messages that are read.
 struct Known;
 
 impl Dialect for Known {
@@ -59,17 +59,17 @@ impl Dialect for Known {
     }
 }
 
-/// Bytes that wait to be decoded, at most; what comes beyond is lost, as it is on a full wire.
+/// Maximum number of bytes waiting to be decoded; any excess is lost, as on a full wire.
 pub const MAX_WAITING: usize = 1 << 16;
 
-/// Bytes that are there to read; `WouldBlock` when nothing is.
+/// Bytes ready to be read; `WouldBlock` when empty.
 #[derive(Debug, Default)]
 struct Waiting(VecDeque<u8>);
 
 impl Read for Waiting {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // One at a time: the reader then holds nothing back after a whole frame, and what lies between
-        // two frames can be counted.
+        // The reader gets one byte at a time. It then buffers nothing beyond a complete frame, and bytes between frames
+        // can be counted.
         match (buffer.first_mut(), self.0.pop_front()) {
             (Some(to), Some(byte)) => {
                 *to = byte;
@@ -80,35 +80,35 @@ impl Read for Waiting {
     }
 }
 
-/// A frame whose checksum is right.
+/// Frame with a correct checksum.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawFrame {
-    /// Sender's system.
+    /// System of the sender.
     pub system: u32,
-    /// Sender's component.
+    /// Component of the sender.
     pub component: u8,
     /// Number of the message.
     pub id: u32,
-    /// Payload; MAVLink 2 leaves out zeros at the end.
+    /// Payload; MAVLink 2 omits trailing zeros.
     pub payload: Vec<u8>,
     version: MavlinkVersion,
 }
 
 impl RawFrame {
-    /// The frame as a message of the dialect; None when a value is not of the dialect.
+    /// Decoded message; None if a value is not part of the dialect.
     pub fn message(&self) -> Option<dialect::MavMessage> {
         dialect::MavMessage::parse(self.version, self.id, &self.payload).ok()
     }
-    /// Fields by their place.
+    /// Payload fields by offset.
     pub fn fields(&self) -> Fields<'_> {
         Fields(&self.payload)
     }
 }
 
-/// Frames from a stream of bytes, however it is cut.
+/// Frames from a byte stream that is cut at arbitrary points.
 pub struct FrameReader {
     reader: MavlinkReader<Waiting>,
-    /// Bytes taken in and bytes of whole frames: what lies between is damage.
+    /// Bytes received and bytes of complete frames; the difference is the number of damaged bytes.
     taken: u64,
     whole: u64,
     lost: u64,
@@ -116,7 +116,7 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
-    /// Messages that count whenever they were signed, by number and payload.
+    /// Predicate, by number and payload, for messages that are accepted with any signature time.
     whenever: Option<fn(u32, Fields<'_>) -> bool>,
 }
 
@@ -137,15 +137,15 @@ impl Default for FrameReader {
 }
 
 impl FrameReader {
-    /// A reader of frames that are signed, where a key is set.
+    /// Reader that requires signed frames if a key is set.
     pub fn signed(signing: Option<Signing>) -> FrameReader {
         FrameReader {
             signing,
             ..FrameReader::default()
         }
     }
-    /// A reader of which those messages are taken whenever they were signed: no clock stops them, nor does it that they
-    /// may be sent again by somebody else.
+    /// Accepts the messages selected by `message` with any signature time: they are accepted despite a wrong clock or a
+    /// possible replay.
     #[must_use]
     pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
         FrameReader {
@@ -153,7 +153,7 @@ impl FrameReader {
             ..self
         }
     }
-    /// Takes bytes in.
+    /// Appends received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         let waiting = &mut self.reader.get_mut().0;
         let taken = bytes.len().min(MAX_WAITING.saturating_sub(waiting.len()));
@@ -161,7 +161,7 @@ impl FrameReader {
         self.taken += taken as u64;
         self.lost += (bytes.len() - taken) as u64;
     }
-    /// The next frame; None until more bytes are there.
+    /// Next frame; None until more bytes arrive.
     pub fn next_frame(&mut self) -> Option<RawFrame> {
         loop {
             match self.reader.read_any_raw_message_with_dialect(&Known) {
@@ -173,7 +173,7 @@ impl FrameReader {
                     self.whole += length as u64;
                     let gone = self.taken - self.waiting() as u64;
                     if gone > self.whole {
-                        // Bytes before it that were no frame: one stretch of damage.
+                        // Invalid bytes before a frame count as one damaged stretch.
                         self.gaps += 1;
                         self.whole = gone;
                     }
@@ -196,7 +196,7 @@ impl FrameReader {
             }
         }
     }
-    /// Bytes that wait.
+    /// Number of bytes waiting.
     pub fn waiting(&self) -> usize {
         self.reader.get_ref().0.len()
     }
@@ -204,73 +204,72 @@ impl FrameReader {
     pub fn lost(&self) -> u64 {
         self.lost
     }
-    /// Frames that the reader gave up.
+    /// Number of frames that could not be read.
     pub fn unreadable(&self) -> u64 {
         self.unreadable
     }
-    /// Frames by their signatures.
+    /// Counts of frames by signature.
     pub fn signatures(&self) -> Signatures {
         self.signatures
     }
-    /// Stretches of bytes between frames that were no frame.
+    /// Number of stretches of invalid bytes between frames.
     pub fn gaps(&self) -> u64 {
         self.gaps
     }
 }
 
-/// Fields of a payload by their place in the message definition, little endian; zero where MAVLink 2 left
-/// out zeros.
+/// Payload fields by their offset in the message definition, little endian; omitted trailing zeros read as zero.
 #[derive(Clone, Copy, Debug)]
 pub struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
-    /// `N` bytes at `at`.
+    /// `N` bytes at offset `at`.
     pub fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
         core::array::from_fn(|k| self.0.get(at + k).copied().unwrap_or(0))
     }
-    /// An unsigned number of 64 bits.
+    /// Unsigned 64-bit integer.
     pub fn u64(&self, at: usize) -> u64 {
         u64::from_le_bytes(self.bytes(at))
     }
-    /// An unsigned number of 32 bits.
+    /// Unsigned 32-bit integer.
     pub fn u32(&self, at: usize) -> u32 {
         u32::from_le_bytes(self.bytes(at))
     }
-    /// A number of 32 bits.
+    /// Signed 32-bit integer.
     pub fn i32(&self, at: usize) -> f64 {
         i32::from_le_bytes(self.bytes(at)).into()
     }
-    /// An unsigned number of 16 bits.
+    /// Unsigned 16-bit integer.
     pub fn u16(&self, at: usize) -> u16 {
         u16::from_le_bytes(self.bytes(at))
     }
-    /// A number of 16 bits.
+    /// Signed 16-bit integer.
     pub fn i16(&self, at: usize) -> f64 {
         i16::from_le_bytes(self.bytes(at)).into()
     }
-    /// A byte.
+    /// Unsigned 8-bit integer.
     pub fn u8(&self, at: usize) -> u8 {
         let [b] = self.bytes(at);
         b
     }
-    /// A float.
+    /// 32-bit float.
     pub fn float(&self, at: usize) -> f64 {
         f32::from_le_bytes(self.bytes(at)).into()
     }
-    /// Floats in a row.
+    /// Consecutive 32-bit floats.
     pub fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
         core::array::from_fn(|k| self.float(at + 4 * k))
     }
 }
 
-/// Who sends a frame; `sequence` counts frames of this sender.
+/// Sender of a frame with its frame counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MavlinkSender {
-    /// System.
+    /// System id.
     pub system: u8,
-    /// Component.
+    /// Component id.
     pub component: u8,
-    /// Number of the frame.
+    /// Sequence number of the frame.
     pub sequence: u8,
 }
 
@@ -284,7 +283,7 @@ impl From<MavlinkSender> for MavHeader {
     }
 }
 
-/// A message to be sent: its number, its definition's check byte, its payload.
+/// Message to send: number, CRC_EXTRA and payload.
 pub struct Outgoing {
     id: u32,
     crc: u8,
@@ -292,9 +291,9 @@ pub struct Outgoing {
 }
 
 impl Outgoing {
-    /// Message `id`, whose definition has the check byte `crc`, with this payload; its zeros at the end are left out.
+    /// Message `id` with CRC_EXTRA `crc` and this payload; trailing zeros are removed.
     pub fn new(id: u32, crc: u8, mut payload: Vec<u8>) -> Outgoing {
-        // All but those of the first byte, as MAVLink 2 has it.
+        // MAVLink 2 keeps the first byte even if it is zero.
         payload.truncate(payload.iter().rposition(|b| *b != 0).map_or(1, |k| k + 1));
         Outgoing { id, crc, payload }
     }
@@ -310,7 +309,7 @@ impl From<&dialect::MavMessage> for Outgoing {
     }
 }
 
-/// Messages by number and payload.
+/// Encoder of messages from number and payload.
 struct Bytes(u8);
 
 impl Dialect for Bytes {
@@ -334,7 +333,7 @@ impl Dialect for Bytes {
     }
 }
 
-/// The bytes of a frame, signed where a key is set; none of a number that MAVLink does not have.
+/// Bytes of a frame, signed if a key is set; empty for a message number unknown to MAVLink.
 pub fn encode(from: MavlinkSender, message: impl Into<Outgoing>, signing: Option<&Signing>) -> Vec<u8> {
     let message = message.into();
     let (mut raw, dialect) = (MAVLinkV2MessageRaw::new(), Bytes(message.crc));

@@ -1,4 +1,4 @@
-//! Metrics of processes, each under its own name.
+//! Metrics of processes under stable names.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::admission::{AccessRejection, RejectionReason};
 use crate::msg::{Seq, State};
 
-/// Metrics of one process at most.
+/// Maximum number of metrics of one process.
 pub const MAX_METRICS: usize = 32;
-/// Those of a process.
+/// Metrics of one process.
 pub type Metrics = Seq<Metric, MAX_METRICS>;
 
 macro_rules! names {
@@ -25,7 +25,7 @@ macro_rules! names {
             $(#[doc = $newer_name] $newer,)*
         }
         impl MetricName {
-            /// The name in messages.
+            /// Name for display.
             pub fn text(self) -> String {
                 match self {
                     $(MetricName::$metric => $name.into(),)*
@@ -38,7 +38,7 @@ macro_rules! names {
     };
 }
 names! {
-    // Of the vessel.
+    // Vessel.
     SensorReadingsMissed: "sensor readings missed",
     BytesSent: "bytes sent",
     PacketsDropped: "packets dropped",
@@ -54,16 +54,16 @@ names! {
     LastPeerRejection: "last peer rejected for",
     MeasurementToEstimateP50: "measurement to estimate p50",
     MeasurementToEstimateP99: "measurement to estimate p99",
-    // Of the bridge.
+    // Bridge.
     BytesReceived: "bytes received",
     SessionsReopened: "sessions reopened",
     VesselStatusRejected: "vessel status rejected",
-    // Of the pilot.
+    // Pilot.
     VesselToSetPointP50: "vessel measurement to set-point p50",
     VesselToSetPointP99: "vessel measurement to set-point p99",
     OdometryToSetPointP50: "odometry to set-point p50",
     OdometryToSetPointP99: "odometry to set-point p99",
-    // Of the link to the autopilot.
+    // Autopilot link.
     ClockUncertainty: "clock uncertainty",
     SamplesRejected: "samples rejected",
     ClockRestarts: "clock restarts",
@@ -74,7 +74,7 @@ names! {
     OtherKeyFrames: "frames signed with another key rejected",
     OldFrames: "frames with an old signature rejected",
     UncheckedSignatures: "signatures not checked",
-    // Of the cameras.
+    // Cameras.
     Images: "images",
     WrongSize: "images of another size",
     TagDetections: "tag detections",
@@ -92,19 +92,19 @@ names! {
     Gain: "gain",
     TagContrast: "tag contrast",
     TagSaturation: "tag saturation",
-    // Of the simulated world.
+    // Simulated world.
     LatestTick: "latest tick",
     LateTicks: "late ticks",
     TimeSinceStart: "time since start",
     SlicesUnanswered: "slices unanswered",
     ImagesDropped: "images dropped",
-    // Of every process that records.
+    // All recording processes.
     StepsUnrecorded: "steps not recorded",
-    // Of every process that steps on time.
+    // All processes that step at a fixed rate.
     LongestStep: "longest time between steps",
     LateSteps: "late steps",
     ;
-    // A name's number is part of the layout: a new one stands at the end, with a new version of the messages.
+    // The number of a name is part of the layout: append new names at the end, and increase the message version.
     DroneSessions: "sessions of drones",
     NewestAsked: "newest messages asked for",
     VesselSession: "sessions of the vessel",
@@ -115,23 +115,23 @@ names! {
     RtcmDropped: "RTCM frames dropped",
 }
 
-/// The value of a metric, with its unit.
+/// Value of a metric with its unit.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C, u8)]
 pub enum MetricValue {
-    /// A number of things.
+    /// Number of occurrences.
     Count(u64),
-    /// s.
+    /// Time, s.
     Seconds(f64),
-    /// 0 to 1.
+    /// Fraction, 0 to 1.
     Fraction(f64),
-    /// Why a peer was rejected, if one was.
+    /// Reason for rejecting a peer, if one was rejected.
     AccessRejection(Option<AccessRejection>),
-    /// A state of the mission, if it is known.
+    /// State of the mission, if known.
     State(Option<State>),
 }
 
-/// A metric.
+/// Metric of a process.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Metric {
@@ -148,26 +148,26 @@ impl Default for Metric {
 }
 
 impl MetricName {
-    /// A metric with this value.
+    /// Metric with this value.
     pub fn with(self, value: MetricValue) -> Metric {
         Metric { name: self, value }
     }
-    /// A metric that counts.
+    /// Metric with a count.
     pub fn count(self, n: impl Into<u64>) -> Metric {
         self.with(MetricValue::Count(n.into()))
     }
-    /// A time, s.
+    /// Metric with a time, s.
     pub fn seconds(self, s: f64) -> Metric {
         self.with(MetricValue::Seconds(s))
     }
-    /// A fraction, 0 to 1.
+    /// Metric with a fraction, 0 to 1.
     pub fn fraction(self, fraction: f64) -> Metric {
         self.with(MetricValue::Fraction(fraction))
     }
 }
 
 impl Metric {
-    /// The name that a program reads: in small letters, with underscores, times with their unit.
+    /// Machine-readable name: lower case, underscores, times with their unit.
     pub fn key(&self) -> String {
         let plain = |c: char| {
             if c.is_ascii_alphanumeric() {
@@ -182,7 +182,7 @@ impl Metric {
         }
         key
     }
-    /// The value that a program reads.
+    /// Machine-readable value.
     pub fn json(&self) -> serde_json::Value {
         match self.value {
             MetricValue::Count(n) => n.into(),
@@ -193,7 +193,7 @@ impl Metric {
     }
 }
 
-/// For people's programs as an object of names and values, between our own as they are.
+/// Human-readable formats get an object of names and values; binary formats get the list unchanged.
 pub(crate) fn serialize<S: Serializer>(metrics: &Metrics, s: S) -> Result<S::Ok, S::Error> {
     if s.is_human_readable() {
         s.collect_map(metrics.iter().map(|m| (m.key(), m.json())))

@@ -1,5 +1,5 @@
-//! Plain data that may lie in shared memory, and the topic of each. What moves it is another crate; this one states, type by
-//! type, that it may be moved.
+//! Plain data for shared memory, with the topic of each type. Transport is implemented in another crate; this module
+//! states which types may be transported.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;
@@ -9,38 +9,39 @@ use serde::Serialize;
 use crate::process::ProcessState;
 use crate::topics::{self, Topic};
 
-/// A message that lies in shared memory as it is, and the one topic it travels on.
+/// Message stored in shared memory unchanged, and its only topic.
 ///
 /// # Safety
 /// The type is plain data of fixed size, without pointers, references or handles, all the way down, and every process that
 /// shares it is of the same build, or the type is `repr(C)` without enumerations and `Option`.
 pub unsafe trait Plain: Copy + Debug + Serialize + 'static {
-    /// Its topic: name, buffer and staleness limit.
+    /// Topic with name, buffer and staleness limit.
     const TOPIC: &'static Topic;
-    /// Its sequence number and boot id, to count what was missed; None for messages without.
+    /// Sequence number and boot id for counting missed messages; None for messages without them.
     fn order(&self) -> Option<(u32, u32)>;
-    /// Its time of validity, ns on its own clock.
+    /// Time of validity, ns on its own clock.
     fn at_ns(&self) -> i64;
 }
 
-/// What is done for every type of shared memory.
+/// Operation performed on every type in shared memory.
 pub trait Visitor {
-    /// What ends it early.
+    /// Error that ends the visit.
     type Error;
-    /// For one.
+    /// Visits one type.
     fn visit<T: Plain>(&mut self) -> Result<(), Self::Error>;
 }
 
-// SAFETY: every type of the table of topics that lies in memory is plain data of fixed size without pointers, references or handles,
-// all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
-// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in odometry, in a plan, in surroundings, in grants, in forecasts, in the checkpoints, in
-// metrics, in what the vessel's processes report and in what a computer reports of itself. Both are sound here because a
-// service's attributes carry `MESSAGE_VERSION` and the package's version, so that only processes of one program ever share a service, and because no process writes a message
-// otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
+// SAFETY: every memory type in the table of topics is plain data of fixed size without pointers, references or handles,
+// all the way down, and `repr(C)` except for two details whose layout Rust fixes only within one compilation:
+// enumerations (`repr(u8)`) with few valid values, and `Option` in odometry, plans, surroundings, grants, forecasts,
+// checkpoints, metrics, reports of the vessel's processes and reports of a computer. Both are sound because a service's
+// attributes carry `MESSAGE_VERSION` and the package's version, so that only processes of one program share a service,
+// and because a process writes a message only by copying a whole valid value. Bounded lists check their length when
+// read.
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(
-            #[allow(unsafe_code, reason = "the SAFETY comment of `plain!` says why it is sound")]
+            #[allow(unsafe_code, reason = "the SAFETY comment of `plain!` gives the reason")]
             unsafe impl $crate::plain::Plain for $ty {
                 const TOPIC: &'static Topic = &$topic;
                 fn order(&self) -> Option<(u32, u32)> {
@@ -51,7 +52,7 @@ macro_rules! plain {
                 }
             }
         )*
-        /// Visits every type that lies in shared memory.
+        /// Visits every type in shared memory.
         pub fn each_in_memory<V: $crate::plain::Visitor>(visitor: &mut V) -> Result<(), V::Error> {
             $(visitor.visit::<$ty>()?;)*
             visitor.visit::<$crate::process::ProcessState>()
@@ -62,7 +63,7 @@ macro_rules! plain {
 unsafe impl Plain for ProcessState {
     const TOPIC: &'static Topic = &topics::PROCESS;
     fn order(&self) -> Option<(u32, u32)> {
-        // Many processes share the topic: a gap means nothing.
+        // Many processes share the topic: sequence gaps carry no information.
         None
     }
     fn at_ns(&self) -> i64 {

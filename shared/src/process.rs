@@ -1,4 +1,4 @@
-//! Reports of a process about itself.
+//! Reports of processes about themselves.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use crate::metrics::{self, MetricName, MetricValue, Metrics};
 use crate::msg::Seq;
 
-/// Topics that one process reads, at most.
+/// Maximum number of topics read by one process.
 pub const MAX_INPUTS: usize = 12;
 
 macro_rules! processes {
     ($($(#[$about:meta])* $kind:ident: $name:literal;)*) => {
-        /// The processes of a vessel and its drone.
+        /// Processes of a vessel and its drone.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
         pub enum ProcessKind { $($(#[$about])* $kind,)* }
@@ -21,41 +21,45 @@ macro_rules! processes {
             pub const fn name(self) -> &'static str {
                 match self { $(ProcessKind::$kind => $name,)* }
             }
+            /// The process of this name.
+            pub fn named(name: &str) -> Option<ProcessKind> {
+                match name { $($name => Some(ProcessKind::$kind),)* _ => None }
+            }
         }
     };
 }
 processes! {
-    /// The simulated vehicles.
+    /// Simulated vehicles.
     #[default]
     World: "world";
     /// The vessel's estimator and broadcast.
     Vessel: "vessel";
-    /// The drone's end of the radio.
+    /// The drone's radio end.
     Bridge: "bridge";
-    /// The deck's forecast.
+    /// Deck forecast.
     Predictor: "predictor";
-    /// The state machine.
+    /// Mission state machine.
     Mission: "mission";
-    /// The trajectory.
+    /// Trajectory planner.
     Planner: "planner";
-    /// The set-points.
+    /// Set-point generator.
     Pilot: "pilot";
-    /// The emulated radio of a trial.
+    /// Emulated radio of a trial.
     Link: "link";
-    /// The link to the autopilot.
+    /// Link to the autopilot.
     Autopilot: "autopilot";
     /// The vessel's real sensors.
     Sensors: "sensors";
-    /// The belly camera's images.
+    /// Belly camera.
     Camera: "camera";
-    /// The ultraviolet camera's images.
+    /// Ultraviolet camera.
     Uvdar: "uvdar";
-    /// A viewer for people.
+    /// Display for people.
     View: "view";
 }
 
 impl ProcessKind {
-    /// The subcommand that runs it; `vessel` is the service.
+    /// Subcommand that runs it; `vessel` is the service.
     pub const fn subcommand(self) -> &'static str {
         if matches!(self, ProcessKind::Vessel) {
             "estimator"
@@ -65,88 +69,88 @@ impl ProcessKind {
     }
 }
 
-/// Counts of what a process read on one topic.
+/// Counts of one topic as read by a process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct InputState {
     /// Index of the topic in [`crate::topics::ALL`].
     pub topic: u32,
-    /// Messages received since the process began.
+    /// Messages received since the process started.
     pub received: u64,
-    /// Messages missed by their sequence numbers.
+    /// Messages missed according to their sequence numbers.
     pub missed: u64,
-    /// Age of the newest, s; infinite without one.
+    /// Age of the newest message, s; infinite without one.
     pub age_s: f64,
-    /// Median age when it was read, s.
+    /// Median age of messages when read, s.
     pub read_age_p50_s: f64,
-    /// 99th percentile of the age when it was read, s.
+    /// 99th percentile of the age when read, s.
     pub read_age_p99_s: f64,
 }
 
-/// Keys on which one process speaks over the radio, at most.
+/// Maximum number of radio keys on which one process publishes.
 pub const MAX_FLOWS: usize = 11;
 
-/// Counts of what a process sent over the radio on one key.
+/// Counts of messages that a process sent on one radio key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RadioFlow {
-    /// Index of the topic in [`crate::topics::ALL`]; beyond it: its own report.
+    /// Index of the topic in [`crate::topics::ALL`]; larger values mean the process's own report.
     pub topic: u32,
-    /// Messages over the last seconds, Hz.
+    /// Message rate over the last seconds, Hz.
     pub rate_hz: f32,
-    /// Bytes over the last seconds with the middleware's, UDP's and IP's headers, bytes/s.
+    /// Data rate over the last seconds including headers of the middleware, UDP and IP, bytes/s.
     pub bytes_per_s: f32,
 }
 
-/// Report of a process about itself, twice a second.
+/// Report of a process about itself, published twice a second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ProcessState {
-    /// Which.
+    /// Kind of process.
     pub kind: ProcessKind,
     /// Process id.
     pub pid: u32,
-    /// Random number of each start.
+    /// Random number drawn at each start.
     pub boot: u32,
-    /// The steady clock when this was written, ns.
+    /// Steady clock at the time of the report, ns.
     pub at_ns: i64,
-    /// The steady clock when the process began, ns.
+    /// Steady clock at the start of the process, ns.
     pub began_ns: i64,
-    /// Steps of its node.
+    /// Number of steps of its node.
     pub steps: u64,
-    /// Processor time since it began, s.
+    /// Processor time since the start, s.
     pub cpu_s: f64,
     /// Resident memory, bytes.
     pub resident_bytes: u64,
-    /// Median time of one step of the node, s.
+    /// Median duration of a step, s.
     pub step_p50_s: f64,
-    /// 99th percentile of the same, s.
+    /// 99th percentile of the duration of a step, s.
     pub step_p99_s: f64,
-    /// Messages that it could not send.
+    /// Messages that could not be sent.
     pub unsent: u64,
     /// Further counts and measurements of the process.
     #[serde(serialize_with = "metrics::serialize")]
     #[schemars(with = "Metrics")]
     pub metrics: Metrics,
-    /// State of each topic that it reads.
+    /// State of each topic read.
     pub inputs: Seq<InputState, MAX_INPUTS>,
-    /// State of each key that it sends over the radio.
+    /// State of each key published on the radio.
     pub flows: Seq<RadioFlow, MAX_FLOWS>,
 }
 
 impl ProcessState {
-    /// The metric of that name, if it has one.
+    /// Metric of this name, if present.
     pub fn metric(&self, name: MetricName) -> Option<MetricValue> {
         self.metrics.iter().find(|m| m.name == name).map(|m| m.value)
     }
-    /// A time among its metrics, s; NaN when it has none of that name.
+    /// Time metric of this name, s; NaN if missing.
     pub fn seconds(&self, name: MetricName) -> f64 {
         match self.metric(name) {
             Some(MetricValue::Seconds(s)) => s,
             Some(_) | None => f64::NAN,
         }
     }
-    /// A count among its metrics; 0 when it has none of that name.
+    /// Count metric of this name; 0 if missing.
     pub fn count(&self, name: MetricName) -> u64 {
         match self.metric(name) {
             Some(MetricValue::Count(n)) => n,

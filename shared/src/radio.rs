@@ -1,38 +1,38 @@
-//! The radio between the computers: its topics, each declared once with sender, reader, urgency, and whether a computer that
-//! joins later is given the newest.
+//! Radio between the computers: each topic is declared once with sender, reader, urgency, and whether later readers
+//! receive the newest message.
 
 use serde::{Deserialize, Serialize};
 
 use crate::topics::{self, Topic};
 
-/// Kind of computer at an end of the radio.
+/// Kind of computer at one end of the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RadioEnd {
     /// A vessel's computer.
     Vessel,
-    /// A drone's.
+    /// A drone's computer.
     Drone,
-    /// Operators ashore.
+    /// An operator ashore.
     Operator,
 }
 
 /// Urgency of a topic's messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Urgency {
-    /// Orders: before everything else, in a queue of their own.
+    /// Orders: sent first, from a separate queue.
     Order,
     /// State and time.
     State,
     /// Models and predictions.
     Model,
-    /// For people.
+    /// Display data.
     Status,
 }
 
-/// A topic on its way.
+/// Topic with its direction on the radio.
 #[derive(Clone, Copy, Debug)]
 pub struct RadioRow {
-    /// The topic.
+    /// Topic that is sent.
     pub topic: &'static Topic,
     /// Sender.
     pub from: RadioEnd,
@@ -40,21 +40,21 @@ pub struct RadioRow {
     pub to: RadioEnd,
     /// Urgency of the messages.
     pub urgency: Urgency,
-    /// The sender holds the newest for computers that join later, as it is broadcast seldom.
+    /// The sender holds the newest message for computers that join later, because it is sent rarely.
     pub held: bool,
 }
 
 macro_rules! radio {
     ($($name:ident: $topic:ident, $from:ident => $to:ident, $urgency:ident $(, $held:ident)?;)*) => {
-        /// A topic of the radio.
+        /// Topic of the radio.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         pub enum RadioTopic {
             $(#[doc = concat!("[`topics::", stringify!($topic), "`].")] $name,)*
         }
         impl RadioTopic {
-            /// All of them.
+            /// All radio topics.
             pub const ALL: &[RadioTopic] = &[$(RadioTopic::$name),*];
-            /// The row of the table.
+            /// Row of the table.
             pub const fn row(self) -> RadioRow {
                 match self {
                     $(RadioTopic::$name => RadioRow {
@@ -72,7 +72,7 @@ macro_rules! radio {
         }
     };
 }
-// Records of steps name the vessel's topics for drones by their place: a new one stands at the end.
+// Step records refer to topics by position: append new ones at the end.
 radio! {
     Estimate: ESTIMATE, Vessel => Drone, State;
     Wave: WAVE, Vessel => Drone, Model, held;
@@ -99,7 +99,7 @@ mod tests {
     fn senders_of_every_radio_topic() {
         let sent: Vec<&str> = RadioTopic::ALL.iter().map(|t| t.row().topic.name).collect();
         for topic in topics::ALL.iter().filter(|t| t.medium == Medium::Radio) {
-            assert!(sent.contains(&topic.name), "{} is sent by none", topic.name);
+            assert!(sent.contains(&topic.name), "{} has no sender", topic.name);
         }
     }
 }

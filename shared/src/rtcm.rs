@@ -1,37 +1,38 @@
-//! Frames of RTCM 3 in a stream of bytes: found, checked and counted, not decoded.
+//! Detection, checking and counting of RTCM 3 frames in a byte stream, without decoding.
 //!
-//! A frame is the preamble 0xD3, six zero bits, ten bits of the payload's length, the payload and its CRC-24Q. The payload begins
-//! with twelve bits of the message's number; those of u-blox's 4072 go on with twelve bits of its subtype.
+//! A frame consists of the preamble 0xD3, six zero bits, ten bits with the payload length, the payload and its CRC-24Q.
+//! The payload begins with the 12-bit message number; u-blox's 4072 continues with a 12-bit subtype.
 //! Source: RTCM 10403.3, section 4; u-blox F9 interface description.
 
+use crate::geodesy::Datum;
 use rtcm_rs::MessageFrame;
 use rtcm_rs::rtcm_error::RtcmError;
 
-/// Longest frame, bytes: a payload of 1023 with three bytes before and three after it.
+/// Maximum frame length, bytes: a payload of 1023, three bytes before and three after it.
 pub const MAX_FRAME_BYTES: usize = 1029;
 const PREAMBLE: u8 = 0xD3;
-/// Bits after the preamble that are zero.
+/// Reserved zero bits after the preamble.
 const RESERVED: u8 = 0xFC;
-/// u-blox's own message.
+/// Number of u-blox's proprietary message.
 pub const UBLOX: u16 = 4072;
 
-/// Number of a message, and the subtype of one of u-blox's.
+/// Number of a message, with the subtype of a u-blox message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RtcmNumber {
     /// Number.
     pub message: u16,
-    /// Subtype of [`UBLOX`], else 0.
+    /// Subtype of [`UBLOX`], otherwise 0.
     pub subtype: u16,
 }
 
 impl RtcmNumber {
-    /// Observations of satellites (MSM 1 to 7 of each system, and the legacy messages of GPS and GLONASS).
+    /// Whether it holds satellite observations (MSM 1 to 7 of each system, and the legacy messages of GPS and GLONASS).
     pub fn is_observation(self) -> bool {
         let n = self.message;
         let msm = (1071..=1137).contains(&n) && (1..=7).contains(&(n % 10));
         msm || (1001..=1004).contains(&n) || (1009..=1012).contains(&n)
     }
-    /// Place of the base: of a station, or of u-blox's moving base.
+    /// Whether it holds the position of a base: a station, or u-blox's moving base.
     pub fn is_base(self) -> bool {
         matches!(self.message, 1005 | 1006) || self.message == UBLOX && self.subtype == 0
     }
@@ -46,7 +47,7 @@ impl core::fmt::Display for RtcmNumber {
     }
 }
 
-/// Number of the message of a whole frame; None of bytes that are none.
+/// Number of the message in a complete frame; None if the bytes are not a frame.
 pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     let whole = MessageFrame::new(frame).ok()?;
     let reserved = frame.get(1)? & RESERVED;
@@ -61,6 +62,33 @@ pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     Some(RtcmNumber { message, subtype })
 }
 
+/// Number of the station of a frame that is not of u-blox's own kind: the twelve bits behind the message's number.
+pub fn station(frame: &[u8]) -> Option<u16> {
+    let [_, _, _, _, high, low, ..] = *frame else {
+        return None;
+    };
+    Some(u16::from(high & 0x0F) << 8 | u16::from(low))
+}
+/// Place of the antenna's reference point by a frame of 1005 or 1006.
+pub fn base_place(frame: &[u8]) -> Option<Datum> {
+    /// Bits before the coordinates, of the payload, and of each coordinate, of 0.1 mm.
+    const AT: [usize; 3] = [34, 74, 114];
+    const BITS: usize = 38;
+    let payload = frame.get(3..)?;
+    let bit = |k: usize| Some(i64::from(payload.get(k / 8)? >> (7 - k % 8) & 1));
+    let mut ecef = [0.0; 3];
+    for (to, at) in ecef.iter_mut().zip(AT) {
+        let value = (0..BITS).try_fold(0_i64, |v, k| Some(v << 1 | bit(at + k)?))?;
+        let signed = if value >> (BITS - 1) == 0 {
+            value
+        } else {
+            value - (1 << BITS)
+        };
+        *to = 1e-4 * signed as f64;
+    }
+    Some(Datum::from_ecef(ecef)).filter(Datum::is_on_earth)
+}
+
 /// Whole frames one after the other, each with its number; None of bytes that are no such.
 pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     let (mut all, mut rest) = (Vec::new(), bytes);
@@ -73,7 +101,7 @@ pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     (!all.is_empty()).then_some(all)
 }
 
-/// Frame around a payload of 1023 bytes at most, whose first twelve bits are the message's number.
+/// Frame around a payload of at most 1023 bytes, whose first twelve bits are the message number.
 pub fn frame(payload: &[u8]) -> Vec<u8> {
     /// CRC-24Q: x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1, from zero.
     const POLYNOMIAL: u32 = 0x186_4CFB;
@@ -98,17 +126,17 @@ pub fn frame(payload: &[u8]) -> Vec<u8> {
 /// Finds frames between other bytes.
 #[derive(Clone, Debug, Default)]
 pub struct RtcmDecoder {
-    /// Bytes of an unfinished frame, its preamble first.
+    /// Bytes of an incomplete frame, starting with its preamble.
     waiting: Vec<u8>,
     damaged: u64,
 }
 
 impl RtcmDecoder {
-    /// Takes bytes and passes each whole frame on.
+    /// Processes bytes and passes on each complete frame.
     pub fn push(&mut self, bytes: &[u8], found: impl FnMut(RtcmNumber, &[u8])) {
         self.split(bytes, found, |_| {});
     }
-    /// Takes bytes and passes on each whole frame, and the bytes that are in none.
+    /// Processes bytes and passes on each complete frame, and the bytes outside frames.
     pub fn split(
         &mut self,
         bytes: &[u8],
@@ -148,7 +176,7 @@ impl RtcmDecoder {
         }
         self.waiting.drain(..from.min(self.waiting.len()));
     }
-    /// Frames whose checksum was wrong; among bytes of other protocols a preamble by chance counts, too.
+    /// Number of frames with a wrong checksum, including chance preambles in bytes of other protocols.
     pub fn damaged(&self) -> u64 {
         self.damaged
     }
@@ -197,7 +225,7 @@ mod tests {
 
     #[test]
     fn damaged_frame_before_a_whole_one() {
-        // 1077, 4072.1 and 1005 by the first bits of their payloads.
+        // Numbers 1077, 4072.1 and 1005 in the first bits of the payloads.
         let payloads: [&[u8]; 3] = [&[0x43, 0x50, 1, 2], &[0xFE, 0x80, 0x01, 9], &[0x3E, 0xD0, 7]];
         let [gps, ublox, base] = payloads.map(frame);
         let mut damaged = gps.clone();
@@ -208,12 +236,20 @@ mod tests {
         assert_eq!(names, ["1077", "4072.1", "1005"]);
         assert_eq!(decoder.damaged(), 1);
         assert_eq!(number(&damaged), None);
-        let of = |message, subtype| RtcmNumber { message, subtype };
+        let rtcm_number = |message, subtype| RtcmNumber { message, subtype };
         assert!(frames(&all[0].1).is_some_and(|f| f.len() == 1) && frames(&[]).is_none());
         let two = [&all[0].1[..], &all[2].1].concat();
-        assert_eq!(frames(&two).unwrap()[1], (of(1005, 0), &all[2].1[..]));
+        assert_eq!(frames(&two).unwrap()[1], (rtcm_number(1005, 0), &all[2].1[..]));
         assert!(frames(&two[..two.len() - 1]).is_none() && frames(&[&two[..], &damaged].concat()).is_none());
-        assert!(of(1077, 0).is_observation() && of(1005, 0).is_base() && of(UBLOX, 0).is_base());
-        assert!(!of(UBLOX, 1).is_base() && !of(1230, 0).is_observation() && !of(1080, 0).is_observation());
+        assert!(
+            rtcm_number(1077, 0).is_observation()
+                && rtcm_number(1005, 0).is_base()
+                && rtcm_number(UBLOX, 0).is_base()
+        );
+        assert!(
+            !rtcm_number(UBLOX, 1).is_base()
+                && !rtcm_number(1230, 0).is_observation()
+                && !rtcm_number(1080, 0).is_observation()
+        );
     }
 }

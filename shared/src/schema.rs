@@ -1,8 +1,8 @@
-//! Schemas of the messages, for programs of others: JSON Schema (draft 2020-12) made of the message types and their
-//! doc comments, with the unit and the frame that a comment or a name states.
+//! Message schemas for other programs: JSON Schema (draft 2020-12) generated from the message types and their doc
+//! comments, with the unit and frame stated in a comment or name.
 //!
-//! The fields of an object stand in `required` in the order in which they travel; the variants of an enumeration in
-//! that of their numbers. `format` is the width of a number.
+//! `required` lists an object's fields in wire order, and enumerations list variants by number. `format` is the width
+//! of a number.
 
 use std::borrow::Cow;
 
@@ -11,12 +11,12 @@ use schemars::transform::transform_subschemas;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 
-/// Units in comments: after a comma or a bracket.
+/// Units recognised in comments after a comma or bracket.
 const UNITS: [&str; 18] = [
     "m/s²", "m/s", "m²", "m", "rad/s²", "rad/s", "rad²", "rad", "deg", "1/s", "s", "ns", "Hz", "V", "A",
     "bytes/s", "bytes", "min",
 ];
-/// Units in names, for fields whose comment has none.
+/// Units by name suffix, for fields without a unit in their comment.
 const SUFFIXES: [(&str, &str); 12] = [
     ("bytes_per_s", "bytes/s"),
     ("_mps2", "m/s²"),
@@ -31,7 +31,7 @@ const SUFFIXES: [(&str, &str); 12] = [
     ("_a", "A"),
     ("_bytes", "bytes"),
 ];
-/// Frames in comments, the more particular first.
+/// Frames recognised in comments, most specific first.
 const FRAMES: [&str; 9] = [
     "vessel's NED",
     "drone's NED",
@@ -44,7 +44,7 @@ const FRAMES: [&str; 9] = [
     "NED",
 ];
 
-/// A number of 16 bits (IEEE 754 binary16) in schemas: [`half::f16`] has none of its own.
+/// A 16-bit float (IEEE 754 binary16) in schemas; [`half::f16`] has no schema of its own.
 pub enum F16 {}
 
 impl JsonSchema for F16 {
@@ -59,7 +59,7 @@ impl JsonSchema for F16 {
     }
 }
 
-/// The schema of a message.
+/// Schema of a message type.
 pub fn of<T: JsonSchema>() -> Schema {
     let settings = SchemaSettings::draft2020_12().for_serialize();
     let inlined = settings
@@ -68,7 +68,7 @@ pub fn of<T: JsonSchema>() -> Schema {
     inlined.into_generator().into_root_schema_for::<T>()
 }
 
-/// Puts comments on one line, and adds units and frames to them.
+/// Joins comments to one line, and adds units and frames.
 fn state(schema: &mut Schema) {
     if let Some(Value::String(text)) = schema.get_mut("description") {
         *text = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -101,7 +101,7 @@ fn state(schema: &mut Schema) {
     }
 }
 
-/// The units of a field, in the order in which its comment names them.
+/// Units of a field in the order of its comment.
 fn unit(name: &str, comment: &str) -> Option<String> {
     let mut found: Vec<&str> = Vec::new();
     for (at, _) in comment.match_indices([',', '(']) {
@@ -128,26 +128,26 @@ type Object = serde_json::Map<String, Value>;
 /// Encoding of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SchemaKind<'a> {
-    /// A number of this `format`.
+    /// Number with this `format`.
     Number(&'a str),
-    /// True or false.
+    /// Boolean.
     Bool,
-    /// A text of at most so many bytes.
+    /// Text with a maximum length in bytes.
     Text(u64),
-    /// One of these, by number; each with its content, if it has any.
+    /// Enumeration: variants by number, each with its content, if any.
     Enum(Vec<(&'a str, Option<&'a Object>)>),
-    /// So many.
+    /// Array with a fixed length.
     Array(&'a Object, u64),
-    /// At most so many.
+    /// List with a maximum length.
     List(&'a Object, u64),
-    /// These, in this order.
+    /// Struct: fields in wire order.
     Struct(Vec<(&'a str, &'a Object)>),
-    /// A layout that the schema does not give.
+    /// Layout not given by the schema.
     Unknown,
 }
 
 impl<'a> SchemaKind<'a> {
-    /// Kind by a schema; of an optional value that of the value.
+    /// Encoding described by a schema. For an optional value, this is the encoding of the value itself.
     pub fn of(schema: &'a Object) -> SchemaKind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),
@@ -200,7 +200,7 @@ impl<'a> SchemaKind<'a> {
             .collect();
         fields.map_or(SchemaKind::Unknown, SchemaKind::Struct)
     }
-    /// Kind of a choice: variants of an enumeration, or a value that may be absent.
+    /// Encoding of a choice: variants of an enumeration, or an optional value.
     fn choice(schema: &'a Object) -> SchemaKind<'a> {
         let several = |key: &str| Some(schema.get(key)?.as_array()?.iter().filter_map(Value::as_object));
         if let Some(mut options) = several("anyOf") {
@@ -223,7 +223,6 @@ impl<'a> SchemaKind<'a> {
             .filter(|v| !v.is_empty())
             .map_or(SchemaKind::Unknown, SchemaKind::Enum)
     }
-    /// A number, or several.
     fn is_number(&self) -> bool {
         match self {
             SchemaKind::Number(_) => true,
@@ -235,7 +234,7 @@ impl<'a> SchemaKind<'a> {
             | SchemaKind::Unknown => false,
         }
     }
-    /// Name of the kind for documents.
+    /// Name for documents.
     pub fn name(&self) -> String {
         match self {
             SchemaKind::Number(format) => short(format).into(),
@@ -254,7 +253,7 @@ fn is_null(schema: &Object) -> bool {
     schema.get("type").and_then(Value::as_str) == Some("null")
 }
 
-/// Whether a value may be absent.
+/// Whether a value is optional.
 pub fn is_optional(schema: &Object) -> bool {
     let null = |key: &str| {
         schema.get(key).and_then(Value::as_array).is_some_and(|all| {
@@ -265,7 +264,6 @@ pub fn is_optional(schema: &Object) -> bool {
     null("type") || null("anyOf") || null("oneOf")
 }
 
-/// Rust's name of a number's format.
 fn short(format: &str) -> &str {
     match format {
         "double" => "f64",
@@ -283,22 +281,22 @@ fn short(format: &str) -> &str {
     }
 }
 
-/// A field of a message.
+/// Field of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Name of the field, with those of what it is in: `modes[].pole`.
+    /// Path of the field, such as `modes[].pole`.
     pub path: String,
-    /// Encoding; `?` behind it: it may be absent.
+    /// Encoding; a trailing `?` marks an optional field.
     pub kind: String,
-    /// Units; empty without any.
+    /// Units; empty if none.
     pub unit: String,
-    /// Frame, or the clock of a time; empty without either.
+    /// Frame, or clock of a time; empty if none.
     pub frame: String,
     /// Description of the field.
     pub description: String,
 }
 
-/// The fields of a message in the order in which they travel.
+/// Fields of a message in wire order.
 pub fn fields(schema: &Schema) -> Vec<Field> {
     let mut found = Vec::new();
     if let Some(SchemaKind::Struct(content)) = schema.as_object().map(SchemaKind::of) {

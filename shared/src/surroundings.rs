@@ -12,34 +12,34 @@ use crate::frames::wrap_angle;
 use crate::geometry::DeckGeometry;
 use crate::msg::{Seq, within};
 
-/// Keep-out volumes that a vessel may have.
+/// Maximum number of keep-out volumes of a vessel.
 pub const MAX_KEEP_OUT: usize = 8;
-/// A volume is at least so far from the deck's outline, m: half a drone beyond the edge, as it may
-/// stand, and what it errs by.
+/// Minimum distance of a volume from the deck's outline, m: half of a drone standing at the edge, plus its position
+/// error.
 const COLUMN_MARGIN_M: f64 = 0.5;
-/// Half the width that a drone needs on its way out along the escape direction, m: a drone and what it errs by.
+/// Half width of the corridor along the escape direction, m: a drone plus its position error.
 const ESCAPE_HALF_WIDTH_M: f64 = 1.0;
-/// Step in which the way out is looked at, m.
+/// Step for checking the escape corridor, m.
 const WAY_STEP_M: f64 = 0.25;
-/// The narrowest approach sector, deg: narrower ones are left by what the vessel yaws in waves.
+/// Minimum width of the approach sector, deg; the vessel's yaw in waves exceeds a narrower one.
 const MIN_SECTOR_DEG: f64 = 20.0;
-/// Drones wait so far above the highest volume, m: what a deck heaves about its mean and an approach to a height
-/// leaves open (1 m each), and a drone with what it errs by (1 m).
+/// Minimum height of waiting drones above the highest volume, m: deck heave about its mean (1 m), tolerance of an
+/// approach height (1 m), and a drone plus its position error (1 m).
 const WAIT_ABOVE_M: f64 = 3.0;
-/// ... and so much more per metre of its distance from the deck's centre: the tilt of the vessel, rad.
+/// Additional height per metre of the volume's distance from the deck's centre: the vessel's tilt, rad.
 const TILT_RAD: f64 = 0.2;
 
 config! {
-    /// Obstacles around the landing deck, and directions from and to which drones fly.
+    /// Obstacles around the landing deck, and permitted flight directions.
     pub struct SurroundingsConfig {
-        /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes, each by two
-        /// opposite corners in the vessel's body frame, m.
+        /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes, each given
+        /// by two opposite corners in the vessel's body frame, m.
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
-        /// Drones come low over the vessel only from these bearings: from the first clockwise to the second, relative to
+        /// Bearings from which drones approach low over the vessel: clockwise from the first to the second, relative to
         /// the bow, deg.
         pub approach_sector_deg: [f64; 2] = [0.0, 360.0], in -360.0..=360.0;
-        /// A drone that breaks off near the deck leaves in this bearing relative to the bow while it climbs, deg; without
-        /// it straight up.
+        /// Bearing relative to the bow in which a drone that breaks off near the deck climbs away, deg; without it
+        /// straight up.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub escape_deg: Option<f64> = None, in -360.0..=360.0;
     }
@@ -62,7 +62,7 @@ impl SurroundingsConfig {
         if width == 0.0 && to != from { 360.0 } else { width }
     }
 
-    /// Volumes in the way down to this deck, or in the way out.
+    /// Checks for volumes in the descent to this deck, or in the escape corridor.
     pub fn check_deck(&self, deck: &DeckGeometry, at: &Keys<'_>) -> Result<(), ConfigError> {
         let around = self.around(deck);
         let half = [0.5 * deck.length_m, 0.5 * deck.width_m];
@@ -90,7 +90,7 @@ impl SurroundingsConfig {
         Ok(())
     }
 
-    /// These surroundings from the deck's centre.
+    /// These surroundings relative to the deck's centre.
     pub fn around(&self, deck: &DeckGeometry) -> Surroundings {
         let from = wrap_angle(self.approach_sector_deg[0].to_radians());
         Surroundings {
@@ -101,18 +101,19 @@ impl SurroundingsConfig {
     }
 }
 
-/// A box along the deck's axes (forward, right, down) from the deck's centre, m.
+/// Box along the deck's axes (forward, right, down) relative to the deck's centre, m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KeepOut {
-    /// Aftmost, leftmost, highest corner, from the deck's centre, m.
+    /// Aftmost, leftmost, highest corner relative to the deck's centre, m.
     pub low: [f32; 3],
-    /// Foremost, rightmost, lowest corner, from the deck's centre, m.
+    /// Foremost, rightmost, lowest corner relative to the deck's centre, m.
     pub high: [f32; 3],
 }
 
 impl KeepOut {
-    /// Boxes by two opposite corners in the vessel's body frame (m), from the deck's centre; at most [`MAX_KEEP_OUT`].
+    /// Boxes relative to the deck's centre from two opposite corners each in the vessel's body frame, m; at most
+    /// [`MAX_KEEP_OUT`].
     pub fn all(corners: &[[[f64; 3]; 2]], deck: &DeckGeometry) -> Seq<KeepOut, MAX_KEEP_OUT> {
         Seq::filled(corners.iter().map(|[a, b]| {
             let place = |i: usize, v: f64| (v - deck.centre_m[i]) as f32;
@@ -122,16 +123,16 @@ impl KeepOut {
             }
         }))
     }
-    /// Distance of the place `p` (deck frame, m) beyond the box along each axis, m; negative inside.
+    /// Distance of the point `p` (deck frame, m) beyond the box along each axis, m; negative inside.
     pub fn beyond(&self, p: &Vector3<f64>) -> Vector3<f64> {
         Vector3::from_fn(|i, _| (f64::from(self.low[i]) - p[i]).max(p[i] - f64::from(self.high[i])))
     }
-    /// Distance of the place `p` (deck frame, m) from the box, m; 0 inside.
+    /// Distance of the point `p` (deck frame, m) from the box, m; 0 inside.
     pub fn distance(&self, p: &Vector3<f64>) -> f64 {
         self.beyond(p).map(|v| v.max(0.0)).norm()
     }
-    /// Whether it is nearer than `margin` to the level way of this `length` from the place `from` along the direction
-    /// `along` (forward and right); deck frame, m.
+    /// Whether the box is nearer than `margin` to the horizontal path of this `length` from the point `from` along the
+    /// direction `along` (forward and right); deck frame, m.
     pub fn blocks(&self, from: &Vector3<f64>, along: [f64; 2], length: f64, margin: f64) -> bool {
         let steps = (length / WAY_STEP_M).ceil() as u32;
         (0..=steps).any(|k| {
@@ -139,22 +140,21 @@ impl KeepOut {
             self.distance(&(from + Vector3::new(s * along[0], s * along[1], 0.0))) < margin
         })
     }
-    /// Horizontal distance of its furthest corner from the deck's centre, m.
     fn reach_m(&self) -> f64 {
         let far = |i: usize| f64::from(self.low[i].abs().max(self.high[i].abs()));
         far(0).hypot(far(1))
     }
 }
 
-/// Obstacles around a deck, in the deck's axes from its centre.
+/// Obstacles around a deck, in the deck's axes relative to its centre.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Surroundings {
     /// Keep-out volumes.
     pub keep_out: Seq<KeepOut, MAX_KEEP_OUT>,
-    /// The approach sector: its first bearing relative to the bow and its width clockwise, rad.
+    /// Approach sector: its first bearing relative to the bow and its width clockwise, rad.
     pub sector: [f32; 2],
-    /// The escape direction relative to the bow, rad; None: straight up.
+    /// Escape direction relative to the bow, rad; None: straight up.
     pub escape: Option<f32>,
 }
 
@@ -169,15 +169,15 @@ impl Default for Surroundings {
 }
 
 impl Surroundings {
-    /// Nothing stands there, and drones fly as they like.
+    /// Whether there are neither obstacles nor restricted directions.
     pub fn is_empty(&self) -> bool {
         self.keep_out.is_empty() && self.is_open() && self.escape.is_none()
     }
-    /// Drones may come from all round.
+    /// Whether drones may approach from any direction.
     pub fn is_open(&self) -> bool {
         f64::from(self.sector[1]) > TAU - 1e-3
     }
-    /// Whether the numbers are finite, the corners in order and the sector at most a full turn.
+    /// Whether all numbers are finite, the corners ordered and the sector at most a full turn.
     pub fn is_sound(&self) -> bool {
         let sound = |v: &KeepOut| {
             within(v.low.iter().chain(&v.high), 500.0) && v.low.iter().zip(&v.high).all(|(a, b)| a <= b)
@@ -191,13 +191,14 @@ impl Surroundings {
     pub fn reach_m(&self) -> f64 {
         self.keep_out.iter().map(KeepOut::reach_m).fold(0.0, f64::max)
     }
-    /// Minimum height above the deck's mean at which drones wait or come, m: over all volumes; 0 without any.
+    /// Minimum height above the deck's mean level for waiting or approaching drones, m: above all volumes; 0 without
+    /// any.
     pub fn wait_height_m(&self) -> f64 {
         let above = |v: &KeepOut| WAIT_ABOVE_M - f64::from(v.low[2]) + TILT_RAD * v.reach_m();
         self.keep_out.iter().map(above).fold(0.0, f64::max)
     }
-    /// Angle by which a bearing relative to the bow is outside the approach sector narrowed by `margin` on both sides, rad:
-    /// positive when the nearest permitted bearing lies clockwise; 0 inside.
+    /// Angle by which a bearing relative to the bow lies outside the approach sector, narrowed by `margin` on both
+    /// sides, rad: positive if the nearest permitted bearing lies clockwise; 0 inside.
     pub fn outside_sector(&self, bearing: f64, margin: f64) -> f64 {
         if self.is_open() {
             return 0.0;
@@ -207,7 +208,7 @@ impl Surroundings {
         let inside = (half - margin).clamp(0.0, PI);
         off.clamp(-inside, inside) - off
     }
-    /// The escape direction's components forward and right.
+    /// Forward and right components of the escape direction.
     pub fn escape_direction(&self) -> Option<[f64; 2]> {
         let (sin, cos) = f64::from(self.escape?).sin_cos();
         Some([cos, sin])

@@ -1,64 +1,66 @@
-//! The tags on a deck: several of one family, each with its number, size and place, measured as one body.
+//! Tags on a deck: several of one family with individual ids, sizes and positions, measured as one body.
 
 use crate::config;
 use crate::msg::Seq;
 
-/// Tags of a deck, at most.
+/// Maximum number of tags on a deck.
 pub const MAX_TAGS: usize = 24;
-/// Tags of the family 36h11.
+/// Number of tags in the family 36h11.
 pub const FAMILY: u16 = 587;
-/// Side of a tag with its white margin, in sides of its black square: ten cells to eight.
+/// Side of a tag with its white margin, relative to its black square: ten cells to eight.
 pub const MARGIN: f64 = 1.25;
 
 config! {
-    /// A tag of the AprilTag family 36h11, its upper edge forward.
+    /// Tag of the AprilTag family 36h11 with its upper edge forward.
     #[derive(Copy)]
     pub struct DeckTag {
-        /// Number of the tag in the family.
+        /// Id of the tag in the family.
         pub id: u16 = 0, in 0.0..=586.0;
         /// Side of its black square, m.
         pub side_m: f64 = 1.0, in 0.02..=10.0;
-        /// Centre of the tag from the deck's centre: forward, right, down, m.
+        /// Centre of the tag relative to the deck's centre: forward, right, down, m.
         pub centre_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
     }
 }
 
-/// The tags of a deck.
+/// Tags of a deck.
 pub type Tags = Seq<DeckTag, MAX_TAGS>;
 
-/// Side of the small tags, m: 20 px, with which nearly all images are decoded, from 1.4 m through 320 px of focal length.
+/// Side of the small tags, m. From a height of 1.4 m and with a focal length of 320 px they measure 20 px, enough to
+/// decode them in nearly all images.
 const SMALL_M: f64 = 0.09;
-/// Radius of the ring of six about the seventh, m. At contact the image of the default camera (0.22 m above the deck, 480 px
-/// of height) holds a circle of 0.165 m: a tag whose centre is within 0.101 m of that circle's centre is whole. Seven discs of
-/// that radius cover a disc of twice the radius, 0.2 m of landing error, with the ring at the square root of 3 of it.
+/// Radius of the ring of six small tags about the seventh, m. At contact the image of the default camera (0.22 m above
+/// the deck, 480 px high) covers a circle of 0.165 m, in which a tag is complete if its centre is within 0.101 m of the
+/// circle's centre. Seven discs of that radius cover a disc of twice the radius, 0.2 m of landing error, if the ring
+/// has the square root of 3 times the radius.
 const RING_M: f64 = 0.173;
-/// Largest of the two tags that are detected from afar and of the two between, m: decoded from 16 m and from 5 m.
+/// Maximum side of the two distant tags and of the two intermediate ones, m: decoded from 16 m and from 5 m.
 const LARGE_M: [f64; 2] = [0.8, 0.25];
-/// Minimum of the first, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag instead, at most
-/// the paper's metre and 0.7 of the deck, so that its margin is on the deck as well.
+/// Minimum side of the distant tags, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag
+/// only, at most the paper's metre and 0.7 of the deck, so that its margin fits on the deck as well.
 const MIN_LARGE_M: f64 = 0.44;
 const ALONE: (f64, f64) = (1.0, 0.7);
 
-/// The first of the numbers that are the tags' of the boat `vessel`: each boat has [`MAX_TAGS`] of its own among the family's, so
-/// that boats whose numbers differ, and not by a multiple of 23, have none in common. The family's first ones, which every
-/// example has, are no boat's.
+/// First tag id of the boat `vessel`. Each boat has [`MAX_TAGS`] ids of the family to itself, so boats have none in
+/// common unless their numbers differ by a multiple of 23. No boat has the first ids of the family, which all examples
+/// use.
 pub fn first_number(vessel: u32) -> u16 {
-    let each = MAX_TAGS as u16;
-    let boats = u32::from(FAMILY / each) - 1;
-    each * (1 + (vessel % boats) as u16)
+    let ids_per_boat = MAX_TAGS as u16;
+    let boats = u32::from(FAMILY / ids_per_boat) - 1;
+    ids_per_boat * (1 + (vessel % boats) as u16)
 }
-/// These tags with the numbers of the boat `vessel`, in their order.
+/// These tags with the ids of the boat `vessel`, in the same order.
 pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {
     let first = first_number(vessel);
     Seq::filled(tags.iter().zip(first..).map(|(tag, id)| DeckTag { id, ..*tag }))
 }
-/// They have numbers that every boat has which was given none of its own.
+/// Whether the ids are the defaults, which all boats without ids of their own share.
 pub fn are_anybodys(tags: &[DeckTag]) -> bool {
     tags.iter().any(|tag| usize::from(tag.id) < MAX_TAGS)
 }
 
-/// The tags that are suggested for a deck of this size: seven small ones about its centre for the last metre, two to the
-/// sides, and two large ones fore and aft; one alone where the deck is too short.
+/// Suggested tags for a deck of this size: seven small ones about its centre for the last metre, two intermediate ones
+/// at the sides, and two large ones fore and aft; a single tag if the deck is too short.
 pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     let ring = core::array::from_fn::<_, 6, _>(|k| (60.0 * k as f64 + 30.0).to_radians().sin_cos());
     let inner = [ring[0].1, 1.0].map(|reach| RING_M * reach + 0.5 * MARGIN * SMALL_M);
@@ -74,7 +76,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
             ..DeckTag::default()
         }]);
     }
-    // To the millimetre, as it is printed.
+    // Rounded to the millimetre, as printed.
     let mm = |v: f64| ((1e3 * v.abs() + 1e-6).round() / 1e3).copysign(v) + 0.0;
     let (fore, aside) = (inner[0] + 0.5 * MARGIN * large, inner[1] + 0.5 * MARGIN * middle);
     let far = [
@@ -85,7 +87,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     ];
     let small = ring.map(|(sin, cos)| (SMALL_M, RING_M * cos, RING_M * sin));
     let all = far.into_iter().chain([(SMALL_M, 0.0, 0.0)]).chain(small);
-    // Next to a narrow deck's small tags there is no room for larger ones.
+    // On a narrow deck there is no room for larger tags next to the small ones.
     let useful = all.filter(|(side, ..)| *side >= SMALL_M);
     Seq::filled(useful.zip(0..).map(|((side, x, y), id)| DeckTag {
         id,
@@ -109,7 +111,7 @@ mod tests {
         assert_eq!(all.len(), 23 * tags.len());
         assert!(all.iter().all(|id| *id < FAMILY));
         assert!(are_anybodys(&tags) && !are_anybodys(&of_vessel(&tags, 7)));
-        // A boat's largest number, whatever its deck.
+        // The largest number of every boat is in the family.
         assert!((0..=u32::from(u16::MAX)).all(|v| first_number(v) + MAX_TAGS as u16 <= FAMILY));
     }
 }

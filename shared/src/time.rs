@@ -1,6 +1,6 @@
-//! Time with a clock type. Instants of two clocks do not compare, subtract or mix by accident:
-//! the vessel's computer, the drone's computer and the simulated truth each have a type of their
-//! own, and only the bridge converts between them, with a stated uncertainty.
+//! Time with a clock type. Times of different clocks cannot be compared, subtracted or mixed by accident: the vessel's
+//! computer, the drone's computer and the simulated truth have separate types, and only the bridge converts between
+//! them, with a stated uncertainty.
 
 use core::fmt;
 use core::hash::Hash;
@@ -11,7 +11,7 @@ use std::borrow::Cow;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
-/// A clock that stamps instants.
+/// Clock of a time.
 pub trait Clock: Copy + fmt::Debug + Default + Ord + Hash + 'static {
     /// Name for messages.
     const NAME: &'static str;
@@ -28,50 +28,50 @@ macro_rules! clocks {
     )*};
 }
 clocks! {
-    /// The clock of the vessel's computer.
+    /// Clock of the vessel's computer.
     VesselClock = "vessel clock";
-    /// The clock of the drone's computer.
+    /// Clock of the drone's computer.
     DroneClock = "drone clock";
-    /// The simulated world's own time. No node ever sees it.
+    /// Time of the simulated world, hidden from all nodes.
     TrueTime = "true time";
-    /// The operating system's steady clock, one for all processes of a computer.
+    /// The operating system's steady clock, common to all processes of a computer.
     SteadyClock = "steady clock";
 }
 
-/// A length of time in whole nanoseconds; arithmetic saturates.
+/// Duration in whole nanoseconds with saturating arithmetic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(transparent)]
 #[serde(transparent)]
 pub struct Span(i64);
 
 impl Span {
-    /// No time at all.
+    /// Zero duration.
     pub const ZERO: Span = Span(0);
-    /// The longest span.
+    /// Maximum duration.
     pub const MAX: Span = Span(i64::MAX);
 
-    /// From whole nanoseconds.
+    /// Duration of whole nanoseconds.
     pub const fn from_nanos(ns: i64) -> Self {
         Span(ns)
     }
-    /// From whole milliseconds.
+    /// Duration of whole milliseconds.
     pub const fn from_millis(ms: i64) -> Self {
         Span(ms.saturating_mul(1_000_000))
     }
-    /// From seconds, rounded to the nanosecond; saturates, and a NaN becomes zero.
+    /// Duration in seconds, rounded to the nanosecond; saturates, and a NaN becomes zero.
     pub fn from_secs(s: f64) -> Self {
         // `as` saturates and maps NaN to zero.
         Span((s * 1e9).round() as i64)
     }
-    /// Whole nanoseconds.
+    /// Duration in nanoseconds.
     pub const fn nanos(self) -> i64 {
         self.0
     }
-    /// Seconds.
+    /// Duration in seconds.
     pub fn secs(self) -> f64 {
         self.0 as f64 * 1e-9
     }
-    /// The magnitude.
+    /// Absolute value.
     pub const fn abs(self) -> Self {
         Span(self.0.saturating_abs())
     }
@@ -125,7 +125,7 @@ impl fmt::Display for Span {
     }
 }
 
-/// An instant on clock `C`, in nanoseconds since that clock's own epoch.
+/// Time on clock `C` in nanoseconds since that clock's own epoch.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(transparent)]
 #[serde(transparent, bound = "")]
@@ -148,17 +148,17 @@ impl<C: Clock> JsonSchema for Time<C> {
 }
 
 impl<C> Time<C> {
-    /// The clock's epoch.
+    /// Epoch of the clock.
     pub const EPOCH: Time<C> = Time::from_nanos(0);
 
-    /// From nanoseconds since the epoch.
+    /// Time from nanoseconds since the epoch.
     pub const fn from_nanos(ns: i64) -> Self {
         Time {
             ns,
             clock: PhantomData,
         }
     }
-    /// From seconds since the epoch; saturates.
+    /// Time from seconds since the epoch; saturates.
     pub fn from_secs(s: f64) -> Self {
         Self::from_nanos(Span::from_secs(s).nanos())
     }
@@ -201,18 +201,18 @@ impl<C> Sub<Span> for Time<C> {
     }
 }
 
-/// A value and its time of validity.
+/// Value with its time of validity.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
 pub struct Stamped<C: Clock, T> {
-    /// When the value was valid (measured, or computed for), not when it arrived.
+    /// Time of validity (of measurement, or of the prediction), not of arrival.
     pub at: Time<C>,
-    /// The value.
+    /// Value at that time.
     pub value: T,
 }
 
 impl<C: Clock, T> Stamped<C, T> {
-    /// A value valid at `at`.
+    /// Value valid at `at`.
     pub const fn new(at: Time<C>, value: T) -> Self {
         Stamped { at, value }
     }

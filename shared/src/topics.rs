@@ -1,4 +1,4 @@
-//! The topics, each declared once: name, type, rate, largest size and staleness limit.
+//! All topics, each declared once with name, type, rate, maximum size and staleness limit.
 
 use core::mem::size_of;
 
@@ -11,14 +11,14 @@ use crate::{msg, schema};
 /// Medium of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Medium {
-    /// Between the computers, as bincode: `bytes` is the bound on the wire.
+    /// Between computers, as bincode; `bytes` is the limit on the wire.
     Radio,
-    /// Inside one computer, as plain data in shared memory: `bytes` is the size in memory.
+    /// Inside one computer, as plain data in shared memory; `bytes` is the size in memory.
     Memory,
 }
 
 impl Medium {
-    /// Name for people and programs.
+    /// Name for display and programs.
     pub const fn name(self) -> &'static str {
         match self {
             Medium::Radio => "radio",
@@ -27,7 +27,7 @@ impl Medium {
     }
 }
 
-/// Reports of the processes about themselves; apart from the table, because no node reads it.
+/// Reports of processes about themselves; not in the table, because no node reads them.
 pub const PROCESS: Topic = Topic {
     name: "process/state",
     message: "ProcessState",
@@ -39,8 +39,8 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::process::ProcessState>,
 };
 
-/// Reports of the vessel's process about itself, which it broadcasts for its drones, under its own name. While the link is
-/// congested they come half as often.
+/// Report of the vessel's process about itself, broadcast to its drones as a separate topic. Its rate is halved while
+/// the link is congested.
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "process",
     medium: Medium::Radio,
@@ -49,17 +49,17 @@ pub const VESSEL_PROCESS: Topic = Topic {
     stale_after: Span::from_millis(6000),
     ..PROCESS
 };
-/// The topic of a process's reports: of one of this computer, or of the vessel's `by_radio`.
+/// Topic of process reports: of this computer, or of the vessel if `by_radio`.
 pub const fn process_reports(by_radio: bool) -> &'static Topic {
     if by_radio { &VESSEL_PROCESS } else { &PROCESS }
 }
 
-/// Period of an order's repetitions, and the time after which it is given up.
+/// Interval of an order's repetitions, and their timeout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Retries {
-    /// Time between two.
+    /// Interval between repetitions.
     pub period: Span,
-    /// Longest time without an answer.
+    /// Maximum time without an acknowledgement.
     pub timeout: Span,
 }
 
@@ -72,20 +72,20 @@ impl Retries {
     }
 }
 
-/// [`COMMAND`] of a ground station or the remote control, by the autopilot's link.
+/// [`COMMAND`] from a ground station or the remote control, via the autopilot link.
 pub const AUTOPILOT_RETRIES: Retries = Retries::of_millis(250, 5000);
-/// [`COMMAND`] or [`BEACON`] of a person at the computer: the states that show it come at 50 Hz.
+/// [`COMMAND`] or [`BEACON`] from the operator at the computer; the acknowledging states arrive at 50 Hz.
 pub const LOCAL_RETRIES: Retries = Retries::of_millis(500, 2000);
-/// [`SETTINGS`]: a ground station asks again after a second.
+/// [`SETTINGS`]: a ground station repeats its request after one second.
 pub const SETTINGS_RETRIES: Retries = Retries::of_millis(100, 800);
-/// [`CREW`]: the vessel's process may just be started again.
+/// [`CREW`]: long enough for a restart of the vessel's process.
 pub const CREW_RETRIES: Retries = Retries::of_millis(500, 6000);
-/// [`OPERATOR`] from ashore to the vessel: it takes a session and two radios.
+/// [`OPERATOR`] from ashore to the vessel: requires a session and two radio links.
 pub const ASHORE_RETRIES: Retries = Retries::of_millis(500, 12_000);
-/// [`OPERATOR`] from the vessel to a drone; an abort's have no end.
+/// [`OPERATOR`] from the vessel to a drone; an abort has no timeout.
 pub const RELAY_RETRIES: Retries = Retries::of_millis(500, 10_000);
 
-/// A topic.
+/// Declaration of a topic.
 #[derive(Clone, Copy, Debug)]
 pub struct Topic {
     /// Key expression suffix (radio) or service name (shared memory).
@@ -96,29 +96,29 @@ pub struct Topic {
     pub medium: Medium,
     /// Nominal rate, Hz.
     pub rate_hz: f64,
-    /// Largest size, bytes.
+    /// Maximum size, bytes.
     pub bytes: usize,
-    /// Older than this, a consumer treats it as missing.
+    /// Age at which a consumer treats a message as missing.
     pub stale_after: Span,
-    /// Shared memory: how many messages wait for a subscriber; the oldest gives way. State streams
-    /// need the newest only, event streams must not lose what came between two wake-ups.
+    /// Shared memory: maximum number of messages waiting for a subscriber; the oldest is dropped. State streams need
+    /// only the newest, event streams must keep all messages between two wake-ups.
     pub buffer: usize,
-    /// Schema of its message.
+    /// Schema of the message.
     pub schema: fn() -> Schema,
 }
 
 impl Topic {
-    /// Name of the message's type, without its path and its clocks.
+    /// Name of the message type without path and clocks.
     pub fn type_name(&self) -> &'static str {
         let bare = self.message.split('<').next().unwrap_or_default();
         bare.rsplit("::").next().unwrap_or_default()
     }
-    /// Version of the messages for Zenoh: what follows the `;` of an encoding, `application/octet-stream`, with each message.
-    /// The key names the topic, and with it the type.
+    /// Message version for Zenoh: the part after `;` in the encoding `application/octet-stream` of each message. The
+    /// key determines the topic and its type.
     pub fn encoding_schema() -> String {
         msg::MESSAGE_VERSION.to_string()
     }
-    /// The topic with the schema of its message, for programs of others.
+    /// Topic with the schema of its message, for other programs.
     pub fn described(&self) -> Value {
         json!({
             "topic": self.name,
@@ -146,111 +146,112 @@ macro_rules! topics {
             name: $name, message: stringify!($ty), medium: Medium::Memory, rate_hz: $rate,
             bytes: size_of::<$ty>(), stale_after: Span::from_millis($stale), buffer: $buffer, schema: schema::of::<$ty>,
         };)*
-        // Every topic's type exists and fits.
+        // Compile-time check that every type exists and fits.
         $(const _: () = assert!(size_of::<$sent>() <= 64 * 1024);)*
         $(const _: () = assert!(size_of::<$ty>() <= 64 * 1024);)*
-        /// Every topic.
+        /// All topics.
         pub const ALL: &[Topic] = &[$($radio,)* $($id),*];
         plain! { $($ty => $id;)* }
     };
 }
-// Reports name a topic by its place here: a new one stands at the end, with a new version of the messages.
+// Reports refer to topics by position: append new ones at the end, and increase the message version.
 topics! {
     radio {
-        /// The vessel's state.
+        /// State of the vessel.
         ESTIMATE: "estimate", msg::EstimateUpdate<VesselClock>, 30.0 Hz, 300, 1000 ms;
-        /// The vessel's wave model.
+        /// Wave model of the vessel.
         WAVE: "wave", msg::WaveUpdate<VesselClock>, 5.0 Hz, 1200, 5000 ms;
-        /// The vessel's own prediction.
+        /// Prediction of the vessel.
         PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, 1.0 Hz, 1200, 3000 ms;
-        /// Obstacles around the vessel's deck; only with any.
+        /// Obstacles around the vessel's deck, if it has any.
         SURROUNDINGS: "surroundings", msg::VesselSurroundings<VesselClock>, 1.0 Hz, 300, 3000 ms;
-        /// The drone's question for the vessel's time.
+        /// Time request of a drone.
         TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, 2.0 Hz, 64, 2000 ms;
-        /// The vessel's answer.
+        /// Time reply of the vessel.
         TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, 2.0 Hz, 64, 2000 ms;
-        /// Whose the vessel's deck is.
+        /// Deck grant of the vessel.
         DECK: "deck", msg::DeckGrant<VesselClock>, 2.0 Hz, 112, 2000 ms;
-        /// An operator's command, from the operator to the vessel and from the vessel to a drone.
+        /// Operator command, from the operator to the vessel and from the vessel to a drone.
         OPERATOR: "command", msg::OperatorCommand<VesselClock>, 0.1 Hz, 64, 5000 ms;
-        /// Statuses of drones as the vessel received them, for operators.
+        /// Drone statuses received by the vessel, for operators.
         DRONES: "drones", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
-        /// Progress of an operator's command, for operators.
+        /// Progress of operator commands, for operators.
         RECEIPTS: "receipts", msg::CommandReceipt, 2.0 Hz, 64, 2000 ms;
-        /// The drone's status, for the vessel's deck.
+        /// Status of the drone, for the vessel's deck.
         DRONE_STATUS: "status", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
-        /// Frames of RTCM 3 of the vessel's receiver, for a receiver to which it is a moving base; only with one.
+        /// RTCM 3 frames of the vessel's receiver, for a receiver that uses it as moving base.
         RTCM: "rtcm", msg::RtcmFrames<VesselClock>, 8.0 Hz, 1100, 2000 ms;
     }
     memory {
-        /// The autopilot's odometry.
+        /// Odometry of the autopilot.
         DRONE_STATE: "drone/state", msg::DroneState, 100.0 Hz, 200 ms, 2 deep;
-        /// The autopilot's state.
+        /// State of the autopilot.
         AUTOPILOT: "drone/autopilot", msg::AutopilotState, 10.0 Hz, 1000 ms, 2 deep;
         /// Tag detections.
         TAG: "camera/tag", msg::TagPose, 30.0 Hz, 500 ms, 16 deep;
         /// UV marker detections.
         UVDAR: "camera/uvdar", msg::UvdarFix, 20.0 Hz, 500 ms, 16 deep;
-        /// Rangefinder.
+        /// Rangefinder measurements.
         RANGE: "drone/range", msg::RangeSample, 50.0 Hz, 200 ms, 16 deep;
-        /// The vessel's state on the drone's clock, as the bridge admitted it.
+        /// State of the vessel on the drone's clock, admitted by the bridge.
         BRIDGE_ESTIMATE: "bridge/estimate", msg::VesselEstimate<DroneClock>, 30.0 Hz, 1000 ms, 4 deep;
-        /// The vessel's wave model on the drone's clock.
+        /// Wave model of the vessel on the drone's clock.
         BRIDGE_WAVE: "bridge/wave", msg::WaveModel<DroneClock>, 5.0 Hz, 5000 ms, 2 deep;
-        /// The vessel's own prediction on the drone's clock.
+        /// Prediction of the vessel on the drone's clock.
         BRIDGE_PREDICTION: "bridge/prediction", msg::VesselPrediction<DroneClock>, 1.0 Hz, 3000 ms, 2 deep;
         /// Obstacles around the vessel's deck, on the drone's clock.
         BRIDGE_SURROUNDINGS: "bridge/surroundings", msg::VesselSurroundings<DroneClock>, 1.0 Hz, 3000 ms, 2 deep;
-        /// Whose the vessel's deck is, on the drone's clock.
+        /// Deck grant of the vessel on the drone's clock.
         BRIDGE_DECK: "bridge/deck", msg::DeckGrant<DroneClock>, 2.0 Hz, 2000 ms, 2 deep;
-        /// The bridge's view of link and clocks.
+        /// State of link and clocks, measured by the bridge.
         LINK: "bridge/link", msg::LinkState, 10.0 Hz, 1000 ms, 2 deep;
-        /// The deck's forecast.
+        /// Forecast of the deck.
         FORECAST: "deck/forecast", msg::DeckForecast, 50.0 Hz, 300 ms, 2 deep;
-        /// The mission's state.
+        /// State of the mission.
         MISSION: "mission/state", msg::MissionState, 50.0 Hz, 500 ms, 2 deep;
-        /// The planner's trajectory.
+        /// Trajectory of the planner.
         PLAN: "planner/plan", msg::Plan, 50.0 Hz, 500 ms, 2 deep;
-        /// The pilot's set-point.
+        /// Set-point of the pilot node.
         SET_POINT: "pilot/setpoint", msg::SetPoint, 100.0 Hz, 100 ms, 2 deep;
-        /// The operator's command.
+        /// Command of the operator.
         COMMAND: "operator/command", msg::Command, 0.1 Hz, 5000 ms, 16 deep;
-        /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
+        /// Checkpoint of the mission. When it is stale, the pilot node has returned the drone to its autopilot.
         MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, 50.0 Hz, 5000 ms, 4 deep;
-        /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
+        /// Checkpoint of the predictor. When it is stale, the odometry and the drone have drifted.
         PREDICTOR_CHECKPOINT: "deck/checkpoint", msg::PredictorCheckpoint, 50.0 Hz, 2000 ms, 4 deep;
-        /// The autopilot link's checkpoint. A link that was killed is back after 0.4 to 0.7 s on a busy computer. PX4 has left
-        /// OFFBOARD for its own hold by then, and comes back with the first set-points if no other mode was chosen; that
-        /// shows in the next report of the mode, half a second later at most, and until then no set-point is followed.
+        /// Checkpoint of the autopilot link. A killed link is back after 0.4 to 0.7 s on a busy computer. By then PX4
+        /// has switched from OFFBOARD to its own hold, and returns with the first set-points if no other mode was
+        /// chosen. The next report of the mode, at most half a second later, shows this; until then no set-point is
+        /// followed.
         LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, 50.0 Hz, 1500 ms, 4 deep;
         /// Measurements of the vessel's sensors.
         SENSORS: "vessel/sensors", msg::SensorReadings, 100.0 Hz, 500 ms, 64 deep;
-        /// Counts of the bytes of each of the vessel's real sensors.
+        /// Byte counts of each of the vessel's real sensors.
         SOURCES: "vessel/sources", msg::SourceReport, 2.0 Hz, 3000 ms, 8 deep;
         /// State of the vessel's process.
         VESSEL: "vessel/status", msg::VesselStatus, 2.0 Hz, 3000 ms, 2 deep;
-        /// An order of the vessel's crew.
+        /// Order of the vessel's crew.
         CREW: "vessel/crew", msg::CrewOrder, 0.1 Hz, 10000 ms, 16 deep;
-        /// Settings of the mission by a ground station.
+        /// Mission settings from a ground station.
         SETTINGS: "operator/settings", msg::SettingsOrder, 0.1 Hz, 1000 ms, 2 deep;
-        /// The vessel's place by a beacon; each is valid for as long as it states.
+        /// Position of the vessel from a beacon, which states its validity.
         BEACON: "deck/beacon", msg::DeckBeacon, 1.0 Hz, 10000 ms, 8 deep;
-        /// The light in the belly camera's images.
+        /// Brightness of the belly camera's images.
         CAMERA_LIGHT: "camera/light", msg::CameraLight, 2.0 Hz, 2000 ms, 2 deep;
-        /// Report of a computer about itself, by its supervisor.
+        /// Report of a computer about itself, from its supervisor.
         COMPUTER: "computer/report", msg::ComputerReport, 2.0 Hz, 3000 ms, 2 deep;
-        /// Frames of RTCM 3 among the bytes of the vessel's sensors.
+        /// RTCM 3 frames from the vessel's sensors.
         VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrames<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
-        /// Frames of RTCM 3 on the drone's clock, as the bridge admitted them.
+        /// RTCM 3 frames on the drone's clock, admitted by the bridge.
         BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrames<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
-        /// The drone's place relative to the vessel, by its receiver.
+        /// Position of the drone relative to the vessel, from its receiver.
         RELATIVE: "drone/relative", msg::RelativePlace, 5.0 Hz, 1000 ms, 8 deep;
     }
 }
 
 impl crate::process::ProcessKind {
-    /// The topic of its output for which others wait. None: it waits for images, orders or another world itself, and steps
-    /// when they come.
+    /// Output topic that other processes wait for. None: the process itself waits for images, orders or another world,
+    /// and steps when they arrive.
     pub const fn awaited(self) -> Option<&'static Topic> {
         match self {
             Self::Vessel => Some(&ESTIMATE),
@@ -277,7 +278,6 @@ mod tests {
     use crate::surroundings::{KeepOut, Surroundings};
     use crate::wire;
 
-    /// Takes so many bytes.
     fn take<'a>(bytes: &mut &'a [u8], n: usize) -> &'a [u8] {
         let (taken, rest) = bytes.split_at(n);
         *bytes = rest;
@@ -288,7 +288,7 @@ mod tests {
         value[..n].copy_from_slice(take(bytes, n));
         u64::from_le_bytes(value)
     }
-    /// Numbers by their path, read as somebody would who has the schema alone.
+    /// Decodes numbers by path from the schema alone, like another program.
     fn read(
         path: &str,
         schema: &serde_json::Map<String, Value>,
@@ -363,7 +363,10 @@ mod tests {
             (0.25, 0.5, -0.5)
         );
         let read = decoded(&ESTIMATE, &EstimateUpdate::of(&estimate));
-        assert!(!read.contains_key(".rest.mean_heading[1]"), "the fourth has none");
+        assert!(
+            !read.contains_key(".rest.mean_heading[1]"),
+            "the fourth estimate has no rest"
+        );
         let wave = WaveModel::<VesselClock> {
             header,
             significant_height_m: 1.5,
@@ -486,7 +489,7 @@ mod tests {
         );
     }
 
-    /// Numbers without a unit: counts, numbers of computers, shares, probabilities, ratios.
+    /// Numbers without a unit: counts, numbers of computers, fractions, probabilities, ratios.
     const WITHOUT_UNIT: [&str; 24] = [
         "boot",
         "sequence",
@@ -539,27 +542,33 @@ mod tests {
                 );
             }
         }
-        let of = |topic: &Topic, path: &str| {
+        let field_of = |topic: &Topic, path: &str| {
             let all = fields(&(topic.schema)());
             let f = all.into_iter().find(|f| f.path == path).unwrap();
             (f.kind, f.unit, f.frame)
         };
         let text = |kind: &str, unit: &str, frame: &str| (kind.to_owned(), unit.to_owned(), frame.to_owned());
-        assert_eq!(of(&ESTIMATE, "position"), text("f32[3]", "m", "vessel's NED"));
         assert_eq!(
-            of(&BRIDGE_ESTIMATE, "eta"),
+            field_of(&ESTIMATE, "position"),
+            text("f32[3]", "m", "vessel's NED")
+        );
+        assert_eq!(
+            field_of(&BRIDGE_ESTIMATE, "eta"),
             text("f64[6]", "m, rad", "vessel's NED")
         );
-        assert_eq!(of(&ESTIMATE, "header.at"), text("i64", "ns", "vessel clock"));
-        assert_eq!(of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
-        assert_eq!(of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));
         assert_eq!(
-            of(&DRONE_STATUS, "deck_distance_m"),
+            field_of(&ESTIMATE, "header.at"),
+            text("i64", "ns", "vessel clock")
+        );
+        assert_eq!(field_of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
+        assert_eq!(field_of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));
+        assert_eq!(
+            field_of(&DRONE_STATUS, "deck_distance_m"),
             text("f32?", "m", "deck's centre")
         );
     }
 
-    /// Every topic has a schema with the encoding of each of its fields.
+    /// Every topic has a schema with the encoding of each field.
     #[test]
     fn fields_of_every_topic() {
         for topic in ALL {

@@ -1,17 +1,17 @@
-//! The wire format of the radio: bincode 2, little endian, fixed-width integers, at most
-//! [`MAX_WIRE_BYTES`]. The only module that uses bincode.
+//! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`]. The only
+//! module that uses bincode.
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// No message of Alight is longer on the wire.
+/// Maximum size of a message on the wire, bytes.
 pub const MAX_WIRE_BYTES: usize = 4096;
 
-/// Why bytes were rejected.
+/// Reason for rejecting bytes.
 #[derive(Debug, Error)]
 pub enum WireError {
-    /// More bytes than any message has.
+    /// Longer than any message.
     #[error("decoding {name}: {got} bytes, at most {MAX_WIRE_BYTES} are accepted")]
     Oversized {
         /// Message type.
@@ -19,7 +19,7 @@ pub enum WireError {
         /// Bytes received.
         got: usize,
     },
-    /// The bytes are not this message.
+    /// The bytes cannot be decoded.
     #[error("decoding {name} from {got} bytes: {source}")]
     Malformed {
         /// Message type.
@@ -29,17 +29,17 @@ pub enum WireError {
         /// Error of bincode.
         source: bincode::error::DecodeError,
     },
-    /// Bytes were left over.
+    /// Bytes remain after decoding.
     #[error("decoding {name}: {left} of {got} bytes left over")]
     Trailing {
         /// Message type.
         name: &'static str,
         /// Bytes received.
         got: usize,
-        /// Bytes not consumed.
+        /// Number of remaining bytes.
         left: usize,
     },
-    /// The message does not encode.
+    /// The message cannot be encoded.
     #[error("encoding {name}: {source}")]
     Encode {
         /// Message type.
@@ -56,8 +56,8 @@ fn config() -> impl bincode::config::Config {
         .with_limit::<MAX_WIRE_BYTES>()
 }
 
-/// No record of a process's inputs or outputs is longer.
-pub const MAX_RECORD_BYTES: usize = 1 << 20;
+/// No record of a process's inputs or outputs is longer: two images of 1920 x 1080 px.
+pub const MAX_RECORD_BYTES: usize = 4 << 20;
 
 fn record_config() -> impl bincode::config::Config {
     bincode::config::standard()
@@ -66,7 +66,7 @@ fn record_config() -> impl bincode::config::Config {
         .with_limit::<MAX_RECORD_BYTES>()
 }
 
-/// Encodes a record for a log on this computer: like [`encode`], but up to [`MAX_RECORD_BYTES`].
+/// Encodes a record for a local log: like [`encode`], but up to [`MAX_RECORD_BYTES`].
 pub fn encode_record<T: Serialize>(record: &T) -> Result<Vec<u8>, WireError> {
     bincode::serde::encode_to_vec(record, record_config()).map_err(|source| WireError::Encode {
         name: short_name::<T>(),
@@ -74,7 +74,7 @@ pub fn encode_record<T: Serialize>(record: &T) -> Result<Vec<u8>, WireError> {
     })
 }
 
-/// Decodes a record of a log; all bytes must be consumed.
+/// Decodes a log record; all bytes must be consumed.
 pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
     let (name, got) = (short_name::<T>(), bytes.len());
     if got > MAX_RECORD_BYTES {
@@ -88,7 +88,7 @@ pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> 
     }
 }
 
-/// Hash of a value's record (XXH3): the same bits give the same hash, another bit another one but for one chance in 2^64.
+/// Hash of a value's record (XXH3). Values with different records share a hash with probability 1/2^64.
 pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     let mut hash = Xxh3Default::new();
     append_record(&mut hash, record)?;
@@ -102,7 +102,7 @@ pub fn hash_bytes(bytes: &[u8]) -> u64 {
     hash.digest()
 }
 
-/// Appends a record to `to`; like [`encode_record`] without an allocation.
+/// Appends a record to `to`: [`encode_record`] without an allocation.
 pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())
         .map(|_| ())
@@ -167,7 +167,7 @@ mod tests {
     fn estimate_within_300_bytes_round_trip() {
         let whole = EstimateUpdate::whole(&estimate());
         let bytes = encode(&whole).unwrap();
-        // The layout table of `alight_shared::msg::update`.
+        // Size in the layout table of `alight_shared::msg::update`.
         assert_eq!(bytes.len(), 161);
         assert_eq!(bytes[12..16], 3u32.to_le_bytes(), "sequence");
         assert_eq!(bytes[26..30], 1.0f32.to_le_bytes(), "position north");

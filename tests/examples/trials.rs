@@ -1,7 +1,8 @@
-//! Landings in lock-step without the program around them: no zenoh, no iceoryx2, no tokio to build.
+//! Landings in lock-step without the program around them: no zenoh, iceoryx2 or tokio to build.
 //!
-//! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line for each landing, and how many
-//! landed. SEA is what `alight trial --sea` takes (`moderate`, `jonswap:1,5`). `alight trial --trials N` flies the same, with tables.
+//! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line for each landing, and the
+//! number of successes. SEA is an argument of `alight trial --sea` (`moderate`, `jonswap:1,5`). `alight trial --trials
+//! N` flies the same landings and prints tables.
 
 use std::process::ExitCode;
 
@@ -21,7 +22,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Whether all landed.
+/// Whether every landing succeeded.
 fn run() -> Result<bool, String> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [sea, seed0, trials] = arguments.as_slice() else {
@@ -29,7 +30,7 @@ fn run() -> Result<bool, String> {
     };
     let number = |text: &str| {
         text.parse::<u32>()
-            .map_err(|e| format!("{text} is no whole number ({e}): {USAGE}"))
+            .map_err(|e| format!("{text} is not a whole number ({e}): {USAGE}"))
     };
     let (seed0, trials) = (number(seed0)?, number(trials)?);
     let scenario = Scenario {

@@ -1,8 +1,7 @@
-//! The simulated world of Alight: truth that shares no model with the nodes.
+//! The simulated world of Alight: its truth shares no model with the nodes.
 //!
-//! Start at [`harness::world`]: `World::tick` is the architecture diagram. [`harness::trial`] flies one
-//! landing. Lower layers know nothing of the ones above: physics < sensors, radio, autopilots,
-//! baselines < harness < studies.
+//! Start at [`harness::world`]: `World::tick` follows the architecture diagram. [`harness::trial`] flies one landing.
+//! Lower layers do not depend on higher ones: physics < sensors, radio, autopilots, baselines < harness < studies.
 
 pub mod autopilots;
 pub mod baselines;

@@ -1,5 +1,5 @@
-//! The drone's computer: its nodes in the order in which data flow. Read this first: each row is a process, wired by the
-//! `wiring!` in its node's file, over shared memory on a drone and in lock-step in the simulated world.
+//! The drone's computer: its nodes in the order of the data flow. Read this first: each row is a process, wired by the
+//! `wiring!` in its node's file. Rows run over shared memory on a drone and in lock-step in the simulated world.
 
 use alight_bridge::{Bridge, BridgeConfig};
 use alight_shared::bus::computer;
@@ -16,59 +16,57 @@ use crate::predictor::Predictor;
 use crate::settings::DroneSettings;
 
 computer! {
-    /// The rows of the drone's computer, in the order in which data flow. The link comes twice in a round: first with what the
-    /// autopilot has sent, at last with the pilot's set-point. Where a node keeps a checkpoint, it begins as the successor of a
-    /// crashed one.
+    /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice in a round: first it
+    /// reads what the autopilot has sent, last it sends the pilot's set-point. Nodes with a checkpoint start as
+    /// successors of a crashed process.
     DroneRows of DroneNodes {
-        /// The drone's end of the radio: the vessel's messages on the drone's clock.
-        bridge: Bridge => ProcessKind::Bridge, |of, boot| {
-            Bridge::new(&of.bridge, boot).disarmed_within(of.autopilot.disarm.longest_s())
+        /// Drone end of the radio link: the vessel's messages, stamped with the drone's clock.
+        bridge: Bridge => ProcessKind::Bridge, |nodes, boot| {
+            Bridge::new(&nodes.bridge, boot).disarmed_within(nodes.autopilot.disarm.longest_s())
         };
-        /// The link to the autopilot.
-        autopilot: AutopilotLink => ProcessKind::Autopilot, |of, boot| {
-            let drone = &of.drone;
+        /// Autopilot link.
+        autopilot: AutopilotLink => ProcessKind::Autopilot, |nodes, boot| {
+            let drone = &nodes.drone;
             let attitudes = drone.pilot.output == Output::Attitude;
-            AutopilotLink::new(&of.autopilot, &drone.odometry, &drone.airframe, attitudes, of.id(), boot)
+            AutopilotLink::new(&nodes.autopilot, &drone.odometry, &drone.airframe, attitudes, nodes.id(), boot)
         };
-        /// The belly camera: poses of the deck by its tags.
-        camera: CameraNode => ProcessKind::Camera, |of, boot| {
-            CameraNode::new(&of.drone.camera, &of.drone.tags(), of.camera(boot))
+        /// Belly camera: deck poses from tags.
+        camera: CameraNode => ProcessKind::Camera, |nodes, boot| {
+            CameraNode::new(&nodes.drone.camera, &nodes.drone.tags(), nodes.camera(boot))
         };
-        /// The ultraviolet camera: fixes of the deck by its blinking markers.
-        uvdar: UvdarNode => ProcessKind::Uvdar, |of, boot| {
-            UvdarNode::new(&of.drone.camera.uvdar, of.camera(boot))
+        /// Ultraviolet camera: deck poses from blinking markers.
+        uvdar: UvdarNode => ProcessKind::Uvdar, |nodes, boot| {
+            UvdarNode::new(&nodes.drone.camera.uvdar, nodes.camera(boot))
         };
-        /// The deck's forecast.
-        predictor: Predictor => ProcessKind::Predictor, |of, boot| {
-            Predictor::new(&of.drone.predictor(), boot).as_successor()
+        /// Forecast of the deck's motion.
+        predictor: Predictor => ProcessKind::Predictor, |nodes, boot| {
+            Predictor::new(&nodes.drone.predictor(), boot).as_successor()
         };
-        /// The state machine.
-        mission: MissionNode => ProcessKind::Mission, |of, boot| of.mission(boot).as_successor();
-        /// The trajectory.
-        planner: Planner => ProcessKind::Planner, |of, boot| {
-            let drone = &of.drone;
+        /// State machine of the landing.
+        mission: MissionNode => ProcessKind::Mission, |nodes, boot| nodes.mission(boot).as_successor();
+        /// Trajectory planner.
+        planner: Planner => ProcessKind::Planner, |nodes, boot| {
+            let drone = &nodes.drone;
             Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot)
         };
-        /// The set-points.
-        pilot: Pilot => ProcessKind::Pilot, |of, boot| {
-            Pilot::new(&of.drone.pilot, &of.drone.airframe, of.id(), boot)
+        /// Set-point generator.
+        pilot: Pilot => ProcessKind::Pilot, |nodes, boot| {
+            Pilot::new(&nodes.drone.pilot, &nodes.drone.airframe, nodes.id(), boot)
         };
     }
     /// The drone's processes: there is no other list of them.
-    PROCESSES: Installed
+    PROCESSES: Installed, RowVisitor
 }
 
-/// Configurations of the nodes of a drone's computer.
 #[derive(Clone, Debug)]
 pub struct DroneNodes {
     pub bridge: BridgeConfig,
-    /// The link to the autopilot.
     pub autopilot: AutopilotLinkConfig,
     pub drone: DroneSettings,
 }
 
 impl DroneNodes {
-    /// The mission, which no other was before.
+    /// A mission that starts without a predecessor.
     pub fn mission(&self, boot: u32) -> MissionNode {
         let drone = &self.drone;
         let id = self.id();

@@ -1,4 +1,4 @@
-//! Messages that the tests of several modules share: of vessel 1 to drone 1, in order.
+//! Test messages from vessel 1 to drone 1, shared by the tests of several modules.
 
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState,
@@ -6,15 +6,12 @@ use alight_shared::msg::{
 };
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Step of forecasts and plans.
 const STEP: Span = Span::from_millis(100);
 
-/// The header of message `n` at `t`.
 pub(crate) fn header(n: u32, t: Time<DroneClock>) -> Header<DroneClock> {
     Header::new(1, 1, 1, n, t)
 }
 
-/// A level deck.
 pub(crate) fn level(position: [f64; 3]) -> DeckStage {
     DeckStage {
         position,
@@ -22,7 +19,7 @@ pub(crate) fn level(position: [f64; 3]) -> DeckStage {
     }
 }
 
-/// Four seconds of a deck that is known from both sources; `deck` gives it so many seconds from now.
+/// Forecast over 4 s with `Source::Both`; `deck` maps seconds from now to the deck's state.
 pub(crate) fn forecast(header: Header<DroneClock>, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
     let stages: Seq<DeckStage, FORECAST_STAGES> =
         Seq::filled((0..FORECAST_STAGES).map(|k| deck(STEP.secs() * k as f64)));
@@ -37,7 +34,7 @@ pub(crate) fn forecast(header: Header<DroneClock>, deck: impl Fn(f64) -> DeckSta
     }
 }
 
-/// Two seconds of a plan; `stage` gives it so many seconds from now.
+/// Plan over 2 s; `stage` maps seconds from now to a stage.
 pub(crate) fn plan(header: Header<DroneClock>, stage: impl Fn(f64) -> PlanStage) -> Plan {
     Plan {
         header,
@@ -47,7 +44,7 @@ pub(crate) fn plan(header: Header<DroneClock>, stage: impl Fn(f64) -> PlanStage)
     }
 }
 
-/// A mission that sinks at this speed where its state descends.
+/// Mission in `state` with the descent speed `descent_mps`.
 pub(crate) fn mission(header: Header<DroneClock>, state: State, descent_mps: f64) -> MissionState {
     MissionState {
         header,
@@ -58,7 +55,6 @@ pub(crate) fn mission(header: Header<DroneClock>, state: State, descent_mps: f64
     }
 }
 
-/// A level drone at rest.
 pub(crate) fn drone(header: Header<DroneClock>, position: [f64; 3]) -> DroneState {
     DroneState {
         header,
@@ -67,7 +63,7 @@ pub(crate) fn drone(header: Header<DroneClock>, position: [f64; 3]) -> DroneStat
     }
 }
 
-/// An autopilot that hovers in the air under our control.
+/// Autopilot of a drone that hovers under our control.
 pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
     AutopilotState {
         header,

@@ -1,16 +1,15 @@
-//! Differential flatness of a multirotor: thrust vector and heading give attitude and thrust
-//! (Mellinger and Kumar 2011, section III), and the lead that an attitude loop's lag needs.
+//! Differential flatness of a multirotor: attitude and thrust from thrust vector and heading (Mellinger and Kumar 2011,
+//! section III); lead compensation of the attitude loop's lag.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::DeckStage;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-/// The attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
+/// Attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
 ///
-/// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis in the heading frame is
-/// `[sin pitch cos roll, -sin roll, cos pitch cos roll]`, which is inverted here. Level for a
-/// thrust too short to have a direction.
+/// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis in the heading frame is `[sin pitch cos roll, -sin roll, cos
+/// pitch cos roll]`; this function inverts it. Level when `thrust` is too short to have a direction.
 pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let norm = thrust.norm();
     if norm.is_nan() || norm < 1e-6 {
@@ -22,24 +21,24 @@ pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Horizontal acceleration of a drone that lies along the normal `n` of `deck` and keeps its height
-/// over it: `(g - a_z) n_xy / -n_z`, NED, m/s².
+/// Horizontal acceleration of a drone that is aligned with the normal `n` of `deck` and keeps its height over it: `(g -
+/// a_z) n_xy / -n_z`, NED, m/s².
 pub fn aligned_acceleration(deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
     let up = (-n.z).max(0.3);
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
 }
 
-/// The specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical part holds
-/// against gravity and gives the vertical acceleration `vertical` (NED z, m/s²).
+/// Specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical component balances gravity and yields the
+/// acceleration `vertical` (NED z, m/s²).
 pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity: f64) -> Vector3<f64> {
     let up = attitude * -Vector3::z();
-    // Beyond 75 deg the vertical part is given up rather than the thrust unbounded.
+    // Beyond 75 deg the vertical component is limited, so that the thrust stays bounded.
     let lift = (-up.z).max(0.26);
     up * ((gravity - vertical).max(0.0) / lift)
 }
 
-/// `thrust` with its horizontal part cut so that it tilts at most `tilt` (rad) from the vertical
-/// and always points up.
+/// `thrust` with its horizontal component limited to a tilt of at most `tilt` (rad) from the vertical; it always points
+/// up.
 pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f64> {
     let up = (-thrust.z).max(min_up);
     let horizontal = thrust.x.hypot(thrust.y);
@@ -48,8 +47,7 @@ pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f6
     Vector3::new(thrust.x * fraction, thrust.y * fraction, -up)
 }
 
-/// `attitude` itself, or, when it tilts by more than `tilt` (rad) from the vertical, the one that tilts by as much in the
-/// same direction.
+/// `attitude` limited to a tilt of `tilt` (rad) from the vertical, in the same direction.
 pub fn upright(attitude: &UnitQuaternion<f64>, tilt: f64) -> UnitQuaternion<f64> {
     let up = attitude * -Vector3::z();
     let sideways = up.xy().norm();
@@ -60,19 +58,19 @@ pub fn upright(attitude: &UnitQuaternion<f64>, tilt: f64) -> UnitQuaternion<f64>
     UnitQuaternion::rotation_between(&up, &limited).map_or(*attitude, |turn| turn * attitude)
 }
 
-/// The Euler angles to command now so that a loop of first-order lag `lag` (s) has `euler` now:
-/// the inverse of `lag x' = c - x`, i.e. `c = x + lag x'` (rad). For a second-order loop of the
-/// same total lag it is exact to first order in frequency.
+/// Euler angles to command now so that a loop with first-order lag `lag` (s) has reached `euler`: the inverse of `lag
+/// x' = c - x`, i.e. `c = x + lag x'` (rad). For a second-order loop with the same total lag it is exact to first order
+/// in frequency.
 pub fn lead(euler: &[f64; 3], rates: &[f64; 3], lag: f64) -> [f64; 3] {
     core::array::from_fn(|i| euler[i] + lag * rates[i])
 }
 
-/// Body rates of Euler angles and their rates, rad/s.
+/// Body rates from Euler angles and their rates, rad/s.
 pub fn rates_of(euler: &[f64; 3], rates: &[f64; 3]) -> Vector3<f64> {
     body_rates(euler[0], euler[1], Vector3::from(*rates))
 }
 
-/// `wanted`, or the point on the way there from `last` that a turn of `max` (rad) reaches.
+/// Attitude `last`, rotated towards `wanted` by at most `max` (rad).
 pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, max: f64) -> UnitQuaternion<f64> {
     let turn = last.rotation_to(wanted);
     let angle = turn.angle();

@@ -1,4 +1,4 @@
-//! The drone's side of Alight: camera, predictor, mission, planner, pilot, link to the autopilot.
+//! Drone side of Alight: camera, predictor, mission, planner, pilot, autopilot link.
 pub mod autopilot;
 pub mod calibrate;
 pub mod camera;

@@ -1,61 +1,58 @@
-//! Whether a rangefinder's readings follow the motion that should move them.
+//! Consistency check of a rangefinder: its readings have to follow the drone's motion.
 //!
-//! Spray, a wet window or a defect leave a rangefinder at one reading, near the feet or anywhere, and it goes on stating it
-//! with fresh stamps. A reading is a witness of a height only where it moves as the height does: over every way `w` of at
-//! least [`WAY_M`] that odometry and forecast see the drone go along the deck's normal within [`WITHIN_S`], the readings have
-//! to change by `d` with `|d - w| <= WRONG_BY |w|`. One that does not contradicts, until it has followed such a way again.
+//! Spray, a wet window or a defect freezes a rangefinder at one reading, near the feet or anywhere, which it repeats
+//! with fresh stamps. A reading is evidence of a height only while it changes with the height: over every displacement
+//! `w` of at least [`WAY_M`] along the deck's normal, by odometry and forecast within [`WITHIN_S`], the readings have
+//! to change by `d` with `|d - w| <= WRONG_BY |w|`. Otherwise the readings contradict the motion until they have
+//! followed such a displacement again.
 
 use alight_shared::estimation::median;
 use alight_shared::time::{DroneClock, Time};
 
 type DroneTime = Time<DroneClock>;
 
-/// A way that shows whether readings follow it, m: ten times the noise of their median.
+/// Displacement over which readings are checked, m: ten times the noise of their median.
 const WAY_M: f64 = 0.4;
-/// It is gone within this time, s: velocities err by 0.1 to 0.3 m/s, which must stay less than [`WRONG_BY`] of the way.
+/// Time limit of that displacement, s: velocities err by 0.1 to 0.3 m/s, which must stay below [`WRONG_BY`] of it.
 const WITHIN_S: f64 = 1.5;
-/// Readings follow a way that they differ from by no more than this part of it.
+/// Tolerated difference between readings and displacement, as a fraction of the displacement.
 const WRONG_BY: f64 = 0.75;
-/// Readings whose median counts.
 const MEDIAN: usize = 5;
-/// Heights of the feet above the deck by rangefinder and forecast that differ by more than this contradict each other, m.
+/// Difference between the heights by rangefinder and forecast above which they contradict each other, m.
 const APART_M: f64 = 0.5;
 
-/// No deck is nearer to the rangefinder than the feet by more than this, m: such a reading, as the 0 of a device that measures
-/// nothing, is invalid.
+/// Largest distance by which a deck can be nearer to the rangefinder than the feet, m. A shorter reading is invalid,
+/// such as the 0 of a device that measures nothing.
 pub(crate) const BELOW_FEET_M: f64 = 0.10;
 
-/// Whether two heights of the feet contradict each other; what is not known contradicts nothing.
+/// Whether two heights of the feet contradict each other; an unknown height contradicts nothing.
 pub(crate) fn disagree(range_height: f64, forecast_height: Option<f64>) -> bool {
     forecast_height.is_some_and(|h| !((range_height - h).abs() <= APART_M))
 }
 
-/// The watch over a rangefinder.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RangeWitness {
-    /// Way along the deck's normal so far, m.
+    /// Displacement along the deck's normal so far, m.
     way_m: f64,
-    /// The newest readings.
     newest: [Option<f64>; MEDIAN],
     next: usize,
-    /// Beginning of the watched way: its time, the way and the reading there.
+    /// Start of the current check: time, displacement and reading.
     from: Option<(DroneTime, f64, f64)>,
     contradicts: bool,
 }
 
 impl RangeWitness {
-    /// The readings did not follow the last way that shows it.
+    /// The readings did not follow the last checked displacement.
     pub(crate) fn contradicts(&self) -> bool {
         self.contradicts
     }
-    /// The drone goes away from the deck at this speed along its normal for `dt` (s); None: not known.
+    /// Integrates the speed away from the deck along its normal over `dt` (s); None: unknown, restarts the check.
     pub(crate) fn moves(&mut self, dt: f64, speed_mps: Option<f64>) {
         match speed_mps.filter(|v| v.is_finite()) {
             Some(v) => self.way_m += v * dt,
             None => self.from = None,
         }
     }
-    /// A reading, m.
     pub(crate) fn reads(&mut self, at: DroneTime, range_m: f64) {
         if let Some(newest) = self.newest.get_mut(self.next) {
             *newest = Some(range_m);
@@ -81,7 +78,8 @@ impl RangeWitness {
 mod tests {
     use super::*;
 
-    /// Down at `sink` (m/s) from `height` (m) to `until`, with readings of `read(height)` at 50 Hz and speeds that err.
+    /// Descent at `sink` (m/s) from `height` (m) to `until`, with `read(height)` at 50 Hz and a speed that errs by
+    /// `error`.
     fn descends(height: f64, until: f64, sink: f64, error: f64, read: impl Fn(f64) -> f64) -> RangeWitness {
         let (mut w, mut h, mut t) = (RangeWitness::default(), height, 10.0);
         let mut k = 0_u32;
@@ -91,7 +89,7 @@ mod tests {
             w.moves(0.01, Some(error - sink));
             k += 1;
             if k.is_multiple_of(2) {
-                // Noise of 3 cm, by turns.
+                // Noise of 3 cm.
                 let noise = 0.03 * f64::from(k % 7) / 3.0 - 0.03;
                 w.reads(Time::from_secs(t), read(h) + noise);
             }
@@ -112,7 +110,7 @@ mod tests {
             );
         }
         for error in [-0.1, 0.0, 0.1] {
-            // Stuck at the feet, at the height where it began, from a height on.
+            // Stuck at the feet, at the initial height, and from some height on.
             assert!(descends(1.0, 0.0, 0.5, error, |_| 0.2).contradicts(), "{error}");
             assert!(descends(2.0, 0.0, 1.5, error, |_| 1.4).contradicts(), "{error}");
             assert!(
@@ -121,7 +119,7 @@ mod tests {
             );
             assert!(descends(2.0, 0.1, 0.5, error, |h| if h > 0.7 { h + 0.2 } else { 0.2 }).contradicts());
         }
-        // Over a wet deck it sees the water below: it follows, and only another height shows that it is wrong.
+        // A sensor that detects the water below a wet deck follows the motion; only a comparison of heights reveals it.
         assert!(!descends(2.0, 0.0, 0.5, 0.0, |h| h + 1.5).contradicts());
     }
 
@@ -129,7 +127,7 @@ mod tests {
     fn standstill_shows_nothing() {
         let mut w = RangeWitness::default();
         for k in 0..1000 {
-            // The speed errs by 0.1 m/s to one side.
+            // The speed has a bias of 0.1 m/s.
             w.moves(0.02, Some(0.1));
             w.reads(Time::from_secs(0.02 * f64::from(k)), 0.22);
             assert!(!w.contradicts(), "{k}");

@@ -1,47 +1,44 @@
-//! Whether a drone whose rotors turn stands on the deck: what a forced disarm, and a thrust that does not carry it, rest on.
+//! Verdict whether a drone with turning rotors stands on the deck. A forced disarm and a reduced thrust depend on it.
 //!
-//! Two witnesses have to agree, and none may speak against it. One of them is what carries the drone: with little thrust in force,
-//! by the autopilot's report, the specific force stays near gravity only where something else carries it, and falls with the
-//! drone where nothing does. The other is a height, which a drone that hovers low over the deck has as well: the rangefinder, the
-//! way risen since the rotors could first lift it, the autopilot's own report of the ground. No height speaks against a drone
-//! that something carries: a rangefinder may stick.
+//! Two witnesses have to agree, and none may contradict. The first is support: at a low thrust, as reported by the
+//! autopilot, the specific force stays near gravity only when something other than the rotors carries the drone, and
+//! drops in a fall. The second is a height, which a drone that hovers low over the deck has too: the rangefinder, the
+//! rise since the rotors could first lift the drone, the autopilot's own ground report. No height contradicts the
+//! support: a rangefinder may stick.
 
 use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::range_witness::BELOW_FEET_M;
 
-/// The thrust of a drone that something else carries, as a fraction of hover, and of one that the rotors may carry. A thrust
-/// that hovers is known no better than to a third before the first flight: this much gives less than [`CARRIED_G`] even then.
+/// Thrust of a supported drone, as a fraction of hover, and thrust from which the rotors may carry it. Before the first
+/// flight hover thrust is known to a third; even then [`LOW_OF_HOVER`] yields less than [`CARRIED_G`].
 const LOW_OF_HOVER: f64 = 0.5;
 const LIFTS_OF_HOVER: f64 = 0.9;
-/// The specific force of a drone that something carries, as a fraction of gravity, and of one that falls.
+/// Specific force of a supported drone, as a fraction of gravity, and of a falling one.
 const CARRIED_G: f64 = 0.75;
 const FALLS_G: f64 = 0.6;
-/// Each of these has to last so long: several time constants of the specific force, and the rotors' lag.
+/// Durations for which each has to last: several time constants of the specific force, and the rotors' lag.
 const CARRIED: Span = Span::from_millis(300);
 const FALLS: Span = Span::from_millis(100);
 const LIFTS: Span = Span::from_millis(300);
-/// A height speaks against it after so long: what carries a drone that was just armed is known before.
+/// Duration after which a height contradicts: the support of a drone that was just armed is known before.
 const ABOVE: Span = Span::from_millis(400);
-/// Feet on the deck by a height, and feet above it, m: what a rangefinder and a tilted deck differ by, and what a deck that
-/// sinks leaves.
+/// Heights of feet on the deck and above it, m: the differences by a rangefinder, by a tilted deck and by a deck that
+/// sinks.
 const ON_DECK_M: f64 = 0.15;
 const ABOVE_M: f64 = 0.35;
-/// Both witnesses have to be there within this time after the thrust was cut.
+/// Time after the thrust is cut within which both witnesses have to agree.
 pub(crate) const WITNESSED_WITHIN_S: f64 = 0.7;
 
-/// Conclusion of the witnesses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum StandingVerdict {
-    /// Fewer than two speak for it.
     #[default]
     Unknown,
     Stands,
-    /// One speaks against it.
     Flies,
 }
 
-/// A height of the feet as a witness; None: it is not known, or decides nothing.
+/// Height of the feet as a witness; None: unknown or undecided.
 pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     match height_m? {
         h if h <= ON_DECK_M => Some(true),
@@ -50,12 +47,12 @@ pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     }
 }
 
-/// By a rangefinder: a reading that ends above the feet does not count, since a sensor out of its range reports 0.
+/// Height by a rangefinder as a witness. A reading shorter than the distance to the feet is ignored: a sensor out of
+/// its range reports 0.
 pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
     by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }
 
-/// The witness of what carries the drone, over time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StandingMonitor {
     carried: Option<Time<DroneClock>>,
@@ -65,8 +62,8 @@ pub(crate) struct StandingMonitor {
 }
 
 impl StandingMonitor {
-    /// `thrust`: in force, as a fraction of hover; `force`: specific force as a fraction of gravity; None: not reported lately.
-    /// `heights`: the other witnesses.
+    /// Verdict from `thrust` in force (fraction of hover), specific `force` (fraction of gravity), each None without a
+    /// recent report, and the witnesses by `heights`.
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,
@@ -106,7 +103,7 @@ impl StandingMonitor {
 mod tests {
     use super::*;
 
-    /// After half a second of this.
+    /// Verdict after half a second with constant evidence.
     fn after(thrust: Option<f64>, force: Option<f64>, heights: &[Option<bool>]) -> StandingVerdict {
         let mut m = StandingMonitor::default();
         let steps = (0..50).map(|k| m.step(Time::from_secs(0.01 * f64::from(k)), thrust, force, heights));
@@ -120,19 +117,19 @@ mod tests {
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
             (Some(0.0), Some(1.0), [None, yes, None], Stands),
-            // One alone shows nothing: a range that sticks, a report that is wrong, a drone that somebody holds; nor do heights
-            // of one that hovers next to the deck.
+            // A single witness is not sufficient: a stuck range, a wrong report, a drone held by hand; nor are the
+            // heights of a drone that hovers next to the deck.
             (None, None, [yes, yes, yes], Unknown),
             (Some(0.8), Some(1.0), [yes, yes, yes], Unknown),
-            // It hovers by a thrust that hovers, which was taken to be a fifth higher.
+            // It hovers; hover thrust was assumed a fifth too high.
             (Some(0.65), Some(0.8), [yes, None, None], Unknown),
             (Some(0.3), Some(1.0), [None, None, None], Unknown),
             (None, None, [yes, None, None], Unknown),
             (Some(0.3), None, [None, yes, None], Unknown),
-            // A rangefinder that sticks at a height lifts no drone that the deck carries.
+            // A rangefinder stuck at a height does not contradict the support by the deck.
             (Some(0.3), Some(1.0), [no, yes, None], Stands),
             (Some(0.3), Some(1.0), [no, None, None], Unknown),
-            // One against it suffices: a height, a fall, rotors that carry.
+            // One contradiction suffices: a height, a fall, rotors that carry.
             (None, None, [yes, no, yes], Flies),
             (Some(0.3), Some(0.3), [yes, yes, yes], Flies),
             (Some(1.0), Some(1.0), [yes, None, yes], Flies),
@@ -147,7 +144,7 @@ mod tests {
         assert_eq!(by_height(Some(f64::NAN)), None);
     }
 
-    /// From its arming on, a rangefinder that sticks at a height lifts no drone.
+    /// From arming on, a rangefinder that is stuck at a height does not make a drone airborne.
     #[test]
     fn range_of_a_sensor_out_of_its_range() {
         let feet_m = 0.3;
@@ -165,7 +162,7 @@ mod tests {
         }
     }
 
-    /// The thrust was low a moment ago, and the drone hovers: what carried it then is no witness of now.
+    /// The thrust was low a moment ago and the drone hovers now: past support is no evidence.
     #[test]
     fn thrust_that_has_come_back() {
         let mut m = StandingMonitor::default();

@@ -1,31 +1,29 @@
-//! Passage of keep-out volumes: above their top, or past a side.
+//! Passage of keep-out volumes: above them or past a side.
 //!
-//! A volume is widened by the drone and what it errs by ([`Clear::margin_m`]) and turns and heaves with the predicted
-//! deck. In the deck's frame `q = R' (p - c)` with the deck's centre `c`; the face on which a drone passes is that
-//! beyond which it is now, and `n . (p - c) >= b` holds at every stage with the face's normal `n` turned by that
-//! stage's `R`.
+//! A volume is widened by the drone's size and errors ([`margin_m`]) and moves with the predicted deck. In the deck's
+//! frame a point is `q = R' (p - c)` with the deck's centre `c`. A drone passes a volume on the face beyond which it is
+//! now; `n . (p - c) >= b` holds at every stage, where the face's normal `n` is turned by that stage's `R`.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::DeckStage;
 use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{Vector2, Vector3};
 
-/// A drone no further than this from above the deck's centre is over the vessel or next to it, m: the deck and what
-/// stands on the vessel can reach it.
+/// Horizontal distance from the deck's centre within which the drone is with the vessel, m: deck and obstacles on the
+/// vessel can reach it.
 pub(crate) const WITH_DECK_M: f64 = 10.0;
 /// Errors of forecast and tracking near the deck, m: the planner's reset distance halved.
 const MARGIN_M: f64 = 0.5;
-/// A drone goes round the vessel on points so far ahead, rad.
+/// Angle from one waypoint to the next on the way round the vessel, rad.
 const AHEAD_RAD: f64 = core::f64::consts::FRAC_PI_6;
-/// A drone has come through the sector when it is so far from its edges, rad; in a narrow one a quarter of it.
+/// Angle from the sector's edges at which a drone counts as inside, rad; in a narrow sector a quarter of its width.
 const EDGE_RAD: f64 = 0.17;
 
-/// Widening of volumes for this drone, m.
 pub(crate) fn margin_m(drone: &DroneGeometry) -> f64 {
     drone.body_radius_m() + MARGIN_M
 }
 
-/// Within this distance of the deck's centre a drone is with the vessel, m.
+/// Distance from the deck's centre within which a drone is with the vessel, m.
 pub(crate) fn ring_m(around: &Surroundings, drone: &DroneGeometry) -> f64 {
     if around.keep_out.is_empty() {
         return WITH_DECK_M;
@@ -33,8 +31,8 @@ pub(crate) fn ring_m(around: &Surroundings, drone: &DroneGeometry) -> f64 {
     WITH_DECK_M.max(around.reach_m() + margin_m(drone))
 }
 
-/// The place (from the deck's centre, NED, m) by which a drone at `from` goes round the vessel towards the approach
-/// sector; None from within it. `admitted`: it was within the sector before.
+/// Waypoint (relative to the deck's centre, NED, m) on the way round the vessel from `from` to the approach sector;
+/// None within the sector. `admitted`: the drone was within the sector before.
 pub(crate) fn way_round(
     around: &Surroundings,
     drone: &DroneGeometry,
@@ -50,17 +48,16 @@ pub(crate) fn way_round(
         return None;
     }
     let next = heading + bearing + (turn + edge.copysign(turn)).clamp(-AHEAD_RAD, AHEAD_RAD);
-    // Who heads for a point so far ahead on a circle ends on a smaller one.
+    // A drone that steers to a point ahead on a circle flies a smaller circle.
     let radius = ring_m(around, drone) / AHEAD_RAD.cos();
     Some(Vector2::new(next.cos(), next.sin()) * radius)
 }
 
-/// A place of the drone's NED in the deck's frame, m.
+/// Position in the drone's NED, in the deck's frame, m.
 pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
     deck.rotation().transpose() * (p - Vector3::from(deck.position))
 }
 
-/// Face at which a drone passes a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Face {
     Top,
@@ -68,7 +65,7 @@ enum Face {
     Side(usize, f64),
 }
 
-/// Distance of this side of the volume along its normal from the deck's centre, m.
+/// Distance of a side of the volume from the deck's centre, along its normal, m.
 fn bound(volume: &KeepOut, axis: usize, sign: f64) -> f64 {
     f64::from(if sign > 0.0 {
         volume.high[axis]
@@ -86,9 +83,9 @@ pub(crate) struct Passage {
 }
 
 impl Passage {
-    /// Above a volume that a drone at `here` is higher than; else, of the sides that it is beyond, the one that leaves
-    /// most room to where it should be at the plan's end, `there`; from within, the side that is nearest to being free.
-    /// Each place with the deck of that time.
+    /// Face of the volume to pass. A drone at `here` that is higher than the volume passes above it. Otherwise it
+    /// takes, of the sides beyond which it is, the one with most room at the plan's end `there`; from within, the
+    /// nearest side. Each position comes with the deck of its time.
     pub(crate) fn of(
         volume: &KeepOut,
         margin: f64,
@@ -97,7 +94,7 @@ impl Passage {
     ) -> Passage {
         let [from, to] = [here, there].map(|(deck, place)| in_deck(deck, place));
         let above = f64::from(volume.low[2]) - margin - from.z;
-        // Who is beyond no face has to come out first.
+        // From within, the nearest face comes first.
         let mut best = (Face::Top, above.min(0.0), f64::INFINITY);
         for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
             let beyond = |q: &Vector3<f64>| sign * q[axis] - bound(volume, axis, sign) - margin;
@@ -113,10 +110,10 @@ impl Passage {
         }
     }
 
-    /// Maximum NED z (lowest height) at the place (x, y) over a volume that is passed above it, m; None outside its outline.
+    /// Maximum NED z (lowest height) at (x, y) over a volume that is passed above, m; None outside its outline.
     ///
-    /// The vertical through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` over the deck's centre; between the
-    /// widened faces of all axes lies the part of it within the volume.
+    /// The vertical through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` over the deck's centre; its part
+    /// within the volume lies between the widened faces of all axes.
     pub(crate) fn top_z(&self, deck: &DeckStage, x: f64, y: f64) -> Option<f64> {
         if self.face != Face::Top {
             return None;
@@ -142,7 +139,7 @@ impl Passage {
         (from < to).then_some(deck.position[2] + from)
     }
 
-    /// The half-space to the side of a volume that is passed on that side: `n . p >= b`.
+    /// Half-space of a volume that is passed on a side: `n . p >= b`.
     pub(crate) fn side(&self, deck: &DeckStage) -> Option<(Vector3<f64>, f64)> {
         let Face::Side(axis, sign) = self.face else {
             return None;
@@ -160,8 +157,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
-        /// Above the top or beyond the side on which it passes, a drone is outside the widened volume, however the deck
-        /// lies by then.
+        /// Above the top or beyond its side, a drone is outside the widened volume for every later attitude of the
+        /// deck.
         #[test]
         fn passage_outside_the_widened_volume(
             corner in prop::array::uniform3(-8.0..8.0f64), size in prop::array::uniform3(0.1..6.0f64),
@@ -185,7 +182,7 @@ mod tests {
                 p.x += push * n.x;
                 p.y += push * n.y;
             }
-            // On the other side of a widened volume's underside the drone is not above it.
+            // Beyond the widened volume's underside the drone is not above it.
             let beyond = volume.beyond(&in_deck(&after, &p));
             let widened = |v: f64| v >= 1.0 - 1e-5;
             prop_assert!(beyond.iter().any(|v| widened(*v)), "{passage:?} {beyond:?}");

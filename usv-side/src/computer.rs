@@ -1,5 +1,5 @@
-//! The vessel's computer: its rows, and [`VesselComputer`], the nodes of the second one in the order of their data. The simulated
-//! world and the processes step these.
+//! The vessel's computer: its nodes, and [`VesselComputer`], which runs the nodes of the vessel's process in the order
+//! of their data. Both the simulated world and the real processes step these nodes.
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::bus::{computer, wiring};
@@ -30,28 +30,22 @@ use crate::rtcm_relay::RtcmRelay;
 use crate::sensors::{Readings, SensorNode, SourcesConfig};
 use crew::CrewOrders;
 
-/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerIn {
-    /// Measurements of the sensors' process.
     pub sensors: Vec<SensorReadings>,
-    /// Orders of the crew.
     pub crew: Vec<CrewOrder>,
-    /// Frames of the sensors' process, of a moving base.
+    /// RTCM frames of a moving base from the sensor process.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
-    /// Statuses of drones.
     pub statuses: Vec<Arrival<VesselClock, DroneStatus>>,
-    /// Commands of operators whose certificates were accepted.
+    /// Commands of operators with accepted certificates.
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
-    /// Digital inputs.
     pub deck_inputs: DeckInputs,
-    /// At the first step, what the former start left.
+    /// Checkpoint of the previous start, at the first step.
     pub checkpoint: Option<VesselCheckpoint>,
 }
 
 impl ComputerIn {
-    /// The estimator's part of the input.
     pub fn vessel(&self) -> VesselIn {
         VesselIn {
             readings: Readings::of(&self.sensors),
@@ -60,65 +54,61 @@ impl ComputerIn {
     }
 }
 
-/// Output of the vessel's process, with the events for the crew.
+/// Output of the vessel's process, with events for the crew.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerOut {
     /// Estimate, models and time replies.
     pub vessel: VesselOut,
-    /// The owner of the deck, when due.
     pub grant: Option<DeckGrant<VesselClock>>,
-    /// Commands for the drones that their headers name.
+    /// Commands for the drones named in their headers.
     pub commands: Vec<OperatorCommand<VesselClock>>,
-    /// Progress of operators' commands.
     pub receipts: Vec<CommandReceipt>,
-    /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
-    /// Frames of a moving base, for the drones' receivers.
+    /// RTCM frames of a moving base for the drones' receivers.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
-    /// Events of this step.
     pub events: Vec<VesselEvent>,
-    /// The lamp at the helm is lit: a drone wants the vessel to keep course and speed.
+    /// Lights the lamp at the helm: a drone asks the vessel to keep course and speed.
     pub lamp: bool,
 }
 
 impl ComputerOut {
-    /// Shows what goes by radio, encoded, and whether it is held for who comes later.
+    /// Passes each encoded radio message to `send`; the flag states whether it is held for drones that connect later.
     pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
-        // A joiner can use no wave model that continues another.
+        // A drone that connects later cannot use a continued wave model.
         let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
-        let mut each = |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
-            let held = topic.row().held && (topic != RadioTopic::Wave || whole);
-            // A message that does not encode is a message that is not sent: the receiver sees the gap.
-            messages.flatten().for_each(|bytes| send(topic, bytes, held));
-        };
+        let mut send_all =
+            |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
+                let held = topic.row().held && (topic != RadioTopic::Wave || whole);
+                // A message that cannot be encoded is not sent; the receiver detects the gap.
+                messages.flatten().for_each(|bytes| send(topic, bytes, held));
+            };
         let vessel = &self.vessel;
-        each(
+        send_all(
             RadioTopic::Estimate,
             &mut vessel.estimate_update.iter().map(wire::encode),
         );
-        each(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
-        each(
+        send_all(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
+        send_all(
             RadioTopic::Prediction,
             &mut vessel.prediction.iter().map(wire::encode),
         );
-        each(
+        send_all(
             RadioTopic::Surroundings,
             &mut vessel.surroundings.iter().map(wire::encode),
         );
-        each(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
-        each(
+        send_all(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
+        send_all(
             RadioTopic::TimeReply,
             &mut vessel.time_replies.iter().map(wire::encode),
         );
-        each(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
-        each(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
-        each(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
-        each(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
+        send_all(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
+        send_all(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
+        send_all(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
+        send_all(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
     }
 }
 
 wiring! {
-    /// Topics that the vessel's process reads; its output goes by radio and to people.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
         reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrames<VesselClock> }
         edge { time_requests, statuses, commands, deck_inputs, checkpoint }
@@ -128,9 +118,9 @@ wiring! {
 }
 
 computer! {
-    /// The rows of the vessel's computer.
+    /// Processes of the vessel's computer.
     VesselRows of VesselNodes {
-        /// The vessel's sensors: bytes to dated measurements.
+        /// Sensors: converts bytes to measurements with time stamps.
         sensors: SensorNode => ProcessKind::Sensors, |of, boot| {
             SensorNode::new(&of.sensors, of.id, boot).with_deck(of.vessel.deck.centre_m)
         };
@@ -142,34 +132,28 @@ computer! {
         };
     }
     /// The vessel's processes: there is no other list of them.
-    PROCESSES: Installed
+    PROCESSES: Installed, RowVisitor
 }
 
-/// Configurations of the nodes of a vessel's computer.
 #[derive(Clone, Debug)]
 pub struct VesselNodes {
-    /// Number of the vessel.
     pub id: u32,
-    /// The sensors.
     pub sensors: SourcesConfig,
-    /// Estimator and broadcast.
     pub vessel: VesselNodeConfig,
-    /// The deck arbiter.
     pub deck: DeckConfig,
-    /// Operators' commands are passed on to these drones.
+    /// Drones that receive operator commands.
     pub drones: Vec<u32>,
 }
 
-/// State that has to survive a restart of the process or the computer.
+/// State that must survive a restart of the process or the computer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VesselCheckpoint {
-    /// Who has to do with the deck.
+    /// Owner of the deck, and drones that have asked for it.
     pub deck: DeckCheckpoint,
-    /// The commands that operators gave, for longer than their terminals repeat them.
+    /// Commands of operators, kept longer than their terminals repeat them.
     pub commands: Vec<GivenCommand>,
 }
 
-/// The vessel's computer.
 #[derive(Debug)]
 pub struct VesselComputer {
     node: VesselNode,
@@ -181,18 +165,17 @@ pub struct VesselComputer {
     vessel: u32,
     boot: u32,
     followed: Followed,
-    /// Reported of the drones that listen to another computer.
+    /// Last reported drone that follows another computer.
     follows_another: Option<FollowsAnother>,
-    /// Owner and waiting drone that were reported.
+    /// Last reported pair of silent owner and waiting drone.
     starved: Option<[u32; 2]>,
-    /// Inertial sensors that are stuck.
+    /// Inertial sensors reported as stuck.
     stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
     crew: CrewOrders,
 }
 
 impl VesselComputer {
-    /// The computer of vessel `vessel`, which started with this boot id.
     pub fn new(node: &VesselNodeConfig, deck: &DeckConfig, vessel: u32, boot: u32) -> VesselComputer {
         VesselComputer {
             node: VesselNode::new(node, vessel, boot),
@@ -211,44 +194,37 @@ impl VesselComputer {
             crew: CrewOrders::default(),
         }
     }
-    /// The crew's orders that were taken last.
     pub fn orders_taken(&self) -> Seq<u32, MAX_ORDERS> {
         self.crew.taken()
     }
-    /// Estimator and broadcast.
     pub fn node(&self) -> &VesselNode {
         &self.node
     }
-    /// The deck arbiter.
     pub fn arbiter(&self) -> &DeckArbiter {
         &self.arbiter
     }
-    /// Operators' commands are passed on to these drones.
+    /// Sets the drones that receive operator commands.
     pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
         self.relay.admit(drones);
     }
-    /// The operator relay.
     pub fn relay(&self) -> &OperatorRelay {
         &self.relay
     }
-    /// The relay of a moving base's frames.
     pub fn rtcm(&self) -> &RtcmRelay {
         &self.rtcm
     }
-    /// The drones that were received.
     pub fn drones(&self) -> &DroneMonitor {
         &self.drones
     }
-    /// A drone that listens to another computer with this vessel's identity.
+    /// Drone that follows another computer with this vessel's identity.
     pub fn follows_another(&self, now: Time<VesselClock>) -> Option<FollowsAnother> {
         self.followed.another(now, self.boot)
     }
-    /// Messages that name another author than the key that they were published on.
+    /// Number of messages whose author differs from the owner of their key.
     pub fn on_other_keys(&self) -> u32 {
         let reason = RejectionReason::Sender;
         self.rejected.of(reason) + self.node.rejected().of(reason)
     }
-    /// State that has to survive a restart.
     pub fn checkpoint(&self) -> VesselCheckpoint {
         VesselCheckpoint {
             deck: self.arbiter.checkpoint(),
@@ -256,7 +232,7 @@ impl VesselComputer {
         }
     }
 
-    /// The messages that may come from the sender of their key.
+    /// Messages whose author matches the owner of their key.
     fn authentic<'a, M>(
         &mut self,
         arrivals: &'a [Arrival<VesselClock, M>],
@@ -269,7 +245,7 @@ impl VesselComputer {
         own
     }
 
-    /// Events on changes of the deck's owner and the drones' numbers.
+    /// Events for changes of the deck's owner and of the drones' numbers.
     fn deck_events(
         &mut self,
         now: Time<VesselClock>,
@@ -306,7 +282,7 @@ impl Node for VesselComputer {
         let orders = self.crew.take(now, &input.crew, &mut events);
         let of_drone = |sender, status: &DroneStatus| sender == Sender::Drone(status.header.drone);
         let statuses = self.authentic(&input.statuses, of_drone);
-        // A command names no operator.
+        // Commands do not name their operator.
         let commands = self.authentic(&input.commands, |sender, _| matches!(sender, Sender::Operator(_)));
         for status in &statuses {
             let news = self.drones.observe(status);
@@ -325,8 +301,8 @@ impl Node for VesselComputer {
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
-        // Status of the drones -> deck arbiter and operator relay. To both one whose mission is silent is a silent drone:
-        // what it did before shows neither that it left the deck nor that it took a command.
+        // Drone statuses go to the deck arbiter and the operator relay. Both treat a drone with a silent mission as
+        // silent: its earlier state shows neither that it left the deck nor that it received a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
         let granted = self.arbiter.step(
@@ -353,7 +329,8 @@ impl Node for VesselComputer {
             kind: c.kind,
         }));
 
-        // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
+        // Sensor data goes to the estimator and then to the broadcast, at the rates that the landing drone's link
+        // carries.
         self.node.prioritise(self.arbiter.landing(now));
         self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel());

@@ -9,59 +9,58 @@ use crate::advice::AdviceConfig;
 use crate::rate_control::RateControlConfig;
 
 config! {
-    /// The inertial sensor.
+    /// Inertial sensor.
     pub struct ImuConfig {
-        /// Place in the vessel's body frame, m.
-        /// Chosen: in the payload tray, off the middle.
+        /// Position in the vessel's body frame, m.
+        /// Chosen: in the payload tray, off the centre line.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
         /// White noise of the gyroscope per sample, rad/s.
         /// Source: Virtual RobotX WAM-V.
         pub gyro_sd_radps: f64 = 0.009, in 1e-6..=1.0;
-        /// Spread of the gyroscope's bias, rad/s.
+        /// Standard deviation of the gyroscope's bias, rad/s.
         pub gyro_bias_sd_radps: f64 = 0.005, in 0.0..=1.0;
         /// White noise of the accelerometer per sample, m/s².
         pub accelerometer_sd_mps2: f64 = 0.021, in 1e-6..=10.0;
-        /// Spread of the accelerometer's bias, misalignment of the sensor with the deck included, m/s².
-        /// Source: Virtual RobotX: 0.05; ours for misalignment with the deck, 0.2 deg (a spirit
-        /// level) in gravity.
+        /// Standard deviation of the accelerometer's bias including misalignment with the deck, m/s².
+        /// Source: Virtual RobotX: 0.05; chosen for misalignment with the deck: 0.2 deg (a spirit level) of gravity.
         pub accelerometer_bias_sd_mps2: f64 = 0.06, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Chosen: far shorter than real biases last: a heading that swings makes them seem
-        /// observable, because the correlation of roll with pitch is not kept.
+        /// Chosen: much shorter than real biases last. With a swinging heading they seem observable, because the filter
+        /// does not keep the correlation of roll with pitch.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
-        /// Without a sample for this long no estimate is published, s.
+        /// Time without a sample after which no estimate is published, s.
         /// Chosen: a fifth of a wave period.
         pub timeout_s: f64 = 1.0, in 0.05..=60.0;
     }
 }
 
 config! {
-    /// The GNSS receiver. Its standard deviations come with every fix.
+    /// GNSS receiver. Standard deviations come with every fix.
     pub struct GnssConfig {
         /// Antenna in the vessel's body frame, m.
         /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
-        /// Spread of the slow bias of the height, m.
+        /// Standard deviation of the slow height error, m.
         /// Source: 1 m with 300 s.
         pub height_bias_sd_m: f64 = 1.0, in 0.0..=100.0;
-        /// Correlation time of that error, s.
+        /// Correlation time of the height error, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
-        /// An older fix is rejected, s.
-        /// Chosen: a late fix is compared with the state of its time, which is kept for 0.64 s; 1 Hz receivers at 4800
+        /// Maximum age of a fix, s; older ones are rejected.
+        /// Chosen: a late fix is compared with the state at its time, which is kept for 0.64 s; 1 Hz receivers at 4800
         /// baud are late by 0.3 to 0.6 s.
         pub max_age_s: f64 = 0.6, in 0.01..=1.0;
     }
 }
 
 config! {
-    /// The heading sensor. Its standard deviation comes with every measurement.
+    /// Heading sensor. The standard deviation comes with every measurement.
     pub struct HeadingConfig {
-        /// Spread of its slow bias, deg.
+        /// Standard deviation of its slow bias, deg.
         /// Chosen: compass deviation after a calibration.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
-        /// Correlation time of that bias, s.
+        /// Correlation time of the bias, s.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
-        /// An older measurement is rejected, s.
+        /// Maximum age of a measurement, s; older ones are rejected.
         pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
@@ -69,16 +68,16 @@ config! {
 config! {
     /// Rates of the vessel's messages.
     pub struct BroadcastConfig {
-        /// State estimates, Hz.
+        /// Rate of state estimates, Hz.
         pub estimate_hz: f64 = 30.0, in 1.0..=100.0;
-        /// Wave models, Hz.
+        /// Rate of wave models, Hz.
         pub wave_hz: f64 = 5.0, in 0.1..=50.0;
-        /// Predictions, Hz.
+        /// Rate of predictions, Hz.
         pub prediction_hz: f64 = 1.0, in 0.1..=50.0;
-        /// Time between the stages of a prediction, s.
-        /// Chosen: 15 stages reach 2.8 s, past the planner's 2 s horizon.
+        /// Interval between stages of a prediction, s.
+        /// Chosen: 15 stages reach 2.8 s, beyond the planner's horizon of 2 s.
         pub prediction_step_s: f64 = 0.2, in 0.02..=2.0;
-        /// Less while the link backs up.
+        /// Reduction of the rates on a congested link.
         pub rate_control: RateControlConfig;
     }
 }
@@ -88,19 +87,19 @@ config! {
     pub struct VesselNodeConfig {
         /// Parameters of the wave-augmented model.
         pub model: VesselModelConfig;
-        /// The landing deck.
+        /// Landing deck.
         pub deck: DeckGeometry;
-        /// Obstacles around the deck, and directions from and to which drones fly.
+        /// Obstacles around the deck, and permitted flight directions.
         pub surroundings: SurroundingsConfig;
-        /// The inertial sensor.
+        /// Inertial sensor.
         pub imu: ImuConfig;
-        /// The GNSS receiver.
+        /// GNSS receiver.
         pub gnss: GnssConfig;
-        /// The heading sensor.
+        /// Heading sensor.
         pub heading: HeadingConfig;
         /// Rates of its messages.
         pub broadcast: BroadcastConfig;
-        /// The skipper's limits on the advised course.
+        /// Limits on the advised course set by the skipper.
         pub advice: AdviceConfig;
     }
     check |this, at| {

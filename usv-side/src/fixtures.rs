@@ -1,4 +1,4 @@
-//! Parts that the tests of several modules share.
+//! Fixtures used by the tests of several modules.
 
 use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
@@ -6,20 +6,20 @@ use proptest::sample::Index;
 
 use crate::sensors::{Measurement, SensorDecoder, SourceMeasurement};
 
-/// An NMEA sentence with its checksum and end of line.
+/// NMEA sentence with checksum and line end.
 pub(crate) fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
     format!("${body}*{sum:02X}\r\n")
 }
 
-/// A frame of RTCM 3 with a message of this number, whose payload has so many bytes; of 4072 its subtype 0.
+/// RTCM 3 frame with this message number and payload length, bytes. Message 4072 gets subtype 0.
 pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
     let mut content = vec![(message >> 4) as u8, (message << 4) as u8, 0];
     content.extend((6..payload + 3).map(|k| (7 * k) as u8));
     alight_shared::rtcm::frame(&content)
 }
 
-/// Measurements by `decoder` from bytes that arrive in parts of `cut`, and the decoder then.
+/// Measurements that `decoder` makes from bytes arriving in parts of `cut`, and its final state.
 pub(crate) fn decode<D: SensorDecoder>(
     mut decoder: D,
     bytes: &[u8],
@@ -35,7 +35,6 @@ pub(crate) fn count(all: &[SourceMeasurement], kind: usize) -> usize {
     all.iter().filter(|m| m.measurement.kind() == kind).count()
 }
 
-/// The attitudes among all measurements, with their times.
 pub(crate) fn attitudes(all: &[SourceMeasurement]) -> Vec<(i64, AttitudeFix)> {
     let attitude = |m: &SourceMeasurement| match m.measurement {
         Measurement::Attitude(a) => Some((m.at_ns, a)),
@@ -44,7 +43,6 @@ pub(crate) fn attitudes(all: &[SourceMeasurement]) -> Vec<(i64, AttitudeFix)> {
     all.iter().filter_map(attitude).collect()
 }
 
-/// The fixes among all measurements.
 pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
     let fix = |m: &SourceMeasurement| match m.measurement {
         Measurement::Gnss(fix) => Some(fix),
@@ -53,7 +51,6 @@ pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
     all.iter().filter_map(fix).collect()
 }
 
-/// The headings among all measurements, rad.
 pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
     let heading = |m: &SourceMeasurement| match m.measurement {
         Measurement::Heading(h) => Some(h.heading),
@@ -62,18 +59,16 @@ pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
     all.iter().filter_map(heading).collect()
 }
 
-/// Rounded to whole numbers.
 pub(crate) fn whole(all: Vec<f64>) -> Vec<f64> {
     all.into_iter().map(f64::round).collect()
 }
 
-/// Up to `most` changed bytes, and where the bytes are cut off.
+/// Up to `most` changed bytes, and the position where the bytes are cut off.
 pub(crate) fn damage(most: usize) -> impl Strategy<Value = (Vec<(Index, u8)>, Index)> {
     let changes = prop::collection::vec((any::<Index>(), any::<u8>()), 0..most);
     (changes, any::<Index>())
 }
 
-/// The bytes with this damage.
 pub(crate) fn damaged(mut bytes: Vec<u8>, (changes, cut): (Vec<(Index, u8)>, Index)) -> Vec<u8> {
     for (at, to) in changes {
         let k = at.index(bytes.len());

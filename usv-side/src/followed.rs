@@ -1,6 +1,5 @@
-//! Which start of the vessel's computer the drones listen to: every question for the time names the boot of the newest
-//! estimate that its drone has used. One that names another boot for long shows that a second computer speaks with this
-//! vessel's identity.
+//! Boot of the vessel's computer that the drones follow. Each time request names the boot of the newest estimate used
+//! by its drone. If it names another boot for a long time, a second computer publishes with this vessel's identity.
 
 use std::collections::BTreeMap;
 
@@ -10,9 +9,10 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::deck::MAX_DRONES;
 
-/// A drone may follow the former start of this computer for so long: ten times what it needs to take up a next start.
-const SETTLED: Span = Span::from_millis(5000);
-/// It asks twice a second; its last status counts for so long.
+/// Time for which a drone may follow the former boot of this computer: ten times the time that it needs to accept a
+/// restart.
+const RESTART_TIMEOUT: Span = Span::from_millis(5000);
+/// Age up to which a request counts; a drone sends two per second.
 const FRESH: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
@@ -22,14 +22,13 @@ struct Following {
     newest: Time<VesselClock>,
 }
 
-/// Whom the drones follow.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Followed {
     drones: BTreeMap<u32, Following>,
 }
 
 impl Followed {
-    /// The questions that arrived for vessel `vessel`.
+    /// Adds the time requests received by vessel `vessel`.
     pub(crate) fn observe(
         &mut self,
         vessel: u32,
@@ -49,11 +48,11 @@ impl Followed {
             self.drones.insert(h.drone, Following { boot, since, newest });
         }
     }
-    /// The first drone that follows another computer than the one that started with `boot`.
+    /// First drone that follows a computer other than the one with boot `boot`.
     pub(crate) fn another(&self, now: Time<VesselClock>, boot: u32) -> Option<FollowsAnother> {
         let follows = |f: &Following| {
-            // Boot 0: it has received no estimate yet.
-            f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= SETTLED
+            // Boot 0: no estimate received yet.
+            f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= RESTART_TIMEOUT
         };
         let another = self.drones.iter().find(|(_, f)| follows(f));
         another.map(|(drone, f)| FollowsAnother {
@@ -82,13 +81,13 @@ mod tests {
             followed.observe(1, &[Arrival { at, sender, message }]);
             followed.another(at, 9).map(|f| (f.drone, f.boot))
         };
-        // This computer was restarted: its drone names the former start for a while.
+        // After a restart of this computer its drone names the former boot for a while.
         assert!((0..6).all(|k| asks(0.5 * f64::from(k), 3, 8).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 3, 9).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 4, 0).is_none()));
         let found = (40..60).find(|k| asks(0.5 * f64::from(*k), 4, 5) == Some((4, 5)));
         assert!(found.is_some_and(|k| (50..=51).contains(&k)), "{found:?}");
-        // A request of long ago does not count any more.
+        // An old request no longer counts.
         assert_eq!(asks(40.0, 3, 9), None);
     }
 }

@@ -1,18 +1,18 @@
-//! The vessel's side of Alight: sensors to estimate, identification of the sea, broadcast.
+//! The vessel's side of Alight: state estimation from sensors, identification of the sea, broadcast.
 //!
 //! | module | what |
 //! |---|---|
-//! | [`computer`] | [`VesselComputer`]: all nodes of the vessel, as world and process step them |
-//! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
+//! | [`computer`] | [`VesselComputer`]: all nodes of the vessel, stepped by world and process |
+//! | [`sensors`] | bytes of the vessel's sensors to measurements with time stamps |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`] | the Kalman filter |
-//! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
-//! | [`advice`] | heading and speed on which a landing is most likely to succeed |
-//! | [`rate_control`] | the rates that the radio carries |
+//! | [`alight_shared::motion_model`] | identification of the motion, prediction and its measured error |
+//! | [`advice`] | heading and speed with the highest probability of a landing |
+//! | [`rate_control`] | message rates that the radio carries |
 //! | [`rtcm_relay`] | RTCM of the vessel's receiver to the drones, within a budget |
-//! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
+//! | [`followed`] | check whether the drones follow this computer or another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
-//! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
+//! | [`calibrate`], [`log`], [`review`] | offline tools, not used in flight |
 
 pub mod advice;
 pub mod calibrate;

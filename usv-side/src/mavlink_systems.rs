@@ -1,25 +1,24 @@
-//! Who speaks on a MAVLink link, and whose messages are the vessel's: of one system and one component, for as long as the
-//! process runs.
+//! Senders on a MAVLink link. The vessel's sender is one system and one component, selected for the lifetime of the
+//! process.
 
 use alight_shared::mavlink::{Fields, RawFrame};
 
 const HEARTBEAT: u32 = 0;
 pub(crate) const AUTOPILOT: u8 = 1;
-/// `MAV_AUTOPILOT_INVALID`: a component that flies or steers nothing.
+/// `MAV_AUTOPILOT_INVALID`: a component that is not an autopilot.
 const NO_AUTOPILOT: u8 = 8;
-/// `MAV_TYPE` of vehicles on or in the water, and of those that do not state it.
+/// `MAV_TYPE` of surface vessels, and of components that do not state a type.
 const GENERIC: u8 = 0;
 const ROVER: u8 = 10;
 const BOAT: u8 = 11;
 const SUBMARINE: u8 = 12;
-/// `MAV_TYPE_ONBOARD_CONTROLLER`: any computer.
+/// `MAV_TYPE_ONBOARD_CONTROLLER`: any onboard computer.
 const COMPUTER: u8 = 18;
-/// A sensor without heartbeats is taken for the vessel's after so many messages (every autopilot sends one a second).
+/// Number of messages after which a sensor without heartbeats counts as the vessel's; every autopilot sends one
+/// heartbeat per second.
 const SILENT_HEARTBEAT: u64 = 100;
-/// Most systems and components that are distinguished.
 const MAX_RECEIVED: usize = 16;
 
-/// A component that was received.
 #[derive(Clone, Copy, Debug, Default)]
 struct Received {
     system: u32,
@@ -30,7 +29,6 @@ struct Received {
     left_out: u64,
 }
 
-/// Kind of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kin {
     Boat,
@@ -64,10 +62,10 @@ impl Received {
     }
 }
 
-/// All of a link.
+/// All components of a link.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Systems {
-    /// The vessel's by configuration.
+    /// System of the vessel in the configuration.
     configured: Option<u32>,
     own: Option<(u32, u8)>,
     received: Vec<Received>,
@@ -81,12 +79,11 @@ impl Systems {
             ..Systems::default()
         }
     }
-    /// The vessel's system, once it is known.
+    /// System of the vessel, once known.
     pub(crate) fn own(&self) -> Option<u8> {
         let own = self.own.map(|(system, _)| system).or(self.configured);
         own.and_then(|system| u8::try_from(system).ok())
     }
-    /// Whether a message is the vessel's.
     pub(crate) fn is_own(&mut self, raw: &RawFrame) -> bool {
         let id = (raw.system, raw.component);
         let at = self.received.iter().position(|h| (h.system, h.component) == id);
@@ -121,7 +118,7 @@ impl Systems {
             (_, Kin::Unknown) => received.messages > SILENT_HEARTBEAT,
             (Some(_), Kin::Other) | (None, Kin::Other) => false,
         };
-        // One that was taken without a heartbeat, and then reports another type, is given up.
+        // A component selected without a heartbeat is dropped when it reports another type.
         if self.own == Some(id) && !may_be {
             self.own = None;
         }
@@ -133,7 +130,7 @@ impl Systems {
         own
     }
 
-    /// Whose messages are used, and who else speaks; with what to do about it where something is wrong.
+    /// Remark on the selected and other senders, with a remedy if something is wrong.
     pub(crate) fn remark(&self) -> Option<(String, Option<&'static str>)> {
         let mut others: Vec<String> = self
             .received
@@ -154,9 +151,9 @@ impl Systems {
                 None,
             ),
             None => (
-                format!("no system on this link is known as the vessel's; left out: {others}"),
+                format!("no system on this link is identified as the vessel's; left out: {others}"),
                 Some(
-                    "its heartbeat must have the MAV_TYPE of a boat; or name its number: system = N at this source",
+                    "its heartbeat must have the MAV_TYPE of a boat; or set its number: system = N at this source",
                 ),
             ),
         })

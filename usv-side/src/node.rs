@@ -1,4 +1,4 @@
-//! The vessel's node: admission of measurements, the estimator, broadcast, time replies.
+//! The vessel's node: admission of measurements, estimator, broadcast, time replies.
 
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
@@ -18,27 +18,23 @@ use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
 use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
-/// Most inputs of one kind in a step; further ones are rejected.
+/// Maximum number of inputs of one kind per step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
-/// A measurement may lie this far in the future of `now` (rounding of stamps), s.
+/// Maximum lead of a measurement over `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Silence after which another of several inertial (or attitude) sensors is used, s: earlier the filter would
-/// take the samples of two for those of one sensor.
+/// Silence after which the next of several inertial (or attitude) sensors is used, s. An earlier switch would mix the
+/// samples of two sensors.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
-/// An older attitude is rejected, s: it carries the filter, as an inertial sample does.
+/// Maximum age of an attitude, s; it drives the filter like an inertial sample.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
-/// An older inertial sample is rejected, s.
 const MAX_IMU_AGE_S: f64 = 0.5;
 
-/// Time between two messages of what stands around the deck.
+/// Interval between messages about the deck's surroundings.
 const SURROUNDINGS_PERIOD: Span = Span::from_millis(1000);
 
-/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselIn {
-    /// Measurements.
     pub readings: Readings,
-    /// Time requests of drones.
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
 }
 
@@ -51,22 +47,17 @@ impl From<Readings> for VesselIn {
     }
 }
 
-/// Output of the vessel's node.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
-    /// State estimate, when due.
     pub estimate: Option<VesselEstimate<VesselClock>>,
-    /// The form of the estimate that is broadcast.
+    /// Radio form of the estimate.
     pub estimate_update: Option<EstimateUpdate<VesselClock>>,
-    /// Wave model, when due.
     pub wave: Option<WaveModel<VesselClock>>,
-    /// The form of the wave model that is broadcast.
+    /// Radio form of the wave model.
     pub wave_update: Option<WaveUpdate<VesselClock>>,
-    /// Prediction, when due.
     pub prediction: Option<VesselPrediction<VesselClock>>,
-    /// Obstacles around the deck, when due; never without any.
+    /// Obstacles around the deck, when due; None without obstacles.
     pub surroundings: Option<VesselSurroundings<VesselClock>>,
-    /// Answers to the time requests of this step.
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
 }
 
@@ -77,37 +68,34 @@ const GNSS: usize = 1;
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
 
-/// Statistics of the measurements of one source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SourceCounts {
-    /// Given to the filter.
+    /// Measurements passed to the filter.
     pub taken: u64,
-    /// Measurements of those with a component that the filter's gate rejected; inertial samples count in pairs.
+    /// Passed measurements with a component that the filter's gate rejected; inertial samples count by filter step.
     pub gated: u64,
-    /// Not newer than the last one of the source: out of order or repeated.
+    /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,
-    /// Too old, from the future, or out of range.
+    /// Measurements that are too old, from the future, or out of range.
     pub rejected: u64,
-    /// Rejected because the sensor repeats one sample.
+    /// Measurements rejected because the sensor repeats one sample.
     pub stuck: u64,
-    /// It does so now.
+    /// The sensor repeats one sample now.
     pub is_stuck: bool,
-    /// Not needed: another source of the kind, or an inertial sensor, is in use.
+    /// Measurements not used because another source of their kind, or an inertial sensor, is in use.
     pub spare: u64,
 }
 
-/// State of a source.
 #[derive(Clone, Copy, Debug, Default)]
 struct SourceState {
     newest: Option<Header<VesselClock>>,
     counts: SourceCounts,
-    /// Repetition of an inertial sensor's samples.
+    /// Detection of repeated inertial samples.
     repetition: RepeatedSamples,
 }
 
 impl SourceState {
-    /// No sample of a stuck inertial sensor reaches the filter; that another sensor stands in for it is decided as after
-    /// a silence.
+    /// Rejects the samples of a stuck inertial sensor. Another sensor replaces it by the same rule as after a silence.
     fn check_repetition(&mut self, m: &Measurement) -> Result<(), RejectionReason> {
         let Measurement::Imu(sample) = m else {
             return Ok(());
@@ -122,7 +110,7 @@ impl SourceState {
     }
 }
 
-/// The source in use of a kind that is used one at a time.
+/// Source in use of a kind that is used one at a time.
 #[derive(Clone, Copy, Debug, Default)]
 struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 
@@ -139,7 +127,6 @@ impl SelectedSource {
     }
 }
 
-/// The vessel's node.
 #[derive(Clone, Debug)]
 pub struct VesselNode {
     config: VesselNodeConfig,
@@ -158,12 +145,12 @@ pub struct VesselNode {
     apparent_slope: (Periodic<VesselClock>, ApparentSlope<VesselClock>),
     rate_control: RateControl,
     advisor: Advisor,
-    /// The true wind that a drone reports, towards NED, m/s.
+    /// True wind reported by a drone, towards NED, m/s.
     wind: Option<Vector2<f64>>,
 }
 
 impl VesselNode {
-    /// A node without measurements. `boot` is a random number of each start.
+    /// Node without measurements. `boot` is drawn at each start.
     pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
         VesselNode {
             config: config.clone(),
@@ -185,15 +172,12 @@ impl VesselNode {
             wind: None,
         }
     }
-    /// Dimensions of the deck.
     pub fn dimensions(&self) -> DeckDimensions {
         self.config.deck.dimensions()
     }
-    /// Inputs that were not admitted, by reason.
     pub fn rejected(&self) -> Rejections {
         self.rejected
     }
-    /// Measurements rejected by the filter's gates.
     pub fn gated(&self) -> Gated {
         self.estimator.gated()
     }
@@ -202,29 +186,27 @@ impl VesselNode {
         let source = self.sources.get(kind).and_then(|k| k.get(source));
         source.map(|k| k.counts).unwrap_or_default()
     }
-    /// The fraction of the full rates that is used.
+    /// Fraction of the full rates in use.
     pub fn rate_fraction(&self) -> f64 {
         self.rate_control.rate_fraction()
     }
-    /// The rates are from now on those that the link of this drone carries, which is on its way down.
+    /// Adapts the rates to the link of this descending drone alone.
     pub fn prioritise(&mut self, landing: Option<u32>) {
         self.rate_control.landing = landing;
     }
-    /// The true wind from now on, towards NED, m/s, as a drone reports it.
+    /// Sets the true wind reported by a drone, towards NED, m/s.
     pub fn blow(&mut self, wind: Option<Vector2<f64>>) {
         self.wind = wind;
     }
-    /// Advice for the helm.
     pub fn advisor(&self) -> &Advisor {
         &self.advisor
     }
-    /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
         &self.estimator
     }
 
-    /// Admits measurements of one kind, counts them by source, and gives them to `fuse`, which returns whether a
-    /// component was gated, or None when the measurement is not needed.
+    /// Admits measurements of one kind, counts them by source, and passes them to `fuse`. `fuse` returns whether the
+    /// gate rejected a component, or None if the measurement is not needed.
     fn take<M: Message<Clock = VesselClock> + Copy + Into<Measurement>>(
         &mut self,
         now: Time<VesselClock>,
@@ -237,7 +219,7 @@ impl VesselNode {
             max_age: Span::from_secs(max_age_s),
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
-            // A source beyond the last is invalid, and counted with the last.
+            // A source number beyond the last is invalid, and is counted with the last source.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
             let admitted = rule.admit(now, m, state.newest.as_ref());
@@ -270,7 +252,7 @@ impl VesselNode {
 
     fn take_measurements(&mut self, now: Time<VesselClock>, readings: &Readings) {
         let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
-        // Inertial samples bring the state to the others' time, so they come first.
+        // Inertial samples propagate the state to the time of the others, so they come first.
         self.take(now, (IMU, MAX_IMU_AGE_S), &readings.imu, |node, m| {
             let gated = node.estimator.gated().imu;
             let used = node.in_use[0].accepts(m.source, m.header.at);
@@ -339,7 +321,7 @@ impl VesselNode {
     }
 }
 
-/// Counts the sequence number of a message on; None when the message fails its own check.
+/// Increments the sequence number of a message; None if the message fails its own check.
 fn checked<M: Message<Clock = VesselClock>>(
     message: M,
     sequence: &mut u32,

@@ -1,56 +1,54 @@
 //! Rate control of the broadcast: lower rates while the radio link is congested, full rates while it is free.
 //!
-//! Each time request of a drone names its newest estimate. From that estimate's validity to the request's
-//! arrival, all on the vessel's clock, pass the delay to the drone, the wait for its next request and the delay
-//! back. The smallest such time of the last minute is the delay of a free link; what exceeds it is queueing
-//! delay. Loss is no sign of congestion here: a bad link loses whatever is sent. As in congestion control
-//! (Jacobson 1988) the rate rises quickly up to where the link was last congested, slowly beyond, and falls by
-//! a factor.
+//! Each time request of a drone states the time of validity of its newest estimate. The time from there to the
+//! request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next request and the
+//! delay back. Its minimum over the last minute is the delay of a free link, and the excess is queueing delay. Loss
+//! does not indicate congestion here, because a bad link loses messages at any rate. As in congestion control (Jacobson
+//! 1988), the rate rises quickly up to the last point of congestion, slowly beyond it, and falls by a factor.
 //!
-//! All drones receive one broadcast. Its rate is the one that the worst link carries, and while a drone is on its way
-//! down the one that its own link carries: another that connects meanwhile waits.
+//! All drones receive one broadcast. Its rate is limited by the worst link, and during a descent by the descending
+//! drone's link alone: a drone that connects in the meantime waits.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
 
-/// Most drones whose links are observed.
 const MAX_DRONES: usize = 8;
-/// The smallest delay is taken over a window of two halves of this length, s.
+/// Half of the window for the minimum delay, s.
 const HALF_WINDOW_S: f64 = 30.0;
-/// A drone without a time request for this long no longer counts, s.
+/// Silence after which a drone's link is ignored, s.
 const LINK_TIMEOUT_S: f64 = 10.0;
-/// The fraction at which the link was congested is avoided for this long, s: longer than the slow climb back to it,
-/// which takes up to 15 s.
+/// Time for which the fraction at the last congestion is avoided, s: longer than the slow rise back to it, which takes
+/// up to 15 s.
 const THRESHOLD_MEMORY_S: f64 = 20.0;
-/// Samples of a new drone at the initial fraction: a queue that was there drains, and the smallest delay shows.
+/// Number of samples at the initial fraction for a new drone: meanwhile an existing queue drains, which reveals the
+/// minimum delay.
 const STARTUP_SAMPLES: u32 = 8;
-/// Increase of the fraction at a sample, below and beyond the threshold, and factor on congestion.
+/// Increase of the fraction per sample, below and above the threshold, and factor on congestion.
 const INCREASE: f64 = 0.1;
 const SLOW_INCREASE: f64 = 0.005;
 const DECREASE_FACTOR: f64 = 0.7;
 
 config! {
-    /// When a link counts as congested.
+    /// Detection of congested links, and their message rates.
     pub struct RateControlConfig {
         /// Queueing delay of a congested link, s.
         /// Chosen: above the jitter of every radio profile, below half of the predictor's timeout.
         pub congestion_delay_s: f64 = 0.2, in 0.02..=10.0;
-        /// Fraction of the full rates for a new drone.
-        /// Chosen: 1.4 kB/s with headers, clearly less than 32 kbit/s, so that the delay found at
-        /// the start is one without a queue. At 4 kB/s 0.74 s of queueing delay remained.
+        /// Initial fraction of the full rates for a new drone.
+        /// Chosen: 1.4 kB/s with headers, clearly below 32 kbit/s, so that the initial delay is measured without a
+        /// queue. At 4 kB/s 0.74 s of queueing delay remained.
         pub initial_fraction: f64 = 0.15, in 0.05..=1.0;
-        /// Smallest fraction of the full rates.
+        /// Minimum fraction of the full rates.
         /// Chosen: estimates at 4.5 Hz.
         pub min_fraction: f64 = 0.15, in 0.05..=1.0;
     }
 }
 
-/// The link to one drone.
 #[derive(Clone, Copy, Debug)]
 struct DroneLink {
     drone: u32,
     at: Time<VesselClock>,
-    /// The smallest delay of this half of the window and of the one before, s.
+    /// Minimum delay in this half of the window and in the previous one, s.
     min_delay_s: [f64; 2],
     half_window_start: Time<VesselClock>,
     congested: u32,
@@ -83,7 +81,7 @@ impl DroneLink {
         }
         self.min_delay_s[0] = self.min_delay_s[0].min(delay_s);
         let queue_delay_s = delay_s - self.min_delay_s[0].min(self.min_delay_s[1]);
-        // Between two estimates the newest grows older by a period without any queue; a lost one makes it two.
+        // Without a queue the newest estimate ages by up to one period between two estimates, or two after a loss.
         if queue_delay_s > config.congestion_delay_s + 1.5 * period_s {
             self.congested += 1;
         } else {
@@ -92,7 +90,7 @@ impl DroneLink {
         if (now - self.threshold_at).secs() > THRESHOLD_MEMORY_S {
             self.threshold = 1.0;
         }
-        // Twice in a row: a single late one is an outage that has just ended.
+        // Two congested samples in a row are required, because a single late one is an outage that has just ended.
         if self.congested >= 2 {
             (self.threshold, self.threshold_at) = (0.85 * self.rate_fraction, now);
             self.rate_fraction = (DECREASE_FACTOR * self.rate_fraction).max(config.min_fraction);
@@ -105,17 +103,15 @@ impl DroneLink {
     }
 }
 
-/// Chooses the fraction of the full rates that the links carry.
+/// Selects the fraction of the full rates that the links carry.
 #[derive(Clone, Debug)]
 pub struct RateControl {
     config: RateControlConfig,
     links: Vec<DroneLink>,
-    /// The drone that is on its way down.
     pub landing: Option<u32>,
 }
 
 impl RateControl {
-    /// Without any link.
     pub fn new(config: &RateControlConfig) -> RateControl {
         RateControl {
             config: config.clone(),
@@ -124,7 +120,7 @@ impl RateControl {
         }
     }
 
-    /// A time request of `drone` arrived at `now`; its newest estimate was valid at `newest`, and estimates are
+    /// Adds a time request of `drone` received at `now`. Its newest estimate was valid at `newest`, and estimates are
     /// published every `period_s`.
     pub fn observe(&mut self, now: Time<VesselClock>, drone: u32, newest: Time<VesselClock>, period_s: f64) {
         let delay_s = (now - newest).secs();
@@ -140,14 +136,14 @@ impl RateControl {
         }
     }
 
-    /// The fraction of the full rates: that of the landing drone's link, else of the worst; 1 without any. State
-    /// estimates use it as it is.
+    /// Fraction of the full rates for state estimates: that of the descending drone's link, otherwise of the worst; 1
+    /// without links.
     pub fn rate_fraction(&self) -> f64 {
         let landing = self.links.iter().find(|l| self.landing == Some(l.drone));
         let worst = || self.links.iter().map(|l| l.rate_fraction).reduce(f64::min);
         landing.map(|l| l.rate_fraction).or_else(worst).unwrap_or(1.0)
     }
-    /// The fraction for wave model and prediction: the large messages give way first.
+    /// Fraction for wave model and prediction: large messages are reduced first.
     pub fn model_fraction(&self) -> f64 {
         self.rate_fraction().powi(2).max(0.09)
     }
@@ -157,8 +153,8 @@ impl RateControl {
 mod tests {
     use super::*;
 
-    /// The fractions over `seconds` of samples at 2 Hz over a link of `capacity` (fraction of the full rates) with
-    /// a queue of at most `depth_s`.
+    /// Fractions over `seconds` of samples at 2 Hz on a link of `capacity` (fraction of the full rates) with a queue of
+    /// at most `depth_s`.
     fn run(
         rate_control: &mut RateControl,
         from_s: f64,
@@ -169,7 +165,7 @@ mod tests {
         let (mut queue_s, mut fractions, mut t) = (0.0_f64, Vec::new(), from_s);
         while t < from_s + seconds {
             let rate_fraction = rate_control.rate_fraction();
-            // Offered minus carried, as time in the queue.
+            // Offered minus carried data, as time in the queue.
             queue_s = (queue_s + 0.5 * (rate_fraction / capacity - 1.0)).clamp(0.0, depth_s);
             let now = Time::from_secs(t);
             let newest = Time::from_secs(t - 0.1 - queue_s);
@@ -193,10 +189,10 @@ mod tests {
     fn rate_control_on_a_narrow_link() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         let fractions = run(&mut rate_control, 0.0, 120.0, 0.4, 1.0);
-        let settled = &fractions[60..];
-        let mean = settled.iter().sum::<f64>() / settled.len() as f64;
+        let steady = &fractions[60..];
+        let mean = steady.iter().sum::<f64>() / steady.len() as f64;
         assert!((0.25..0.45).contains(&mean), "{mean}");
-        assert!(settled.iter().all(|s| *s < 0.75));
+        assert!(steady.iter().all(|s| *s < 0.75));
         let after = run(&mut rate_control, 120.0, 30.0, 10.0, 1.0);
         assert_eq!(*after.last().unwrap(), 1.0);
     }
@@ -212,7 +208,7 @@ mod tests {
             rate_control.observe(Time::from_secs(t), 7, Time::from_secs(t - 0.1), 0.033);
             assert_eq!(rate_control.rate_fraction(), 1.0);
         }
-        // Its own link still counts.
+        // The descending drone's own link still counts.
         let congested = run(&mut rate_control, 19.0, 30.0, 0.4, 1.0);
         assert!(*congested.last().unwrap() < 0.75, "{congested:?}");
         rate_control.landing = None;

@@ -1,36 +1,34 @@
-//! RTCM 3 of the vessel's receiver on its way to the radio, within a budget.
+//! Relay of the vessel receiver's RTCM 3 frames to the radio, within a budget.
 //!
-//! A bucket holds what the radio carries in a second. The place of the base is small, and nothing is of use without it: it
-//! passes as long as the bucket lasts, and the others leave enough for it. An observation that does not fit is dropped with all
-//! that follow until the bucket is full again: whole epochs pass, not a part of each. Other messages wait with them, and leave a
-//! third of the bucket.
+//! A token bucket holds the radio's budget for one second. The base position is small and essential: it passes while
+//! the bucket lasts, and the other messages leave room for it. An observation that does not fit is dropped with all
+//! following ones until the bucket is full again, so that epochs pass completely or not at all. Other messages are
+//! dropped with them, and must leave a third of the bucket.
 
 use alight_shared::msg::{Header, RtcmFrames, Seq};
 use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
 use alight_shared::time::{Time, VesselClock};
 
-/// Frames may take so much of the radio, bytes/s; the bucket holds that of a second.
+/// Data rate limit for frames, bytes/s; the bucket holds one second of it.
 pub const BYTES_PER_S: f64 = 3000.0;
-/// Bytes of the message around its frames, and of the radio's headers around that.
+/// Overhead of the message around its frames, and of the radio's headers, bytes.
 const HEADER_BYTES: usize = 46 + 50;
-/// So much remains for two places of the base, bytes.
+/// Reserve for two base positions, bytes.
 const BASE_BYTES: f64 = 320.0;
 
-/// Passes frames on to the drones.
 #[derive(Clone, Debug)]
 pub struct RtcmRelay {
-    /// Header of the newest that was passed on.
+    /// Header of the newest relayed message.
     header: Header<VesselClock>,
-    /// Content of the bucket, bytes, and since when.
+    /// Content of the bucket, bytes, and the time of its update.
     bucket: f64,
     at: Option<Time<VesselClock>>,
-    /// An observation was dropped since the bucket was full.
+    /// An observation was dropped since the bucket was last full.
     waits: bool,
     dropped: u64,
 }
 
 impl RtcmRelay {
-    /// A relay of vessel `vessel`, whose process started with this boot id.
     pub fn new(vessel: u32, boot: u32) -> Self {
         RtcmRelay {
             header: Header::new(vessel, 0, boot, 0, Time::EPOCH),
@@ -40,11 +38,10 @@ impl RtcmRelay {
             dropped: 0,
         }
     }
-    /// Frames that were dropped.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
-    /// The frames that fit, in their order, as messages with the headers of this process.
+    /// Frames that fit, in order, as messages with the headers of this process.
     pub fn pass(
         &mut self,
         now: Time<VesselClock>,
@@ -73,7 +70,8 @@ impl RtcmRelay {
         }
         passed
     }
-    /// Whether a frame fits, which `begins` a message or not; what it needs is taken then.
+    /// Whether a frame fits; if it does, its size is taken from the bucket. `begins`: the frame is the first of a
+    /// message.
     fn takes(&mut self, frame: &RtcmFrames<VesselClock>, begins: bool) -> bool {
         let Some(number) = number(&frame.bytes) else {
             return false;
@@ -107,7 +105,7 @@ mod tests {
             ..RtcmFrames::default()
         }
     }
-    /// Numbers of the frames that pass of an epoch of four systems with the base's place, so many times a second for 20 s.
+    /// Numbers of the frames that pass, per epoch of four systems with the base position, at `rate_hz` for 20 s.
     fn passed(relay: &mut RtcmRelay, rate_hz: f64, bytes: usize) -> Vec<Vec<u16>> {
         let epoch = [1077, 1087, 1097, 1127].map(|message| frame(message, bytes));
         let epoch = [vec![frame(1005, 25)], epoch.to_vec(), vec![frame(1230, 14)]].concat();

@@ -1,11 +1,11 @@
-//! Frames of RTCM 3 that are lost, repeated, late or damaged on the radio.
+//! RTCM 3 frames that are lost, repeated, late or damaged on the radio.
 
 use super::*;
 use alight_shared::msg::RtcmFrames;
 
 #[test]
 fn rtcm_frames_over_a_lossy_radio() {
-    // The example of RTCM 10403.3 for message 1005.
+    // Example of message 1005 in RTCM 10403.3.
     let example = [
         0xD3, 0x00, 0x13, 0x3E, 0xD7, 0xD3, 0x02, 0x02, 0x98, 0x0E, 0xDE, 0xEF, 0x34, 0xB4, 0xBD, 0x62, 0xAC,
         0x09, 0x41, 0x98, 0x6F, 0x33, 0x36, 0x0B, 0x98,

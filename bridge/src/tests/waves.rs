@@ -48,7 +48,7 @@ fn bridge_wave_model_and_prediction() {
     );
 }
 
-/// A joiner receives a continuation before the whole model for which it asks.
+/// A joining drone receives a continuation before the whole model that it asked for.
 #[test]
 fn base_of_a_wave_model_behind_its_continuation() {
     let (mut b, now) = converged(0.05, 0.05, 5);

@@ -1,7 +1,7 @@
-//! A private certificate authority and the certificates of vessels, drones and operators.
+//! Private certificate authority, and certificates of vessels, drones and operators.
 //!
-//! One authority signs both sides; each side's certificate carries its name, which the radio's rules
-//! check. ECDSA P-256 with SHA-256; validity as asked.
+//! One authority signs all certificates. Each certificate carries the name of its side, which the radio's rules check.
+//! Keys are ECDSA P-256 with SHA-256; the validity is chosen by the caller.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -20,22 +20,18 @@ use x509_parser::pem::parse_x509_pem;
 
 use crate::exit::{CliError, Doing};
 
-/// The authority's name: its certificate and every signature carry it.
+/// Name of the authority, in its certificate and every signature.
 const AUTHORITY: &str = "Alight private authority";
-/// Whom a side trusts, in every directory.
+/// Certificate of the trusted authority, in every directory.
 pub const AUTHORITY_FILE: &str = "authority.pem";
-/// The authority's own key, only next to the authority.
+/// Key of the authority, only in the authority's directory.
 pub const AUTHORITY_KEY: &str = "authority-key.pem";
-/// A side's own certificate.
 pub const CERTIFICATE_FILE: &str = "certificate.pem";
-/// The key of that.
 pub const KEY_FILE: &str = "key.pem";
-/// Less than this left, days, is worth a warning.
+/// Remaining validity that is a warning, days.
 pub const RENEWAL_DAYS: i64 = 30;
-/// Addresses of one certificate at most.
 const MAX_ADDRESSES: usize = 16;
 
-/// The name in a side's certificate.
 pub fn common_name(kind: &str, number: u32) -> String {
     format!("{kind}-{number}")
 }
@@ -52,7 +48,7 @@ fn params(name: &str, days: u32) -> CertificateParams {
     params
 }
 
-/// Makes the authority in `dir`; one that is there is left alone.
+/// Makes the authority in `dir`; an existing one is never replaced.
 pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     let doing = format_args!("making an authority in {}", dir.display());
     fs::create_dir_all(dir).doing(doing)?;
@@ -65,7 +61,7 @@ pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     write(&dir.join(AUTHORITY_FILE), &certificate.pem())
 }
 
-/// Makes one side's key and certificate, signed by the authority in `dir`; the directory they are in.
+/// Makes the key and certificate of one side, signed by the authority in `dir`. Returns their directory.
 pub fn issue(
     dir: &Path,
     kind: &str,
@@ -98,14 +94,14 @@ pub fn issue(
         addresses.to_vec()
     };
     params.subject_alt_names = CertificateParams::new(own).doing(doing)?.subject_alt_names;
-    // Either side may listen: both are server and client.
+    // Either side may listen, so both are server and client.
     params.extended_key_usages = vec![
         ExtendedKeyUsagePurpose::ServerAuth,
         ExtendedKeyUsagePurpose::ClientAuth,
     ];
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     params.use_authority_key_identifier_extension = true;
-    // The signature needs the authority's name and key only, both are known.
+    // The signature needs only the authority's name and key.
     let signer = self::params(AUTHORITY, 1);
     let issuer = Issuer::from_params(&signer, &key);
     let own_key = KeyPair::generate().doing(doing)?;
@@ -118,7 +114,7 @@ pub fn issue(
     Ok(directory)
 }
 
-/// The files of one side, as the radio's configuration names them; it admits `peers`.
+/// TLS configuration with the files of one side, which admits `peers`.
 pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
     let file = |name: &str| {
         let path = directory.join(name);
@@ -139,7 +135,7 @@ pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError
     })
 }
 
-/// Writes a new file that only its owner reads.
+/// Writes a new file that only its owner can read.
 fn write(path: &Path, text: &str) -> Result<(), CliError> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true).mode(0o600);
@@ -152,24 +148,21 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
     ))
 }
 
-/// The text of a file; an error ends with the hint.
+/// Text of a file; an error ends with the hint.
 pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
     fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
 }
 
-/// A certificate that was read.
 pub struct CertificateDetails {
-    /// Parts of it for people.
     pub certificate: Certificate,
-    /// The public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
+    /// Public key, as in the certificate (SubjectPublicKeyInfo, DER).
     public_key: Vec<u8>,
-    /// The identifier of its key, an authority's.
+    /// Identifier of the key, in the certificate of an authority.
     key_id: Option<Vec<u8>>,
-    /// The identifier of the key that it was signed with.
+    /// Identifier of the key that signed the certificate.
     signed_with: Option<Vec<u8>>,
 }
 
-/// Reads a certificate's file.
 pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     let pem = read(path, "alight keys makes it")?;
     let doing = format_args!("{} is not a certificate", path.display());
@@ -202,22 +195,21 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     })
 }
 
-/// Whether the key in `pem` is the certificate's.
+/// Whether the key in `pem` belongs to the certificate.
 pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
     KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
 }
 
-/// Whether `own` states that it was signed with the key of `authority`; None when one of them is silent.
+/// Whether `own` states that it was signed with the key of `authority`; None if one of them has no identifier.
 pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }
 
-/// The system's clock, s since 1970.
+/// System clock, s since 1970.
 pub fn today_s() -> i64 {
     OffsetDateTime::now_utc().unix_timestamp()
 }
 
-/// When a certificate expires.
 pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, CliError> {
     let (_rest, found) =
         parse_x509_pem(pem.as_bytes()).doing(format_args!("{} is not a certificate", path.display()))?;

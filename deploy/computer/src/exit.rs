@@ -1,16 +1,15 @@
-//! Exit codes of commands, and errors for people.
+//! Exit codes and errors of commands.
 
 use std::fmt;
 
 use alight_shared::config::ConfigError;
 use alight_transport::TransportError;
 
-/// End of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     /// Exit code 0.
     Success,
-    /// Exit code 1: it ran, and the landing (or one of them) failed.
+    /// Exit code 1: the command ran, and the landing (or one of them) failed.
     Failed,
     /// Exit code 2: a check found something that does not work.
     Broken,
@@ -19,7 +18,7 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// Success, or that something failed.
+    /// Success, or failure.
     pub const fn of(success: bool) -> Exit {
         if success { Exit::Success } else { Exit::Failed }
     }
@@ -36,15 +35,12 @@ impl fmt::Display for CliError {
 }
 
 impl CliError {
-    /// Wraps any error with what was being done.
     pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
         CliError(format!("{doing}: {error}"))
     }
 }
 
-/// Adds the action that failed to an error.
 pub trait Doing<T> {
-    /// The error with what was being done.
     fn doing(self, what: impl fmt::Display) -> Result<T, CliError>;
 }
 

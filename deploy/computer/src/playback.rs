@@ -1,21 +1,19 @@
 //! A log computed again: recorded inputs through new nodes, outputs compared bit for bit, each step shown.
 
-use alight_bridge::Bridge;
+use core::any::Any;
+
+use alight_shared::bus::{RowStep, Wired};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::ComputerReport;
 use alight_shared::node::Node;
+use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
-use alight_uav::autopilot::AutopilotLink;
-use alight_uav::computer::Installed as _;
-use alight_uav::mission::MissionNode;
-use alight_uav::pilot::Pilot;
+use alight_uav::computer as uav;
 use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
-use alight_uav::predictor::Predictor;
 use alight_uav::settings::DroneSettings;
-use alight_usv::VesselComputer;
-use alight_usv::computer::Installed as _;
+use alight_usv::computer as usv;
 use serde::Serialize;
 
 use crate::config::view::ViewConfig;
@@ -23,11 +21,11 @@ use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::{CliError, Doing};
 use crate::process::supervision::{Observed, SupervisorNode};
 use crate::process::supervisor::SUPERVISOR;
-use crate::record::entry::{Computed, Entry, Input, PartHeader};
+use crate::record::entry::{self, Computed, Entry, PartHeader};
 use crate::record::log::{Log, ProcessStart, ReplayOrder};
-use crate::record::observer::{NodeStep, StepObserver};
+use crate::record::observer::StepObserver;
 use crate::record::reading::LogStep;
-use crate::record::{BASELINE_FILE, NODES, WORLD};
+use crate::record::{BASELINE_FILE, WORLD};
 use crate::terminal::note;
 
 /// The tick of a recording's times, as in lock-step, ns.
@@ -67,10 +65,11 @@ pub struct NodeReplay {
 /// The law of a recorded planner that the drone does not carry, from what a recording has of it.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// The starts of a log that observers are shown: those of the nodes.
+/// The starts of a log that observers are shown: those of rows, as their data flow.
 pub fn shown(log: &Log) -> Vec<PartHeader> {
-    let of = |node: &'static str| log.starts.iter().filter(move |s| s.header.process == node);
-    NODES.into_iter().flat_map(of).map(|s| s.header.clone()).collect()
+    let mut rows: Vec<_> = log.starts.iter().filter(|s| s.rank().is_some()).collect();
+    rows.sort_by_key(|s| s.rank());
+    rows.into_iter().map(|s| s.header.clone()).collect()
 }
 
 /// Replays the log before the eyes of who looks on, to whom its times are moved by `shift`.
@@ -93,8 +92,8 @@ pub fn replay(
         let t = t + shift;
         let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
         match &mut players[at] {
-            _ if step.header.process == WORLD => observers.world(t, step.bytes),
             Some(player) => player.step(t, step, &mut computed, &mut observers),
+            None if log.starts[at].header.first_step == 0 => observers.recorded(t, step.header, step.bytes),
             None => Ok(()),
         }
     })?;
@@ -117,18 +116,14 @@ struct Player {
 }
 
 impl Player {
-    /// None of the world, and of a start whose beginning is gone.
+    /// None of the world, and of a start that lacks a part of what it computes from.
     fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
             return Ok(None);
         }
-        if header.first_step > 0 {
-            let first = header.first_step;
-            note(
-                true,
-                format!("{name}: begins at step {first}, and is not computed again"),
-            );
+        if let Some(why) = not_recorded(start)? {
+            note(true, format!("{name}: {why}, and is not computed again"));
             return Ok(None);
         }
         let has_time = log.is_recording();
@@ -170,8 +165,7 @@ impl Player {
             self.node = None;
             return Ok(());
         }
-        observers.of(&step.header.process, step.header.boot);
-        if !node.step(t, step.bytes, computed, observers)? && replayed.differs_at_step.is_none() {
+        if !node.step(t, step, computed, observers)? && replayed.differs_at_step.is_none() {
             replayed.differs_at_step = Some(step.number);
             replayed.differs_at_s = self.has_time.then(|| t.secs());
         }
@@ -180,65 +174,90 @@ impl Player {
     }
 }
 
+/// Reason why a start cannot be computed again: a part of its input is not recorded.
+fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
+    let (header, kind) = (&start.header, start.kind());
+    if header.first_step > 0 {
+        return Ok(Some(format!("begins at step {}", header.first_step)));
+    }
+    if kind == Some(ProcessKind::Sensors) {
+        let sources = start.config::<VesselComputerConfig>()?.sensor.sources;
+        let signed = sources.into_iter().find(|s| !s.signing_key.is_empty());
+        return Ok(signed.map(|s| {
+            format!(
+                "checks the signatures of {} with a key that no recording holds",
+                s.name
+            )
+        }));
+    }
+    let of_images = [ProcessKind::Camera, ProcessKind::Uvdar]
+        .map(Some)
+        .contains(&kind);
+    let by_hash = of_images && !start.config::<DroneComputerConfig>()?.recorder.images;
+    Ok(by_hash.then(|| "has its images recorded by their hashes (recorder.images)".into()))
+}
+
 /// The node of a start as it began.
 fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
-    let boot = start.header.boot;
-    // The first start in a simulated world waits for no predecessor's checkpoint.
-    let succeeds = log.is_live() || log.find(&start.header.process) != Some(start);
-    let drone = || start.config::<DroneComputerConfig>();
-    Ok(match start.header.process.as_str() {
-        "vessel" => {
-            let nodes = start.config::<VesselComputerConfig>()?.nodes();
-            let node = VesselComputer::installed(&nodes, boot);
-            ReplayedNode::of(node, |now, i, o| NodeStep::Vessel(now, i, o))
-        }
-        "bridge" => {
-            let node = Bridge::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, |now, i, o| NodeStep::Bridge(now, i, o))
-        }
-        "predictor" => {
-            let node = Predictor::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, |now, i, o| NodeStep::Predictor(now, i, o))
-        }
-        "mission" => {
-            let drone = drone()?;
-            let node = match succeeds {
-                true => MissionNode::installed(&drone.nodes(), boot),
-                false => drone.nodes().mission(boot),
-            };
-            ReplayedNode::of(node, |now, i, o| NodeStep::Mission(now, i, o))
-        }
-        "planner" => {
-            let drone = drone()?;
-            let own = &drone.drone;
-            let node = match law(log.text(BASELINE_FILE), own)? {
-                None => Planner::installed(&drone.nodes(), boot),
-                Some(law) => Planner::with_law(law, &own.planner, &own.airframe, &own.deck, boot),
-            };
-            ReplayedNode::of(node, |now, i, o| NodeStep::Planner(now, i, o))
-        }
-        "pilot" => {
-            let node = Pilot::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, |now, i, o| NodeStep::Pilot(now, i, o))
-        }
-        "autopilot" => Box::new(ReplayedNode {
-            node: AutopilotLink::installed(&drone()?.nodes(), boot),
-            show: None,
-        }),
-        SUPERVISOR => Box::new(ReplayedNode {
-            node: SupervisorNode::new(toml::from_str(&start.header.config).doing(start.name())?),
-            show: None,
-        }),
-        other => {
-            return Err(CliError(format!(
-                "{}: steps of a process {other:?}, which this program does not have",
-                log.path().display()
-            )));
-        }
+    if start.header.process == SUPERVISOR {
+        let limits = toml::from_str(&start.header.config).doing(start.name())?;
+        return Ok(Box::new(SupervisorNode::new(limits)));
+    }
+    let beginning = Beginning { log, start, law };
+    let found = start.kind().and_then(|kind| {
+        uav::RowVisitor::visit(beginning, kind).or_else(|| usv::RowVisitor::visit(beginning, kind))
+    });
+    found.unwrap_or_else(|| {
+        Err(CliError(format!(
+            "{}: steps of a process {:?}, which this program does not have",
+            log.path().display(),
+            start.header.process
+        )))
     })
 }
 
-impl Input for Vec<Observed> {}
+/// Makes the node of a start as it began.
+#[derive(Clone, Copy)]
+struct Beginning<'a> {
+    log: &'a Log,
+    start: &'a ProcessStart,
+    law: ForeignLaw<'a>,
+}
+
+type MadeNode = Result<Box<dyn Replayed>, CliError>;
+
+impl usv::RowVisitor for Beginning<'_> {
+    type Found = MadeNode;
+    fn row<N: usv::Installed + 'static>(self) -> MadeNode {
+        let nodes = self.start.config::<VesselComputerConfig>()?.nodes();
+        let node = N::installed(&nodes, self.start.header.boot);
+        Ok(Box::new(ReplayedNode { node, kind: N::KIND }))
+    }
+}
+
+impl uav::RowVisitor for Beginning<'_> {
+    type Found = MadeNode;
+    fn row<N: uav::Installed + 'static>(self) -> MadeNode {
+        let (log, boot) = (self.log, self.start.header.boot);
+        let computer: DroneComputerConfig = self.start.config()?;
+        let (nodes, own) = (computer.nodes(), &computer.drone);
+        // The first start in a simulated world waits for no predecessor's checkpoint.
+        let succeeds = log.is_live() || log.find(&self.start.header.process) != Some(self.start);
+        let mut other: Option<Box<dyn Any>> = None;
+        if N::KIND == ProcessKind::Mission && !succeeds {
+            other = Some(Box::new(nodes.mission(boot)));
+        }
+        if N::KIND == ProcessKind::Planner
+            && let Some(law) = (self.law)(log.text(BASELINE_FILE), own)?
+        {
+            let planner = Planner::with_law(law, &own.planner, &own.airframe, &own.deck, boot);
+            other = Some(Box::new(planner));
+        }
+        let other = other.and_then(|node| node.downcast::<N>().ok());
+        let node = other.map_or_else(|| N::installed(&nodes, boot), |node| *node);
+        Ok(Box::new(ReplayedNode { node, kind: N::KIND }))
+    }
+}
 
 /// A node that is computed again.
 trait Replayed {
@@ -247,47 +266,173 @@ trait Replayed {
     fn step(
         &mut self,
         t: Time<TrueTime>,
-        entry: &[u8],
+        step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
     ) -> Result<bool, WireError>;
 }
 
-/// Display of a node's step.
-type Show<N> =
-    for<'a> fn(Time<<N as Node>::Clock>, &'a <N as Node>::In, &'a <N as Node>::Out) -> NodeStep<'a>;
-
-struct ReplayedNode<N: Node> {
+struct ReplayedNode<N> {
     node: N,
-    show: Option<Show<N>>,
+    kind: ProcessKind,
 }
 
-impl<N: Node<In: Input, Out: Serialize> + 'static> ReplayedNode<N> {
-    fn of(node: N, show: Show<N>) -> Box<dyn Replayed> {
-        let show = Some(show);
-        Box::new(ReplayedNode { node, show })
-    }
-}
-
-impl<N: Node<In: Input, Out: Serialize>> Replayed for ReplayedNode<N> {
+impl<N: Wired> Replayed for ReplayedNode<N> {
     fn step(
         &mut self,
         t: Time<TrueTime>,
-        entry: &[u8],
+        step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
     ) -> Result<bool, WireError> {
-        let mut entry: Entry<N::In> = wire::decode_record(entry)?;
-        if computed.fill(&mut entry.input, entry.references).is_err() {
+        let Entry {
+            now_ns,
+            mut input,
+            references,
+            output,
+        } = step.entry::<N::In>()?;
+        let mut is_whole = true;
+        N::read_parts(&mut input, &mut |part| {
+            is_whole &= computed.fill(part, references).is_ok()
+        });
+        if !is_whole {
             return Ok(false);
         }
-        let now = Time::from_nanos(entry.now_ns);
-        let output = self.node.step(now, &entry.input);
-        if let Some(show) = self.show {
-            let step = show(now, &entry.input, &output);
-            computed.keep(&step);
-            observers.step(t, step);
-        }
+        let at = Time::from_nanos(now_ns);
+        let out = self.node.step(at, &input);
+        N::written_parts(&out, &mut |part| computed.keep(part));
+        let made: RowStep<N> = RowStep {
+            at,
+            took: Span::ZERO,
+            worked: true,
+            input,
+            out,
+        };
+        observers.step(t, &made.of(self.kind, step.header.boot));
+        Ok(entry::hash(&made.out, &mut computed.scratch)? == output)
+    }
+}
+
+/// Its steps are not shown: it is no row.
+impl Replayed for SupervisorNode {
+    fn step(
+        &mut self,
+        _t: Time<TrueTime>,
+        step: &LogStep<'_>,
+        _computed: &mut Computed,
+        _observers: &mut dyn StepObserver,
+    ) -> Result<bool, WireError> {
+        let entry = step.entry::<Vec<Observed>>()?;
+        let output = Node::step(self, Time::from_nanos(entry.now_ns), &entry.input);
         Ok(wire::hash_record(&output)? == entry.output)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use alight_shared::config;
+    use alight_shared::time::DroneClock;
+    use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, GreyImage};
+    use alight_usv::sensors::{SensorNode, SensorsIn};
+
+    use super::*;
+    use crate::record::flight::recorder::NodeRecorder;
+    use crate::vessel::sensors;
+
+    /// Records the steps of a start with a boot id.
+    fn record<N: Wired>(
+        directory: &Path,
+        (kind, boot): (ProcessKind, u32),
+        config: &str,
+        mut node: N,
+        inputs: &[N::In],
+    ) {
+        let header = PartHeader {
+            process: kind.name().into(),
+            boot,
+            config: config.into(),
+            ..PartHeader::default()
+        };
+        let mut recorder = NodeRecorder::begin(directory, header);
+        for (k, input) in (1..).zip(inputs) {
+            let now_ns = k * 20_000_000;
+            let out = node.step(Time::from_nanos(now_ns), input);
+            recorder.step(now_ns, now_ns, input, &out);
+        }
+    }
+    fn image(k: i64) -> CameraIn {
+        let level = |p: usize| (p / 7 + k as usize) as u8;
+        let image = GreyImage::new(640, 480, (0..640 * 480).map(level).collect()).unwrap();
+        let at = Time::<DroneClock>::from_nanos(k * 20_000_000);
+        CameraIn {
+            frames: vec![CameraFrame { at, image }],
+            exposed: None,
+        }
+    }
+
+    #[test]
+    fn replay_of_sensors_and_cameras() {
+        const KEY: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        let directory = std::env::temp_dir().join(format!("alight-rows-{}", std::process::id()));
+        std::fs::create_dir_all(&directory).unwrap();
+        let key = directory.join("key");
+        std::fs::write(&key, KEY).unwrap();
+        let source = "[[sensor.sources]]\nname = \"mast\"\nconnect = \"udpin://127.0.0.1:9\"\n";
+        let signed = format!(
+            "{source}format = \"mavlink\"\nsigning_key = \"{}\"\n",
+            key.display()
+        );
+        let sentence = |k: i64| SensorsIn {
+            bytes: vec![format!("$HEHDT,{}.0,T*{:02X}\r\n", k, 0x1A).into_bytes()],
+            ..SensorsIn::default()
+        };
+        let sentences: Vec<SensorsIn> = (1..6).map(sentence).collect();
+        for (boot, text) in [(1, source), (2, &signed)] {
+            let computer = config::parse(text, "vessel").unwrap();
+            let node: SensorNode = sensors::node(&computer, boot).unwrap();
+            record(&directory, (ProcessKind::Sensors, boot), text, node, &sentences);
+        }
+        for (boot, keeps) in [(1, true), (2, false)] {
+            let text = format!("[recorder]\nimages = {keeps}\n");
+            let computer: DroneComputerConfig = config::parse(&text, "drone").unwrap();
+            let mut images: Vec<CameraIn> = (1..4).map(image).collect();
+            if keeps {
+                images.iter_mut().for_each(|i| i.frames[0].image.keep());
+            }
+            let node = <CameraNode as uav::Installed>::installed(&computer.nodes(), boot);
+            record(&directory, (ProcessKind::Camera, boot), &text, node, &images);
+        }
+        let log = Log::open(&directory).unwrap();
+        let replayed = replay(&log, &|_, _| Ok(None), Span::ZERO, Vec::new()).unwrap();
+        let found: Vec<_> = replayed
+            .iter()
+            .map(|r| (r.node.as_str(), r.steps, r.differs_at_step))
+            .collect();
+        assert_eq!(
+            found,
+            [("camera-00000001", 3, None), ("sensors-00000001", 5, None)]
+        );
+
+        let why = |k: usize| not_recorded(&log.starts[k]).unwrap().unwrap_or_default();
+        assert!(
+            why(1).contains("recorder.images") && why(3).contains("signatures of mast"),
+            "{}",
+            why(3)
+        );
+        // No recording holds the key.
+        let secret: Vec<u8> = (0..32)
+            .map(|k| u8::from_str_radix(&KEY[2 * k..2 * k + 2], 16).unwrap())
+            .collect();
+        let holds = |bytes: &[u8], part: &[u8]| bytes.windows(part.len()).any(|w| w == part);
+        log.steps(ReplayOrder::ByStart, |_, _, step| {
+            for bytes in [step.bytes, step.header.config.as_bytes()] {
+                assert!(!holds(bytes, &secret) && !holds(bytes, KEY.as_bytes()));
+            }
+            Ok(())
+        })
+        .unwrap();
+        std::fs::remove_dir_all(&directory).unwrap();
     }
 }

@@ -1,26 +1,22 @@
-//! Numbers with the units that people write, for flags: `15kn`, `10m/s`, `90s`, `5min`.
+//! Numbers with units, for flags: `15kn`, `10m/s`, `90s`, `5min`.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use alight_shared::geodesy::KNOT_MPS;
 
-/// Units of speed, m/s.
 const SPEEDS: [(&str, f64); 4] = [
     ("m/s", 1.0),
     ("kn", KNOT_MPS),
     ("kt", KNOT_MPS),
     ("km/h", 1.0 / 3.6),
 ];
-/// Units of time, s.
 const TIMES: [(&str, f64); 4] = [("s", 1.0), ("min", 60.0), ("h", 3600.0), ("ms", 1e-3)];
 
-/// Unit of a plain number that counts seconds.
 pub const SECOND: (&str, f64) = ("s", 1.0);
-/// Unit of a plain number that counts minutes.
 pub const MINUTE: (&str, f64) = ("min", 60.0);
 
-/// Number and, where one follows, the size of its unit.
+/// Number and the size of its unit, if one follows.
 fn split(text: &str, units: &[(&str, f64)]) -> Result<(f64, Option<f64>), String> {
     let number = |text: &str| text.trim().parse::<f64>().ok();
     if let Some(plain) = number(text) {
@@ -36,22 +32,21 @@ fn split(text: &str, units: &[(&str, f64)]) -> Result<(f64, Option<f64>), String
     })
 }
 
-/// Speed, m/s; so is a plain number.
+/// Speed, m/s; plain numbers are in m/s.
 pub fn speed_mps(text: &str) -> Result<f64, String> {
     split(text, &SPEEDS).map(|(number, unit)| number * unit.unwrap_or(1.0))
 }
 
-/// Duration, s; so is a plain number.
+/// Duration, s; plain numbers are in s.
 pub fn duration_s(text: &str) -> Result<f64, String> {
     split(text, &TIMES).map(|(number, unit)| number * unit.unwrap_or(1.0))
 }
 
-/// Reader of a duration in whole seconds.
 pub fn seconds(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
     move |text| text.parse::<WrittenTime>()?.whole(SECOND, &range)
 }
 
-/// Time as it was written: the command decides what a plain number counts.
+/// Time as written; the command decides the unit of a plain number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WrittenTime(f64, Option<f64>);
 

@@ -1,4 +1,4 @@
-//! Situation: what is known on one computer, by the topics of its processes alone.
+//! Situation of one computer, known only by the topics of its processes.
 
 use alight_shared::admission::AccessRejection;
 use alight_shared::metrics::{MetricName, MetricValue};
@@ -16,10 +16,10 @@ use crate::process::facts::Facts;
 use crate::process::snapshot::Snapshot;
 use crate::subject::Computer;
 
-/// Two periods of the processes' reports: who has not reported by then is silent, s.
+/// Two periods of the processes' reports, s; a process without a report by then is silent.
 pub const OBSERVATION_S: f64 = 1.2;
 
-/// Report of a computer once its processes run, by the configuration that is read here.
+/// Report that a computer with this configuration makes once its processes run.
 pub fn configured(computer: &Computer) -> ComputerReport {
     match computer {
         Computer::Vessel(v) => Facts::vessel(v).report,
@@ -27,37 +27,33 @@ pub fn configured(computer: &Computer) -> ComputerReport {
     }
 }
 
-/// A real sensor: its bytes, and what the estimator made of its measurements.
+/// Real sensor: its bytes, and the estimator's use of its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SourceHealth {
     pub name: String,
-    /// Age of its newest measurement, s; None before the first.
+    /// Age of the newest measurement, s; None before the first.
     pub age_s: Option<f64>,
-    /// Report on the bytes.
     #[serde(flatten)]
     pub report: SourceReport,
-    /// Use of the measurements by the estimator.
     #[serde(flatten)]
     pub uses: SourceUse,
 }
 
-/// Knowledge on one computer.
 #[derive(Clone, Debug, Default)]
 pub struct ObservedSituation {
-    /// Report of the computer about itself, or the one that it will make.
+    /// The computer's report of itself, or the expected one.
     pub known: ComputerReport,
-    /// The newest of each topic.
     pub snapshot: Snapshot,
-    /// The observer's clock, ns: the steady clock where processes run.
+    /// Observer's clock, ns: the steady clock for running processes.
     pub now_ns: i64,
 }
 
 impl ObservedSituation {
-    /// By what was received until `now_ns`.
+    /// Situation by the messages received until `now_ns`.
     pub fn of(snapshot: &Snapshot, now_ns: i64) -> ObservedSituation {
         ObservedSituation::look(snapshot, &ComputerReport::default(), now_ns)
     }
-    /// The situation of a computer that is `configured` so, which counts until it has reported by what its processes run.
+    /// Situation of a computer. Its own report takes precedence over `configured`.
     pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> ObservedSituation {
         ObservedSituation {
             known: snapshot.computer.unwrap_or(*configured),
@@ -65,31 +61,28 @@ impl ObservedSituation {
             now_ns,
         }
     }
-    /// Since then, s.
+    /// Time since `at_ns`, s.
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
-    /// Report of a vessel's computer about itself, and that of its process.
     pub fn vessel(&self) -> Option<(&VesselReport, &VesselStatus)> {
         let reported = self.snapshot.computer.as_ref()?;
         Some((reported.vessel.as_ref()?, self.snapshot.vessel.as_ref()?))
     }
-    /// The newest report of a process.
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
         self.snapshot.processes.get(&kind)
     }
-    /// Whether that process reports. A vessel's does so less often by radio.
+    /// Whether that process reports. By radio a vessel's reports are less frequent.
     pub fn reports(&self, kind: ProcessKind) -> bool {
         let by_radio = kind == ProcessKind::Vessel && !self.known.processes.contains(&kind);
         let stale_s = topics::process_reports(by_radio).stale_after.secs();
         self.process(kind)
             .is_some_and(|p| self.since_s(p.at_ns) <= stale_s)
     }
-    /// Whether every process has had the time to report.
     pub fn has_waited(&self) -> bool {
         self.since_s(self.snapshot.since_ns) >= OBSERVATION_S
     }
-    /// Processes that do not report, and for how long (s), where they have.
+    /// Processes that do not report, and the time since their last report, s, if any.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {
         let missing = self.known.processes.iter().copied();
         let missing = missing.filter(|kind| self.has_waited() && self.process(*kind).is_none());
@@ -99,12 +92,13 @@ impl ObservedSituation {
             .chain(ended.map(|p| (p.kind, Some(self.since_s(p.at_ns)))))
             .collect()
     }
-    /// Since the computer's newest report of itself, s, where it has made one and makes none any more.
+    /// Time since the computer's newest report of itself, s, if the reports have stopped.
     pub fn unreported_s(&self) -> Option<f64> {
         let age_s = self.since_s(self.snapshot.computer.as_ref()?.header.at.nanos());
         (age_s > topics::COMPUTER.stale_after.secs()).then_some(age_s)
     }
-    /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
+    /// Time since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than
+    /// disarming takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
         let disarm_s = self.known.disarm_s;
@@ -116,12 +110,11 @@ impl ObservedSituation {
         let age_s = self.snapshot.link.map(|l| l.age_s)?;
         Some(age_s + self.snapshot.link.age_s(self.now_ns))
     }
-    /// The vessel's real sensors.
     pub fn sources(&self) -> Vec<SourceHealth> {
         let Some((known, status)) = self.vessel() else {
             return Vec::new();
         };
-        // Its clock goes on as the steady clock does: drift since the newest report is no age.
+        // The vessel's clock advances like the steady clock; drift since the newest report does not count as age.
         let since_ns = self.now_ns.saturating_sub(self.known.header.at.nanos());
         let now = known.clock + Span::from_nanos(since_ns);
         let source = |r: &SourceReport| {
@@ -149,7 +142,6 @@ impl ObservedSituation {
             .filter(|(_, n)| *n > 0)
             .collect()
     }
-    /// The newest reason for which a peer was rejected.
     pub fn rejected_last(&self) -> Option<&'static str> {
         let process = self.process(ProcessKind::Vessel)?;
         if let MetricValue::AccessRejection(last) = process.metric(MetricName::LastPeerRejection)? {
@@ -203,7 +195,7 @@ mod tests {
     use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
     use alight_shared::time::Time;
 
-    /// Processes that run are known by their reports, without any file, and not by a configuration of today.
+    /// Running processes are known by their reports alone, without any file, and not by the present configuration.
     #[test]
     fn situation_by_topics_alone() {
         let reported = ComputerReport {

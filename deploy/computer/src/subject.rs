@@ -1,4 +1,4 @@
-//! Which computer a command is about: by its name or its configuration.
+//! Computer that a command refers to, by name or configuration.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,12 +11,11 @@ use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
-/// Files of the packages' configuration.
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
 /// Default name of a simulated landing's processes.
 pub const SIMULATED: &str = "sim";
 
-/// Which computer this is.
+/// Vessel's or drone's computer, by its configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Computer {
     Vessel(Box<VesselComputerConfig>),
@@ -44,14 +43,12 @@ impl Computer {
             ))),
         }
     }
-    /// Name of its set of processes.
     pub fn instance(&self) -> &str {
         match self {
             Computer::Vessel(v) => &v.instance,
             Computer::Drone(d) => &d.instance,
         }
     }
-    /// The installed configuration of this computer.
     pub fn shipped() -> Option<PathBuf> {
         let readable = |p: &&Path| fs::File::open(p).is_ok();
         SHIPPED
@@ -60,7 +57,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The subject under the name of another set of processes, where one is given.
+    /// Computer with the name of another set of processes, if one is given.
     #[must_use]
     pub fn named(mut self, instance: Option<&str>) -> Computer {
         if let Some(name) = instance {
@@ -77,11 +74,11 @@ impl Computer {
     }
 }
 
-/// The drone whose processes have that name: the installed one, or that of a landing of all processes, which has the drone's
-/// file next to its memory.
+/// Drone whose processes have this name: the installed one, or that of a simulated landing, which has the drone's file
+/// next to its memory.
 fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
-    // Without the permission to read it, the other is looked for.
+    // Without the permission to read it, the other is tried.
     let installed: Option<DroneComputerConfig> = config::load(installed).ok();
     if let Some(drone) = installed.filter(|d| d.instance == name) {
         return Ok(Some(drone));
@@ -95,7 +92,7 @@ fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError
     Ok(Some(drone))
 }
 
-/// A drone of which no more is known than the name of its processes.
+/// Drone of which only the name of its processes is known.
 fn unconfigured(name: &str) -> DroneComputerConfig {
     DroneComputerConfig {
         instance: name.into(),
@@ -103,8 +100,8 @@ fn unconfigured(name: &str) -> DroneComputerConfig {
     }
 }
 
-/// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
-/// name is given: an order must not go to a simulation while a drone flies.
+/// Drone that a command on this computer refers to. The installed one takes precedence over a simulated landing unless
+/// another name is given: an order must not go to a simulation while a drone flies.
 pub fn commanded_drone(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -122,14 +119,14 @@ pub fn commanded_drone(
         Some(drone) => Ok(drone),
         // An order to a wrong number is not taken; an abort is tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
-            "the processes {name} have no configuration in addition to their memory: name it with --config"
+            "the configuration of the processes {name} is not found: name it with --config"
         ))),
         None => Ok(unconfigured(name)),
     }
 }
 
-/// The vessel that an order aboard is for: the installed one, or by its name that of a landing, which has the vessel's file
-/// next to its memory.
+/// Vessel that an order on board refers to: the installed one, or by name that of a simulated landing, which has the
+/// vessel's file next to its memory.
 pub fn commanded_vessel(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -140,7 +137,7 @@ pub fn commanded_vessel(
     let file = Instance::new(name)?.directory().join("vessel.toml");
     if !file.exists() {
         return Err(CliError(format!(
-            "the processes {name} have no vessel's configuration next to their memory: name it with --config"
+            "the vessel's configuration of the processes {name} is not found: name it with --config"
         )));
     }
     let mut vessel: VesselComputerConfig = config::load(&file)?;
@@ -148,20 +145,19 @@ pub fn commanded_vessel(
     Ok(vessel)
 }
 
-/// Whose processes are meant.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Subject {
     /// Name of the set of processes [default: the configuration's; without one: sim]
     #[arg(long)]
     pub instance: Option<String>,
     /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
-    /// /etc/alight/drone.toml, whichever is there]
+    /// /etc/alight/drone.toml, whichever exists]
     #[arg(long, value_name = "FILE", conflicts_with = "instance")]
     pub config: Option<PathBuf>,
 }
 
 impl Subject {
-    /// The configuration: of a landing of this computer before the one that is installed on it.
+    /// Configuration: that of a landing on this computer takes precedence over the installed one.
     pub fn computer(&self) -> Result<Computer, CliError> {
         let fixed = self.fixed()?;
         match (&fixed.instance, &fixed.config) {
@@ -170,7 +166,8 @@ impl Subject {
             (None, None) => Computer::of_instance(SIMULATED),
         }
     }
-    /// Whose orders are passed on: as [`commanded_drone`], what is installed comes before a simulated landing.
+    /// Subject whose orders are passed on. As in [`commanded_drone`], the installed computer takes precedence over a
+    /// simulated landing.
     pub fn ordered(&self) -> Result<Subject, CliError> {
         let [_, installed] = SHIPPED;
         let is_open = self.instance.is_none() && self.config.is_none();
@@ -182,12 +179,12 @@ impl Subject {
         }
         self.fixed()
     }
-    /// Whether its processes are those of a configuration that was read, not of one that is guessed.
+    /// Whether its processes have a configuration that was read, not a guessed one.
     pub fn is_configured(&self) -> bool {
         let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
         self.instance.as_ref().is_none_or(known)
     }
-    /// The subject by its name or its file, whatever runs later.
+    /// Subject by name or file, independent of processes that start later.
     pub fn fixed(&self) -> Result<Subject, CliError> {
         if self.instance.is_some() || self.config.is_some() {
             return Ok(self.clone());

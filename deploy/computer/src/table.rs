@@ -1,10 +1,10 @@
-//! Tables: rows of cells, rendered for a terminal, as Markdown or as HTML.
+//! Tables of cells, rendered for a terminal, as Markdown or as HTML.
 
 use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::ops::RangeBounds;
 
-/// Whether a cell shows something good or bad; a colour on a page.
+/// Quality of a cell's value, shown as a colour on a page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Quality {
     #[default]
@@ -13,7 +13,7 @@ enum Quality {
     Bad,
 }
 
-/// One cell: its text, and a smaller text that explains it.
+/// Cell with its text and a smaller explanatory text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
     text: String,
@@ -37,20 +37,17 @@ impl From<&Cell> for Cell {
 }
 
 impl Cell {
-    /// A number with so many decimals; `-` without one.
     pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
         number(value, digits).into()
     }
-    /// A number with its sign.
     pub fn signed(value: f64, digits: usize) -> Cell {
         format!("{value:+.digits$}").into()
     }
-    /// With a note: in brackets, on a page small and below.
+    /// Adds a note: in brackets, or on a page small and below.
     pub fn note(mut self, note: impl Display) -> Cell {
         self.note = note.to_string();
         self
     }
-    /// Good or bad.
     pub fn judged(mut self, good: bool) -> Cell {
         self.quality = if good { Quality::Good } else { Quality::Bad };
         self
@@ -70,13 +67,12 @@ impl Cell {
     }
 }
 
-/// Cells of one row.
 #[macro_export]
 macro_rules! cells {
     ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from(&$value)),*] };
 }
 
-/// A table: text to the left in its column, numbers to the right.
+/// Table; text is left-aligned, numbers are right-aligned.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     heads: Vec<String>,
@@ -85,7 +81,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// An empty table with these heads; the columns `numbers` hold numbers.
+    /// Empty table with these headings; the columns `numbers` contain numbers.
     pub fn new<H: Display>(numbers: impl RangeBounds<usize>, heads: impl IntoIterator<Item = H>) -> Table {
         let heads: Vec<String> = heads.into_iter().map(|h| h.to_string()).collect();
         Table {
@@ -94,15 +90,13 @@ impl Table {
             rows: Vec::new(),
         }
     }
-    /// One more row.
     pub fn row(&mut self, cells: impl IntoIterator<Item = Cell>) {
         self.rows.push(cells.into_iter().collect());
     }
-    /// Whether it has no row.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
-    /// For a terminal: a line for each row, columns as wide as their longest cell.
+    /// Text for a terminal: one line per row, columns as wide as their longest cell.
     pub fn text(&self) -> String {
         let lines: Vec<Vec<String>> = core::iter::once(self.heads.clone())
             .chain(self.rows.iter().map(|r| r.iter().map(Cell::line).collect()))
@@ -139,7 +133,7 @@ impl Table {
         }
         out
     }
-    /// As HTML; a line is drawn where the first column changes.
+    /// HTML; a line is drawn where the first column changes.
     pub fn html(&self) -> String {
         let class = |is_number: &bool, quality: Quality| match (is_number, quality) {
             (false, _) => " class=\"text\"",
@@ -171,32 +165,27 @@ impl Table {
     }
 }
 
-/// A number with so many decimals; `-` without one.
 pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
     let finite = value.into().filter(|v| v.is_finite());
     finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
 }
 
-/// Text that a page shows as it is.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
 }
 
-/// A colour of standard output, by its number in ECMA-48.
+/// Colour of standard output, by its number in ECMA-48.
 #[derive(Clone, Copy, Debug)]
 pub enum Colour {
-    /// For a fault.
     Red = 31,
-    /// For a success.
     Green = 32,
-    /// For a warning.
     Yellow = 33,
 }
 
 impl Colour {
-    /// Bold in this colour where standard output is a terminal and NO_COLOR is not set; plain elsewhere.
+    /// Bold text in this colour if standard output is a terminal and NO_COLOR is not set; otherwise plain.
     pub fn bold(self, text: &str) -> String {
         let forbidden = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
         self.written(text, std::io::stdout().is_terminal() && !forbidden)
@@ -209,7 +198,7 @@ impl Colour {
     }
 }
 
-/// Bold green or red on a terminal, plain elsewhere.
+/// Text in bold green or red on a terminal, otherwise plain.
 pub fn verdict(text: &str, good: bool) -> String {
     let colour = if good { Colour::Green } else { Colour::Red };
     colour.bold(text)

@@ -1,5 +1,5 @@
-//! Lines for people and for machines. A reader that went away (`| head`) ends the program
-//! quietly instead of with a panic.
+//! Output for users and for machines. A reader that went away (`| head`) ends the program quietly instead of with a
+//! panic.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::exit::{CliError, Doing};
 
-/// In which form a command prints its result: for machines, or for people where neither is asked for.
+/// Form of a command's result: for machines, or for users by default.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub struct Form {
     /// Print the result as one JSON object, the last line
@@ -24,12 +24,12 @@ pub struct Form {
 }
 
 impl Form {
-    /// Whether the result stands alone on standard output, and lines for people on standard error.
+    /// Whether standard output contains only the result, and lines for users go to standard error.
     pub const fn alone(self) -> bool {
         self.json || self.csv
     }
-    /// Prints the result as JSON or its rows as CSV, as was asked for; false where it is for people. Without rows there are no
-    /// columns, and nothing is printed.
+    /// Prints the result as JSON or its rows as CSV, as requested; returns false if it is for users. Without rows there
+    /// are no columns, and nothing is printed.
     pub fn print(self, result: &impl Serialize, rows: &[impl Serialize]) -> Result<bool, CliError> {
         if self.json {
             json(result)?;
@@ -40,7 +40,6 @@ impl Form {
     }
 }
 
-/// A line on standard output.
 pub fn line(text: impl Display) {
     let Err(e) = writeln!(std::io::stdout().lock(), "{text}") else {
         return;
@@ -52,22 +51,22 @@ pub fn line(text: impl Display) {
     std::process::exit(2);
 }
 
-/// A value on standard output, as JSON on one line.
+/// Prints a value on standard output, as JSON on one line.
 pub fn json(value: &impl Serialize) -> Result<(), CliError> {
     line(serde_json::to_string(value).doing("writing JSON")?);
     Ok(())
 }
 
-/// A line for people: on standard error where the result stands alone on standard output.
+/// Prints a line for users: on standard error if standard output contains only the result.
 pub fn note(alone: bool, text: impl Display) {
     if !alone {
         return line(text);
     }
-    // Standard error has no reader: nothing is lost that the result does not hold.
+    // Standard error has no reader: the result still contains everything.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
-/// A field: those of an inner object, or a value.
+/// Field: an object's fields, or a value.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Field {
@@ -75,7 +74,7 @@ enum Field {
     Value(Value),
 }
 
-/// The fields of an object in the order in which they were written.
+/// Fields of an object in the order in which they were written.
 struct Fields(Vec<(String, Field)>);
 
 impl<'de> Deserialize<'de> for Fields {
@@ -98,7 +97,7 @@ impl<'de> Deserialize<'de> for Fields {
     }
 }
 
-/// A table of which each row has its cells by the names of their columns.
+/// Table whose rows have their cells by column name.
 #[derive(Default)]
 struct Cells {
     names: Vec<String>,
@@ -106,7 +105,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Adds the fields of a row, those of inner objects under `outer.inner`; `after` is the place of the next new column.
+    /// Adds the fields of a row, those of inner objects under `outer.inner`; `after` is the position of the next new
+    /// column.
     fn add(&mut self, row: &mut BTreeMap<String, String>, outer: &str, fields: Fields, after: &mut usize) {
         for (name, field) in fields.0 {
             let name = format!("{outer}{name}");
@@ -127,7 +127,7 @@ impl Cells {
             row.insert(name, cell);
         }
     }
-    /// Drops the empty columns of objects that some rows have and others have not: they are columns by their fields.
+    /// Drops the empty columns of objects that some rows have and others lack; their fields have columns of their own.
     fn without_missing_objects(&mut self) {
         let all = self.names.clone();
         self.names.retain(|name| {
@@ -141,8 +141,8 @@ impl Cells {
     }
 }
 
-/// Rows as CSV, a column for each field of their JSON, in its order: the fields of an inner object as `outer.inner`, a list in
-/// one cell as JSON, nothing for what is not known. No rows, no text.
+/// Rows as CSV with a column for each field of their JSON, in order: the fields of an inner object as `outer.inner`, a
+/// list in one cell as JSON, unknown values empty. Without rows the text is empty.
 fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     let doing = "writing CSV";
     let mut cells = Cells::default();
@@ -173,15 +173,14 @@ fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     String::from_utf8(lines.into_inner().doing(doing)?).doing(doing)
 }
 
-/// CSV without its last end of line, which printing adds; None without rows.
+/// CSV without its last line end, which printing adds; None without rows.
 fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
     Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
 }
 
-/// Columns of a text for people.
 pub const WIDTH: usize = 80;
 
-/// Appends `more` to a text, a space before each of its pieces; a piece that does not fit begins an indented line.
+/// Appends `more` to a text, with a space before each term; a term that does not fit begins an indented line.
 pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     for piece in more.split_whitespace() {
         let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
@@ -226,7 +225,7 @@ mod tests {
             "scene,error.mean,error.max,seeds,aborts\n\"0.8,5\",,,\"[7,8]\",\n\"a \"\"b\"\"\",0.25,,\"[7,8]\",\n"
         );
         assert_eq!(csv_lines(&[] as &[Row]).unwrap(), None);
-        // What a cell ends with is its own.
+        // Trailing white space belongs to the cell.
         let spaces = BTreeMap::from([("a", "b \t ")]);
         let lines = csv_lines(&[spaces]).unwrap().unwrap();
         assert!(lines.starts_with("a\n") && lines.contains("b \t "), "{lines:?}");

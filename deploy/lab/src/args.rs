@@ -1,4 +1,4 @@
-//! Flags of what is flown in the simulated world.
+//! Flags of flights in the simulated world.
 
 use std::ffi::OsStr;
 #[cfg(test)]
@@ -22,18 +22,18 @@ use clap::{Arg, Args, Command, ValueEnum};
 
 use super::study::definition;
 
-/// Flags as they are typed behind the name of a command, which comes first.
+/// Parses flags typed after the name of a command, which comes first.
 #[cfg(test)]
 pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> T {
     let matches = T::augment_args(Command::new("alight")).try_get_matches_from(arguments);
     T::from_arg_matches(&matches.unwrap()).unwrap()
 }
 
-/// Reader of a value of any form for which help, manual pages and completions offer names.
+/// Parser of a free-form value for which help, manual pages and completions offer names.
 #[derive(Clone)]
 pub struct Offering<P>(P, Vec<PossibleValue>);
 
-/// `reader` of a value for which `names` are offered.
+/// Offers `names` for a value that `reader` parses.
 pub fn offering<P>(reader: P, names: impl IntoIterator<Item: Into<PossibleValue>>) -> Offering<P> {
     Offering(reader, names.into_iter().map(Into::into).collect())
 }
@@ -53,21 +53,19 @@ impl<P: TypedValueParser> TypedValueParser for Offering<P> {
     }
 }
 
-/// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum PlannerArg {
     /// The paper's: attitude weights that grow near the deck (FAA).
     MpcFaa,
     /// MPC without FAA.
     Mpc,
-    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    /// Alight's: position, velocity and attitude match the deck's at a chosen time.
     Alight,
-    /// Baseline of Gupta et al.: Fourier modes of the tag's pose, lands when the tilt allows it.
+    /// Baseline of Gupta et al.: Fourier modes of the tag's pose; lands when the tilt permits it.
     MpcNe,
 }
 
 impl PlannerArg {
-    /// Lets it fly.
     pub fn select(self, nodes: &mut NodeConfigs) {
         nodes.baseline = None;
         match self {
@@ -79,16 +77,14 @@ impl PlannerArg {
     }
 }
 
-/// Autopilots.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum AutopilotArg {
     /// PX4.
     Px4,
-    /// ArduPilot's copter.
+    /// ArduCopter.
     Ardupilot,
 }
 
-/// Motion of the vessel.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CourseArg {
     /// Engines off.
@@ -103,7 +99,7 @@ pub enum CourseArg {
     Turn,
     /// A straight line with one change of --speed by half, up to 4 s after the first descent begins.
     SpeedChange,
-    /// Holding a place, in the limit cycle that thrusters with a dead band make (drawn, 20 to 50 s)
+    /// Station-keeping, in the limit cycle of thrusters with a dead band (drawn, 20 to 50 s)
     StationKeeping,
     /// Sheering about an anchor by 20 to 40 deg to either side.
     Anchored,
@@ -124,7 +120,6 @@ impl From<CourseArg> for vessel::VesselCourse {
     }
 }
 
-/// Phases of the mission by their names on the command line.
 pub const PHASES: [(&str, State); 8] = [
     ("get-altitude", State::GetAltitude),
     ("approach", State::Approach),
@@ -136,13 +131,12 @@ pub const PHASES: [(&str, State); 8] = [
     ("landed", State::Landed),
 ];
 
-/// The phase of that name.
 pub fn phase(name: &str) -> Result<State, String> {
     let found = PHASES.iter().find(|(n, _)| *n == name).map(|(_, state)| *state);
     found.ok_or_else(|| format!("no phase of that name: {}", PHASES.map(|p| p.0).join(", ")))
 }
 
-/// When an outage of the radio begins: at the mission's first entry into a phase, or never.
+/// Start of a radio outage: the mission's first entry into a phase, or never.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutageAt(pub Option<State>);
 
@@ -163,10 +157,8 @@ impl fmt::Display for OutageAt {
     }
 }
 
-/// A sea by name or by amplitude and period.
 #[derive(Clone, Debug)]
 pub struct SeaArg {
-    /// The text as given.
     pub text: String,
     pub config: SeaConfig,
 }
@@ -181,7 +173,6 @@ impl FromStr for SeaArg {
     }
 }
 
-/// on or off.
 fn on_off(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
@@ -190,20 +181,17 @@ fn on_off(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Names of seas; others are written as amplitude and period, or as wave systems.
+/// Named seas; others are written as amplitude and period, or as wave systems.
 const SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-rough"];
 
-/// Reader of a sea.
 pub fn sea() -> impl TypedValueParser<Value = SeaArg> {
     offering(SeaArg::from_str, SEAS)
 }
 
-/// A mean wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WindArg {
-    /// That raises such a sea, along its waves.
+    /// Wind that raises the given sea, along its waves.
     Auto,
-    /// So fast, m/s.
     Mean(f64),
 }
 
@@ -228,27 +216,27 @@ impl fmt::Display for WindArg {
     }
 }
 
-/// The scene of a trial.
+/// Scene of a trial.
 #[derive(Args, Debug, Clone)]
 pub struct SceneArgs {
-    /// Sea by name, AMPLITUDE_M,PERIOD_S, or wave systems by significant height (m), peak period (s)
-    /// and direction from the mean (deg): jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
+    /// Sea by name, AMPLITUDE_M,PERIOD_S, or wave systems by significant height (m), peak period (s) and direction from
+    /// the mean (deg): jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
     #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true, value_parser = sea())]
     pub sea: Option<SeaArg>,
-    /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its
-    /// class; period of Pierson and Moskowitz)
+    /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its class; period of
+    /// Pierson and Moskowitz)
     #[arg(long, value_name = "1..5", conflicts_with = "sea",
           value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_state: Option<u8>,
-    /// Hull that the sea moves by its response table, in the place of the simulated one: a name or a
-    /// CSV with a .toml of the same name
+    /// Hull that the sea moves by its response table, instead of the simulated one: a name or a CSV with a .toml of the
+    /// same name
     #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
           value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
-    /// Planner that flies [default: that of the configuration, alight]
+    /// Planner to fly [default: that of the configuration, alight]
     #[arg(long, value_enum)]
     pub planner: Option<PlannerArg>,
-    /// Autopilot whose character the simulated one has [default: that of the scenario, px4]
+    /// Firmware that the simulated autopilot resembles [default: that of the scenario, px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<AutopilotArg>,
     /// Course of the vessel [default: drift]
@@ -257,26 +245,25 @@ pub struct SceneArgs {
     /// Vessel's speed on a course under way, m/s, or with a unit: 5kn [default: 2]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true, value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// Mean wind with gusts, m/s, or with a unit: 15kn; auto: the wind that raises such a sea, along its waves
-    /// [default: 0]
+    /// Mean wind with gusts, m/s, or with a unit: 15kn; auto: wind that raises the sea, along its waves [default: 0]
     #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true,
           value_parser = offering(WindArg::from_str, ["auto"]))]
     pub wind: Option<WindArg>,
-    /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around what the nodes know, and
-    /// start the autopilot with another hover thrust [default: on with --hull]
+    /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around the nodes' values, and start the
+    /// autopilot with another hover thrust [default: on with --hull]
     #[arg(long, value_name = "on|off", value_parser = offering(on_off, ["on", "off"]))]
     pub draws: Option<bool>,
-    /// An outage of the radio begins when the mission first enters this phase [default: never]
+    /// Phase at whose first entry a radio outage begins [default: never]
     #[arg(long, value_name = "PHASE",
           value_parser = offering(OutageAt::from_str, PHASES.map(|p| p.0)))]
     pub outage_at: Option<OutageAt>,
-    /// The outage lasts this long, s, or with a unit: 5min [default: for good]
+    /// Duration of the outage, s, or with a unit: 5min [default: for good]
     #[arg(long, value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
     pub outage_duration: Option<f64>,
-    /// Watch a landed drone for so long, s: the outcome has its place then
+    /// Time after the landing at which its position is judged, s
     #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub stay: Option<f64>,
-    /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
+    /// Descend at a random moment, regardless of the predicted probability: compares prediction and result
     #[arg(long)]
     pub begin_anyway: bool,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
@@ -291,8 +278,8 @@ pub struct SceneArgs {
     /// Keys of the method (TOML; `alight config drone --tuning` prints them), which no file of a flight sets
     #[arg(long, value_name = "FILE")]
     pub tuning: Option<PathBuf>,
-    /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
-    /// any of heave_m, heading_deg, surge_m, sway_m; without --sea the water moves with its heave
+    /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and any of heave_m,
+    /// heading_deg, surge_m, sway_m; without --sea the water moves with its heave
     #[arg(long, value_name = "FILE.csv")]
     pub deck_motion: Option<PathBuf>,
     /// Factor on the recorded deviations [default: 1]
@@ -301,10 +288,10 @@ pub struct SceneArgs {
     /// Factor on the recording's speed [default: 1]
     #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
     pub motion_speed: Option<f64>,
-    /// The trial begins at this time of the recording, s [default: 0]
+    /// Start of the trial in the recording, s [default: 0]
     #[arg(long, value_name = "TIME", requires = "deck_motion", value_parser = duration_s)]
     pub motion_start: Option<f64>,
-    /// Render the belly camera's images and find the tag in them, in the place of its measurement model
+    /// Render the belly camera and detect the tag in its images, instead of its measurement model
     #[arg(long)]
     pub render_camera: bool,
     /// Keep the recording's mean tilt instead of removing it
@@ -313,7 +300,7 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// The flags that were given, each with its value; one without a value has an empty one.
+    /// Flags that were given, with their values; empty for a flag without a value.
     pub fn given(&self) -> Vec<(&'static str, String)> {
         fn text<T: ToString>(value: Option<&T>) -> Option<String> {
             value.map(ToString::to_string)
@@ -358,17 +345,16 @@ impl SceneArgs {
 /// One landing, or many.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for\n\
-no viewer, and ends when it is over, or 10 s later while a viewer is connected."
+    after_help = "With --view the landing runs in real time once the drone has appeared. It waits for\n\
+no viewer, and ends with the flight, or 10 s later if a viewer is connected."
 )]
 pub struct TrialArgs {
-    /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Seed of sea, noise and start, of many landings the first: the same seed, the same bits
+    /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
     #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
-    /// Fly so many landings, and print the success rate with its interval
+    /// Fly N landings, and print the success rate with its interval
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
           conflicts_with_all = ["plot", "record", "view"])]
     pub trials: Option<u32>,
@@ -387,7 +373,6 @@ pub struct TrialArgs {
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
     #[arg(long, value_name = "FILE.mcap", value_parser = mcap_file)]
     pub record: Option<PathBuf>,
-    /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
     /// Output format.
@@ -398,16 +383,15 @@ pub struct TrialArgs {
 /// Part `index` of `count`.
 #[derive(Clone, Copy, Debug)]
 pub struct Shard {
-    /// From 1 on.
+    /// Number from 1.
     pub index: u64,
-    /// The number of them.
     pub count: u64,
 }
 
 impl FromStr for Shard {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
+        let wrong = || format!("`{text}` is not a shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
         let (i, n) = text.split_once('/').ok_or_else(wrong)?;
         let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
         if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
@@ -417,16 +401,15 @@ impl FromStr for Shard {
     }
 }
 
-/// A study.
+/// Study to fly.
 #[derive(Args, Debug)]
 pub struct StudyArgs {
-    /// A study, or a file of your own (docs/commands.md)
+    /// Study by name, or a study file (docs/commands.md)
     #[arg(value_name = "STUDY|FILE.toml",
           value_parser = offering(StringValueParser::new(), definition::offered()))]
     pub name: Option<String>,
     /// Directories of shards, for merge
     pub dirs: Vec<PathBuf>,
-    /// The scene, where the study leaves it open.
     #[command(flatten)]
     pub scene: SceneArgs,
     /// Planners to compare [default: the study's]
@@ -443,10 +426,10 @@ pub struct StudyArgs {
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write rows and report there, or go on from there
+    /// Directory for rows and report
     ///
-    /// A study that was cut off goes on where it stopped. The files are rows.csv, summary.md, summary.json, report.html
-    /// and, where the study has curves, curves.svg.
+    /// A study that was interrupted continues there. The files are rows.csv, summary.md, summary.json, report.html and,
+    /// if the study has curves, curves.svg.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Fly only part I of N, for several machines
@@ -455,13 +438,13 @@ pub struct StudyArgs {
     /// Fly only this row, counted from 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub row: Option<u32>,
-    /// Print commands of so many seeds, for a scheduler
+    /// Print commands of SEEDS seeds, for a scheduler
     ///
-    /// It flies nothing. A line is a command of one row, as HyperQueue takes it.
+    /// Nothing is flown. Each line is a command of one row, for example for HyperQueue.
     #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
-    /// End a row once its rate is known to so many %
+    /// End a row once its rate is known to PERCENT %
     ///
     /// That is up and down. The interval is Wilson's of 95 %, computed every 20 trials; a row has --trials at most.
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
@@ -471,38 +454,37 @@ pub struct StudyArgs {
     pub form: Form,
 }
 
-/// A wind of an envelope, m/s: with the vessel's own way within what a scenario takes.
+/// Wind of an envelope, m/s; with the vessel's own speed it stays within the range of a scenario.
 fn wind_speed(text: &str) -> Result<f64, String> {
     let speed = speed_mps(text).ok().filter(|v| (0.5..=20.0).contains(v));
-    speed.ok_or_else(|| format!("`{text}` is no wind to fly in: give 0.5 to 20 m/s"))
+    speed.ok_or_else(|| format!("`{text}` is not a valid wind: give 0.5 to 20 m/s"))
 }
 
-/// An envelope.
+/// Envelope to fly.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Start with:\n  alight study envelope --quick --hull mono-5m --drone-config drone.toml\n\n\
 The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, --speed; the drone is --drone-config."
 )]
 pub struct EnvelopeArgs {
-    /// The boat and the drone.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// A coarse grid of few landings: some ten minutes on two cores
+    /// Fly a coarse grid: some ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
     /// Relative winds, m/s, or with a unit: 10kn [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
-    /// Directions all round that it comes from [default: 12; with --quick 8]
+    /// Directions of the wind, all round [default: 12; with --quick 8]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
     pub directions: Option<u16>,
     /// Sea states (WMO code table 3700) [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
-    /// Landings per cell [default: as many as show --rate, 35 for 90 %; with --quick 5]
+    /// Landings per cell [default: enough to show --rate, 35 for 90 %; with --quick 5]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
-    /// Part of the landings, %, that must succeed up to the limit, by the lower end of the 95 % interval
+    /// Percentage of landings that must succeed up to the limit, by the lower end of the 95 % interval
     #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
     pub rate: u8,
     /// First seed
@@ -511,7 +493,7 @@ pub struct EnvelopeArgs {
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write drawing, page and rows there; a run that was cut off goes on where it stopped
+    /// Directory for drawing, page and rows; an interrupted run continues there
     ///
     /// The files are envelope.svg, envelope.html, envelope.json and rows.csv.
     #[arg(long, value_name = "DIR", default_value = "envelope")]

@@ -1,4 +1,4 @@
-//! Charts as SVG: a landing, curves over named places, means with their intervals.
+//! Charts as SVG: a landing, curves over named positions, means with their intervals.
 
 pub mod landing;
 
@@ -16,8 +16,8 @@ use plotters::prelude::*;
 
 use crate::report::document::Chart;
 
-/// Colours of lines and groups, in their order; the first two are drone and deck. The first six are those of Okabe and Ito, in the
-/// order of the Python module's plots.
+/// Colours of lines and groups, in order; the first two are drone and deck. The first six are those of Okabe and Ito,
+/// in the order of the Python module's plots.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -29,11 +29,10 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(90, 60, 160),
 ];
 const MARK: RGBColor = RGBColor(120, 120, 120);
-/// Measures of a legend, px: length of a sample, height of a row, width of a letter.
+/// Dimensions of a legend, px: length of a sample, height of a row, width of a letter.
 const SAMPLE: i32 = 22;
 const ROW: i32 = 16;
 const LETTER: i32 = 7;
-/// Size of a chart of curves, px.
 const CURVES: (u32, u32) = (640, 300);
 /// Width of a chart of means, and height of one of its lines, px.
 const DOTS: (u32, u32) = (900, 32);
@@ -45,30 +44,28 @@ fn colour(index: usize) -> RGBColor {
     COLOURS.get(index % COLOURS.len()).copied().unwrap_or(BLACK)
 }
 
-/// A line with its name; one of a single point is a mark.
+/// Line with its name; a line of a single point is a mark.
 struct Line {
-    /// Empty: the legend has none.
+    /// Empty: not in the legend.
     name: String,
     colour: RGBColor,
-    /// Length of strokes and gaps, px; None: a whole line.
+    /// Length of strokes and gaps, px; None: solid.
     dash: Option<(i32, i32)>,
     points: Vec<(f64, f64)>,
 }
 
-/// Surroundings of a chart of lines.
 struct Axes<'a> {
     caption: &'a str,
-    /// Meaning of the axes.
     names: [&'a str; 2],
-    /// The chart below it has the numbers across.
+    /// The chart below shows the numbers of the horizontal axis.
     shared: bool,
     across: Range<f64>,
     up: Range<f64>,
-    /// In the place of the numbers 0, 1, 2 across.
+    /// Labels instead of the numbers 0, 1, 2 on the horizontal axis.
     places: Option<&'a [String]>,
 }
 
-/// Writes the names above a chart, where they cover nothing, in as many rows as they need; gives what is left.
+/// Writes the legend above a chart, in as many rows as needed. Returns the remaining area.
 fn legend<'a>(area: &Area<'a>, lines: &[Line]) -> Result<Area<'a>, Box<dyn Error>> {
     const LEFT: i32 = 60;
     let width = i32::try_from(area.dim_in_pixel().0).unwrap_or(i32::MAX);
@@ -143,12 +140,12 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
     Ok(())
 }
 
-/// Whether a plot can be written to `path`, found out before the flight, not after it: as SVG, by its name.
+/// Checks before the flight whether a plot can be written to `path`, as an SVG by its name.
 pub fn can_write(path: &Path) -> Result<(), CliError> {
     let is_svg = |e: &OsStr| e.eq_ignore_ascii_case("svg");
     if !path.extension().is_some_and(is_svg) {
         return Err(CliError(format!(
-            "--plot {}: plots are written as SVG and in no other format; choose a name that ends in .svg",
+            "--plot {}: plots are written as SVG only; choose a name that ends in .svg",
             path.display()
         )));
     }
@@ -174,13 +171,13 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// A curve: its name and a point for each place; none where nothing was measured.
+/// Curve with its name and a point for each position; None if nothing was measured there.
 pub struct Curve {
     pub name: String,
     pub points: Vec<Option<f64>>,
 }
 
-/// Curves over named places on the horizontal axis.
+/// Curves over named positions on the horizontal axis.
 pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Chart, CliError> {
     let line = |(k, curve): (usize, &Curve)| Line {
         name: curve.name.clone(),
@@ -218,7 +215,6 @@ pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Char
     })
 }
 
-/// All charts of curves as one picture, one below the other.
 pub fn sheet(charts: &[Chart]) -> String {
     let (width, height) = CURVES;
     let cell = height + 30;
@@ -243,18 +239,17 @@ pub fn sheet(charts: &[Chart]) -> String {
     out
 }
 
-/// A line of [`dots`].
+/// Line of [`dots`].
 pub struct Dot {
     pub label: String,
-    /// Number of the group that shares a colour.
+    /// Number of the group, which has one colour.
     pub group: usize,
-    /// The statistics, and the interval of the mean.
+    /// Statistics, and the interval of the mean.
     pub measured: Option<(SampleStatistics, [f64; 2])>,
-    /// The published value.
     pub published: Option<f64>,
 }
 
-/// Means with intervals, a line each; the axis reaches `min_side` at least.
+/// Means with intervals, one per line; the axis extends to at least `min_side`.
 pub fn dots(caption: &str, dots: &[Dot], min_side: f64) -> Result<Chart, CliError> {
     let mut svg = String::new();
     let size = (DOTS.0, DOTS.1 * dots.len() as u32 + 40);

@@ -1,5 +1,5 @@
-//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated vehicles,
-//! faults, the link emulator. No part of what a vessel and a drone install.
+//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated vehicles, faults,
+//! the link emulator. Vessels and drones do not install this library.
 
 pub mod args;
 pub mod chart;
@@ -27,7 +27,6 @@ use live::rehearse::args::RehearseArgs;
 use rare::RareArgs;
 use storm::StormArgs;
 
-/// Commands of the laboratory.
 #[derive(Subcommand, Debug)]
 pub enum LabCommand {
     /// Fly one landing or many, faster than real time.
@@ -41,7 +40,7 @@ pub enum LabCommand {
     /// Flags of the scene of trial, study and land: boat, drone, sea and wind.
     #[command(hide = true)]
     Scene(Box<SceneArgs>),
-    /// A process of vessel or drone with what a bench puts between it and its messages.
+    /// A process of vessel or drone with the attachments of a bench.
     #[command(hide = true)]
     Attach(AttachArgs),
     #[command(hide = true)]
@@ -49,7 +48,7 @@ pub enum LabCommand {
     World(WorldArgs),
 }
 
-/// A study of its name, or one with flags of its own.
+/// Study by name, or one with its own flags.
 #[derive(Args, Debug)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -58,38 +57,35 @@ pub enum LabCommand {
 the matching rows, or overrides them; others hold for all."
 )]
 pub struct StudiesArgs {
-    /// A study of its name.
     #[command(flatten)]
     pub study: StudyArgs,
-    /// One with flags of its own.
     #[command(subcommand)]
     pub other: Option<OtherStudy>,
 }
 
-/// Studies with flags of their own.
+/// Studies with their own flags.
 #[derive(Subcommand, Debug)]
 pub enum OtherStudy {
-    /// Fly landings with several faults each; print what broke a rule.
+    /// Fly landings with several faults each; print broken rules.
     Storm(StormArgs),
-    /// Draw in which relative wind and sea a drone lands on a boat.
+    /// Draw the winds and seas in which a drone lands on a boat.
     Envelope(Box<EnvelopeArgs>),
     /// Estimate how often a landing is unsafe, by splitting.
     Rare(Box<RareArgs>),
 }
 
-/// A rehearsal, or a part of its equipment.
+/// Rehearsal, or a part of its equipment.
 #[derive(Args, Debug)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct RehearsalArgs {
-    /// The rehearsal.
     #[command(flatten)]
     pub rehearsal: RehearseArgs,
-    /// A part of its equipment.
+    /// Part of its equipment
     #[command(subcommand)]
     pub part: Option<RehearsalPart>,
 }
 
-/// Equipment of a rehearsal, alone.
+/// Equipment of a rehearsal, on its own.
 #[derive(Subcommand, Debug)]
 pub enum RehearsalPart {
     /// Emulate a bad link between two network namespaces (needs root).
@@ -97,7 +93,7 @@ pub enum RehearsalPart {
 }
 
 impl LabCommand {
-    /// Runs it to its end; `viewer` shows a flight that is computed.
+    /// Runs the command to its end; `viewer` shows a simulated flight.
     pub fn run(&self, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
         match self {
             LabCommand::Trial(a) => match a.trials {
@@ -119,7 +115,7 @@ impl LabCommand {
                 None => live::rehearse::run(&a.rehearsal),
             },
             LabCommand::Scene(_) => Err(CliError(
-                "the flags of a scene belong to trial, study and land; alight help scene prints them".into(),
+                "scene is not a command: its flags are for trial, study and land; alight help scene prints them".into(),
             )),
             LabCommand::Attach(a) => live::attach::run(a),
             LabCommand::World(a) => live::world::run(a),

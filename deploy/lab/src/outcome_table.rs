@@ -6,10 +6,9 @@ use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::studies::statistics::{OddsBin, Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
 
-/// Name, value, digits and meaning of a metric of an outcome.
 type MetricRow = (&'static str, Option<f64>, usize, &'static str);
 
-/// Metrics of one trial; none where the landing did not come so far.
+/// Metrics of one trial; None for those that the landing did not reach.
 fn metrics(o: &Outcome) -> [MetricRow; 13] {
     [
         (
@@ -73,7 +72,7 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
     ]
 }
 
-/// The outcome of one trial; with `mode = "match"` the reason of a match that succeeded, which is no landing.
+/// Outcome of one trial; with `mode = "match"` the reason of a successful match, which is no landing.
 pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
     // A landing that did not begin has few of these metrics.
@@ -101,18 +100,16 @@ pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
     )
 }
 
-/// A number of things, in the plural but for one.
 fn plural(n: u32, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Landings that were unsafe, and the bound of their rate.
+/// Number of unsafe landings, and the upper bound of their rate.
 pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
     let rate = 100.0 * at_most_95(unsafe_trials, trials);
     format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
 }
 
-/// The summary of many trials.
 pub fn summary(s: &Summary) -> String {
     let (lo, hi) = wilson(s.successes, s.trials);
     let mut table = Table::new(1.., ["metric", "mean", "sd", "p95", "max"]);
@@ -138,7 +135,7 @@ pub fn summary(s: &Summary) -> String {
     )
 }
 
-/// Estimated probabilities of a landing and of an unsafe contact, and how often each came true.
+/// Predicted probabilities of a landing and of an unsafe contact, with the observed frequencies.
 pub fn odds(s: &Summary) -> String {
     let of = |name: &str, came: &str, digits: usize, bins: &[OddsBin]| {
         let mut table = Table::new(1.., [name, "descents", "predicted", came, "95 % interval"]);
@@ -158,7 +155,7 @@ pub fn odds(s: &Summary) -> String {
     format!("{landed}\n{}", of("harm", "unsafe", 3, &s.harm))
 }
 
-/// The summary as the JSON object of `trials --json`.
+/// Summary as the JSON object of `trials --json`.
 pub fn summary_json(s: &Summary) -> Map<String, Value> {
     let (lo, hi) = wilson(s.successes, s.trials);
     let mut map = Map::new();

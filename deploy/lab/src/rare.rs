@@ -1,4 +1,4 @@
-//! `alight study rare`: how often a landing is unsafe where that is rare, by splitting.
+//! `alight study rare`: estimates the rate of unsafe landings when they are rare, by splitting.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -21,7 +21,6 @@ use super::scene::Scene;
 Exit codes: 0 estimated, 1 interrupted, 2 bad input."
 )]
 pub struct RareArgs {
-    /// The scene.
     #[command(flatten)]
     scene: SceneArgs,
     /// Landings in a population
@@ -38,7 +37,6 @@ pub struct RareArgs {
     form: Form,
 }
 
-/// Estimates, reports.
 pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Failed);
@@ -102,7 +100,7 @@ fn text(estimate: &SplittingEstimate) -> String {
     )
 }
 
-/// With two digits.
+/// Percentage with two significant digits.
 fn percent(p: f64) -> String {
     let digits = if p > 0.0 {
         (1.0 - p.log10().floor()).clamp(0.0, 9.0)

@@ -1,4 +1,5 @@
-//! `alight replay --plot`: the last landing of a flight by the drone's own estimate: its truth is not recorded.
+//! `alight replay --plot`: draws the last landing of a flight by the drone's own estimate, because its truth is not
+//! recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -6,10 +7,12 @@ use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::CliError;
 use alight_computer::playback::Plot;
 use alight_computer::record::log::{Log, ProcessStart};
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::observer::StepObserver;
 use alight_shared::msg::{DeckForecast, DroneState};
+use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::harness::trace::{Trace, TracePoint};
+use alight_uav::pilot::PilotOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -18,7 +21,7 @@ use super::chart::{self, landing};
 /// Time between points, s: 10 MB for an hour.
 const STEP_S: f64 = 0.05;
 
-/// A plot of what the predictor is given and computes.
+/// Plot of the predictor's inputs and outputs.
 pub struct BeliefPlot {
     path: PathBuf,
     flight: PathBuf,
@@ -27,7 +30,6 @@ pub struct BeliefPlot {
     trace: Trace,
 }
 
-/// Begins the plot of a flight to `path`.
 pub fn begin(path: &Path, log: &Log) -> Result<Box<dyn Plot>, CliError> {
     chart::can_write(path)?;
     let drone = log
@@ -70,7 +72,7 @@ impl BeliefPlot {
     }
 }
 
-/// Drone and deck as they are believed to be now; none while the forecast is empty.
+/// Estimated drone and deck at `now`; None while the forecast is empty.
 fn point(
     t_s: f64,
     now: Time<DroneClock>,
@@ -100,15 +102,15 @@ fn point(
 }
 
 impl StepObserver for BeliefPlot {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        match step {
-            NodeStep::Predictor(now, i, o) => self.predicted(t.secs(), now, i, o),
-            NodeStep::Pilot(now, _, o) => {
-                let contact = |touchdown_at: Time<DroneClock>| (t - (now - touchdown_at)).secs();
-                let touchdown = o.touchdown.as_ref().map(|c| contact(c.suspected_at));
-                self.trace.touchdown_s = touchdown.or(self.trace.touchdown_s);
-            }
-            NodeStep::Vessel(..) | NodeStep::Bridge(..) | NodeStep::Mission(..) | NodeStep::Planner(..) => {}
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        let now = Time::from_nanos(step.now_ns);
+        if let (Some(i), Some(o)) = (step.input(), step.output()) {
+            self.predicted(t.secs(), now, i, o);
+        }
+        if let Some(o) = step.output::<PilotOut>() {
+            let contact = |touchdown_at: Time<DroneClock>| (t - (now - touchdown_at)).secs();
+            let touchdown = o.touchdown.as_ref().map(|c| contact(c.suspected_at));
+            self.trace.touchdown_s = touchdown.or(self.trace.touchdown_s);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! From flags and files to a scenario and the configuration of the nodes.
+//! Scenario and configuration of the nodes, from flags and files.
 
 use std::path::Path;
 
@@ -19,7 +19,6 @@ use serde::de::DeserializeOwned;
 
 use crate::args::{AutopilotArg, SceneArgs, WindArg};
 
-/// Prints the simulated world's configuration with every default.
 pub fn print_defaults() -> Result<Exit, CliError> {
     let text = commented(&Scenario::default());
     let text = text.map_err(|e| CliError::because("writing the scenario as TOML", e))?;
@@ -27,30 +26,28 @@ pub fn print_defaults() -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The scene that is flown.
 pub struct Scene {
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
-    /// The sea as the person named it.
+    /// Sea as named on the command line.
     pub sea: String,
-    /// The flags that lead to this scene, for a replay command.
+    /// Flags that produce this scene, for a replay command.
     pub flags: String,
-    /// Remarks on it for the operator.
     pub remarks: Vec<String>,
-    /// The drone's crew reads winds and speeds in knots.
+    /// The drone's crew uses knots for winds and speeds.
     pub knots: bool,
 }
 
 impl Scene {
-    /// Files first, then flags over them; everything checked. Remarks are printed.
+    /// Reads the files, applies the flags, checks everything, and prints the remarks.
     pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
         let scene = Scene::unremarked(args)?;
-        // On standard error: the result stands alone on standard output.
+        // On standard error, because standard output contains only the result.
         scene.remarks.iter().for_each(|r| terminal::note(true, r));
         Ok(scene)
     }
 
-    /// The scene, with nothing printed.
+    /// Scene without printed remarks.
     pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
         let mut remarks = Vec::new();
         let mut scenario: Scenario = match &args.scenario {
@@ -59,7 +56,7 @@ impl Scene {
         };
         let (mut nodes, knots) = configured(args, &mut remarks)?;
         if args.scenario.is_none() {
-            // The deck carries what the drone's file states.
+            // The deck carries the tags of the drone's file.
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
         }
         remarks.extend(airframe_remark(args, &scenario, &nodes));
@@ -83,7 +80,7 @@ impl Scene {
             knots,
         })
     }
-    /// View of it: a simulated landing may be broken off by whoever sees its page.
+    /// View of the scene: every viewer of the page may abort a simulated landing.
     pub fn view(&self) -> ViewConfig {
         ViewConfig {
             abort: true,
@@ -91,7 +88,7 @@ impl Scene {
             ..ViewConfig::default()
         }
     }
-    /// Makes the world what the configurations describe: deck, keep-out volumes, airframe, places of the sensors.
+    /// Sets the world by the configurations: deck, keep-out volumes, airframe, sensor positions.
     pub fn describe(&mut self) {
         let (world, nodes) = (&mut self.scenario, &self.nodes);
         world.describe(
@@ -105,19 +102,19 @@ impl Scene {
     }
 }
 
-/// A remark where the drone that flies is not the one that its file describes.
+/// Remark for a drone that differs from the description in its file.
 fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -> Option<String> {
     let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
     (args.drone_config.is_some() && flies != believed).then(|| {
         format!(
             "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config gives \
-             ({} kg): set both alike, unless the difference is meant",
+             ({} kg): set both alike, unless the difference is intended",
             flies.mass_kg, believed.mass_kg
         )
     })
 }
 
-/// Sets the sea of the flags; returns the sea's name.
+/// Sets the sea of the flags; returns its name.
 fn set_sea(args: &SceneArgs, scenario: &mut Scenario) -> String {
     if let Some(given) = &args.sea {
         scenario.sea = given.config.clone();
@@ -137,7 +134,7 @@ fn set_sea(args: &SceneArgs, scenario: &mut Scenario) -> String {
     "moderate".into()
 }
 
-/// Sets hull, planner, autopilot and course of the flags, and draws the differences from what the nodes assume.
+/// Sets hull, planner, autopilot and course of the flags, and draws the differences from the nodes' assumptions.
 fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfigs) -> Result<(), CliError> {
     if let Some(hull) = &args.hull {
         let installed = scenario.install_hull(nodes, hull);
@@ -190,7 +187,7 @@ fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
     }
 }
 
-/// Sets the recorded motion of the deck, whose file is read; true where the water follows the deck.
+/// Sets the recorded motion of the deck, whose file is read; returns whether the water follows the deck.
 fn set_deck_motion(
     args: &SceneArgs,
     scenario: &mut Scenario,
@@ -231,7 +228,7 @@ fn set_deck_motion(
     Ok(false)
 }
 
-/// A flag as a shell reads it.
+/// Flag as a shell reads it.
 fn written(name: &str, value: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
     match value {
@@ -241,7 +238,7 @@ fn written(name: &str, value: &str) -> String {
     }
 }
 
-/// The nodes as the files of the computers and of the tuning have them, and whether the drone's crew reads knots.
+/// Nodes by the files of the computers and of the tuning, and whether the drone's crew uses knots.
 fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfigs, bool), CliError> {
     let tuning = args.tuning.as_deref().map(Tuning::load).transpose()?;
     let tuning = tuning.unwrap_or_default();
@@ -266,8 +263,7 @@ fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfig
     Ok((nodes, drone.view.knots))
 }
 
-/// The configuration of a computer, its defaults without a file. A hull's file is not one, and the error names where it
-/// belongs.
+/// Configuration of a computer, with defaults if there is no file. For a hull's file the error names the right flag.
 fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
     let Some(path) = file else {
         return Ok(T::default());
@@ -284,7 +280,7 @@ fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Resul
     })
 }
 
-/// Seconds since the call, by the computer's clock: only ever shown, never used.
+/// Seconds since the call, by the computer's clock: only displayed, never used.
 #[allow(clippy::disallowed_methods)]
 pub fn stopwatch() -> impl Fn() -> f64 {
     let start = std::time::Instant::now();

@@ -1,5 +1,5 @@
-//! `alight study storm`: flights with several drawn faults each, what must hold in every tick, and the shortest list of what
-//! broke it.
+//! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the shortest
+//! list of faults that breaks one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -19,9 +19,8 @@ use serde::Serialize;
 use super::scene::stopwatch;
 use super::trials::{in_parallel, seeds};
 
-/// Largest list that is read, bytes.
 const MAX_LIST_BYTES: u64 = 1 << 20;
-/// Seeds between two looks at the clock, per worker.
+/// Seeds per worker between two checks of the clock.
 const BATCH: u32 = 8;
 
 /// Arguments of `alight study storm`.
@@ -33,25 +32,25 @@ const BATCH: u32 = 8;
 Exit codes: 0 every rule held, 1 one was broken, 2 bad input."
 )]
 pub struct StormArgs {
-    /// Storms to fly.
+    /// Number of storms.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     trials: u32,
-    /// Fly as many as fit into this time instead, s.
+    /// Duration to fly for instead, s.
     #[arg(long = "for", value_name = "TIME", conflicts_with = "trials", value_parser = seconds(1..=604_800))]
     seconds: Option<u32>,
     /// First seed.
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed0: u64,
-    /// Faults in each.
+    /// Faults per storm.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_FAULTS as i64))]
     faults: u8,
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Fly this list instead, and show what happens.
+    /// Fly this list instead, and show the events.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["trials", "seconds", "seed0", "faults", "jobs", "save"])]
     list: Option<PathBuf>,
-    /// Write the shortest list of each violation there, SEED.toml.
+    /// Directory for each violation's shortest list, SEED.toml.
     #[arg(long, value_name = "DIRECTORY")]
     save: Option<PathBuf>,
     /// Output format.
@@ -59,17 +58,15 @@ pub struct StormArgs {
     form: Form,
 }
 
-/// A rule that a storm broke.
 #[derive(Serialize)]
 struct Broken {
     seed: u64,
     violation: Violation,
-    /// The list as drawn, and the shortest that still breaks the rule.
+    /// List as drawn, and the shortest that still breaks the rule.
     storm: Storm,
     shrunk: Storm,
 }
 
-/// A broken rule as a row.
 #[derive(Serialize)]
 struct BrokenRow<'a> {
     seed: u64,
@@ -77,14 +74,12 @@ struct BrokenRow<'a> {
     violation: &'a Violation,
 }
 
-/// A storm's end.
 struct StormEnd {
     flight: FlightKind,
     flown: Flown,
     broken: Option<Box<Broken>>,
 }
 
-/// Summary of many storms.
 #[derive(Default, Serialize)]
 struct Summary {
     storms: usize,
@@ -92,12 +87,13 @@ struct Summary {
     waits: usize,
     crashed: usize,
     violations: BTreeMap<StormRule, usize>,
-    /// Faults that began, and how many pairs of a kind and a state of those that there are.
+    /// Number of faults that began; of their kinds, and of pairs of kind and state, those begun and all.
     faults_begun: usize,
     kinds_begun: usize,
     kinds: usize,
     pairs_begun: usize,
-    /// In how many flights each kind began, summed up, and in how many it can; the same of the states in which faults began.
+    /// Sums over flights of the kinds that began and of those that can begin, and likewise of the states in which
+    /// faults began.
     kinds_in_flights_begun: usize,
     kinds_in_flights: usize,
     states_in_flights_begun: usize,
@@ -106,9 +102,8 @@ struct Summary {
     broken: Vec<Broken>,
 }
 
-/// Flies, shrinks, reports.
 pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
-    // The first call installs the handler: a signal from here on ends with what was flown.
+    // The first call installs the handler: a signal from here on ends with the storms flown so far.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -131,7 +126,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
             .map_or(args.trials.saturating_sub(flown_count(&all)), |_| u32::MAX);
         let batch = seeds(next, left.min(BATCH * workers))?;
         next = next.saturating_add(batch.len() as u64);
-        // Pairs of kind and state that began seldom are flown next.
+        // Pairs of kind and state that rarely began are flown next.
         let drawn = batch
             .into_iter()
             .map(|seed| Storm::drawn(seed, args.faults.into()));
@@ -155,13 +150,12 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
-/// Storms that were flown so far.
 fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// Counts of the begins of each kind in each state, and of the storms that were aimed at that; which kinds began in which flights, and
-/// faults in which states of them.
+/// Coverage: how often each kind began in each state, how many storms were aimed at that pair, which kinds began in
+/// which flights, and in which of their states faults began.
 #[derive(Default)]
 struct Coverage {
     begun: BTreeMap<Pair, usize>,
@@ -175,12 +169,12 @@ impl Coverage {
         for (kind, state, _) in &flown.began {
             *self.begun.entry((*kind, *state)).or_default() += 1;
             self.kinds.insert((flight, *kind));
-            // What is drawn to begin in one state may begin after it, in one that counts nowhere.
+            // A fault drawn for one state may begin after it, in a state that is not counted.
             let counts = flight.states().any(|s| s == *state);
             self.states.extend(counts.then_some((flight, *state)));
         }
     }
-    /// The storm aimed at the rarest pair of its flight, by begins and aims; as drawn before anything was flown.
+    /// Aims a storm at the rarest pair of its flight, by begins and aims; unchanged before anything was flown.
     fn aim(&mut self, storm: Storm) -> Storm {
         if self.begun.is_empty() {
             return storm;
@@ -193,7 +187,7 @@ impl Coverage {
     }
 }
 
-/// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
+/// Flies one storm and shrinks it if it broke a rule; None once the end is requested.
 fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError> {
     if end_requested() {
         return Ok(None);
@@ -228,7 +222,7 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError
     }))
 }
 
-/// Reads a list that real processes can fly: of a landing.
+/// Reads a list that real processes can fly, which has to be of a landing.
 pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     let storm = read(path)?;
     if storm.flight == FlightKind::Landing {
@@ -240,7 +234,6 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     ))
 }
 
-/// Reads a list.
 fn read(path: &Path) -> Result<Storm, CliError> {
     let doing = format_args!("reading the list {}", path.display());
     let length = std::fs::metadata(path).doing(doing)?.len();
@@ -259,7 +252,8 @@ fn read(path: &Path) -> Result<Storm, CliError> {
     })
 }
 
-/// Key of the whole list that is missing by an error of the parser, which points at the first line for lack of an entry.
+/// Key of the whole list that is missing according to the parser's error, which points to the first line because the
+/// key has no entry.
 fn missing(error: &str) -> Option<&str> {
     let key = error.split_once("missing field `")?.1.split('`').next()?;
     let whole = Storm::drawn(1, 0).text();
@@ -269,7 +263,7 @@ fn missing(error: &str) -> Option<&str> {
         .then_some(key)
 }
 
-/// Flies a list and shows what happens.
+/// Flies a list and shows the events.
 fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     let storm = read(path)?;
     let mut show = |t_s: f64, line: &str| note(form.alone(), format_args!("{t_s:>7.2} s  {line}"));
@@ -289,7 +283,7 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     Ok(Exit::of(flown.ending != StormEnding::Violated))
 }
 
-/// Prints a violation with its list, in one piece: several threads do.
+/// Prints a violation with its list in one piece, because several threads print.
 fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
     let (seed, text) = (broken.seed, broken.shrunk.text());
     let list = match &args.save {
@@ -338,7 +332,7 @@ impl Summary {
         summary.states_in_flights_begun = coverage.states.len();
         summary
     }
-    /// The broken rules, without the lists of faults, which --save writes.
+    /// Violations without the lists of faults, which --save writes.
     fn rows(&self) -> Vec<BrokenRow<'_>> {
         self.broken
             .iter()
@@ -384,7 +378,7 @@ mod tests {
         let mut coverage = Coverage::default();
         let storm = Storm::drawn(1, 2);
         assert_eq!(coverage.aim(storm.clone()), storm);
-        // One began; the others never do, as of a state that is not reached.
+        // One began; the others never do, as in a state that is not reached.
         let first = pairs(storm.flight).next().unwrap();
         coverage.begun.insert(first, 1);
         let all = pairs(storm.flight).count();
@@ -409,7 +403,7 @@ mod tests {
         let mut coverage = Coverage::default();
         coverage.add(FlightKind::Landing, &began(State::Descent));
         coverage.add(FlightKind::Sortie, &began(State::Descent));
-        // No landing is drawn with faults there.
+        // No landing is drawn with faults in that state.
         coverage.add(FlightKind::Landing, &began(State::GaveUp));
         let summary = Summary::of(Vec::new(), &coverage, 1.0);
         let begun = [summary.kinds_in_flights_begun, summary.states_in_flights_begun];

@@ -23,7 +23,7 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
         let Event::Phase { t_s, name, reason } = event;
         newest = *reason;
         let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
-        // With --json the object is the only thing on standard output.
+        // With --json standard output contains only the object.
         note(args.form.alone(), line);
     };
     let watch = Watch {
@@ -74,7 +74,7 @@ fn flown(
     record::fly(args.record.as_deref(), &subject, watch, watcher.as_deref_mut())
 }
 
-/// Who looks on, if anybody is to.
+/// Viewer of the landing, if requested.
 fn watcher(
     args: &TrialArgs,
     scene: &Scene,

@@ -16,8 +16,8 @@ use super::args::TrialArgs;
 use super::outcome_table;
 use super::scene::{Scene, stopwatch};
 
-/// Maps `items` by `run` on `jobs` threads (all cores when None) behind a progress bar, which is hidden where
-/// standard error is no terminal. Results come in the order of the items, whatever the threads.
+/// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless standard
+/// error is a terminal. Results are in the order of the items.
 pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
@@ -40,7 +40,7 @@ pub fn in_parallel<T: Sync, R: Send>(
     results
 }
 
-/// One landing without a viewer, with the time that it took.
+/// Flies one landing without a viewer, with the elapsed time.
 pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) -> Result<Outcome, CliError> {
     let elapsed = stopwatch();
     let watch = Watch {
@@ -55,7 +55,7 @@ pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) 
     })
 }
 
-/// The seeds from `seed0` on.
+/// Consecutive seeds from `seed0`.
 pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
         CliError(format!(
@@ -68,7 +68,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 /// Flies `count` landings and sums up.
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
-    // The first call installs the handler: a signal from here on ends the study with what was flown.
+    // The first call installs the handler: a signal from here on ends the study with the landings flown so far.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -81,7 +81,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let motion_start = |seed: u64| {
         let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
         let start = motion.start_s + stride * (seed - args.seed) as f64;
-        // Beyond its end it starts over.
+        // Beyond its end the recording starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
     };
     let flown = in_parallel(args.jobs, "landings", &seeds, |seed| {
@@ -137,7 +137,6 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     Ok(Exit::of(!interrupted && summary.successes == summary.trials))
 }
 
-/// A file of one row per outcome.
 fn rows_writer(path: &Path) -> Result<csv::Writer<std::fs::File>, CliError> {
     csv::Writer::from_path(path).map_err(|e| {
         CliError::because(

@@ -10,10 +10,8 @@ use alight_shared::msg::{Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
 
-/// Messages that are shown where several match equally well.
 const MAX_SHOWN: usize = 5;
 
-/// Message to explain.
 #[derive(Args, Debug)]
 pub struct ExplainArgs {
     /// Code of a reason or text of a message, such as: deck not detected yet [default: all messages]
@@ -21,7 +19,6 @@ pub struct ExplainArgs {
     pub message: Vec<String>,
 }
 
-/// Content of `explain.toml`.
 #[derive(Default, Deserialize)]
 struct Explanations {
     reason: BTreeMap<String, String>,
@@ -31,7 +28,6 @@ struct Explanations {
 static EXPLANATIONS: LazyLock<Explanations> =
     LazyLock::new(|| toml::from_str(include_str!("explain.toml")).unwrap_or_default());
 
-/// A message, with `…` for each figure, and its advice.
 #[derive(Debug, PartialEq)]
 struct Explained {
     code: String,
@@ -39,7 +35,7 @@ struct Explained {
     advice: &'static str,
 }
 
-/// Advice on a reason; empty where there is nothing to do.
+/// Advice on a reason; empty when there is nothing to do.
 pub fn advice(code: ReasonCode) -> &'static str {
     EXPLANATIONS
         .reason
@@ -47,7 +43,6 @@ pub fn advice(code: ReasonCode) -> &'static str {
         .map_or("", String::as_str)
 }
 
-/// Prints the messages that match, with their advice.
 pub fn run(args: &ExplainArgs) -> Result<Exit, CliError> {
     let all = all();
     let query = args.message.join(" ");
@@ -83,7 +78,7 @@ fn all() -> Vec<Explained> {
     reasons.chain(messages).collect()
 }
 
-/// Texts of a reason; those on a parameter of the autopilot name it.
+/// Texts of a reason. A reason about autopilot parameters has one text per parameter, with its name.
 fn texts(code: ReasonCode) -> Vec<String> {
     use ReasonCode::{AutopilotParameter, AutopilotParameterUnknown};
     if !matches!(code, AutopilotParameter | AutopilotParameterUnknown) {
@@ -100,7 +95,7 @@ fn texts(code: ReasonCode) -> Vec<String> {
     all
 }
 
-/// A text with `…` for each figure that is not part of a name; what stands in braces is one.
+/// Replaces each figure that is not part of a name, and each placeholder in braces, by `…`.
 fn pattern(text: &str) -> String {
     let number = |part: &str| {
         part.split_once('}')
@@ -122,17 +117,16 @@ fn pattern(text: &str) -> String {
     out
 }
 
-/// Tokens of letters in a text, in lower case.
 fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()
 }
-/// Those that carry the meaning: longer than articles and prepositions.
+/// Terms that carry the meaning: those longer than articles and prepositions.
 fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// The message with this code, or those with the most content of a text, the nearest and shortest first.
+/// Message with this code, or the messages that share the most terms with `query`, the closest and shortest first.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();
@@ -142,7 +136,7 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let wanted = content(query);
     let common = |e: &Explained| content(&e.text).intersection(&wanted).count();
     let most = all.iter().map(common).max().unwrap_or_default();
-    // Fewer than two thirds of the tokens are a chance match.
+    // A match of fewer than two thirds of the terms is chance.
     if most == 0 || 3 * most < 2 * wanted.len() {
         return Vec::new();
     }
@@ -154,7 +148,6 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     best
 }
 
-/// A message and, below it, its advice.
 fn lines(explained: &Explained) -> String {
     let advice = if explained.advice.is_empty() {
         "Nothing to do."

@@ -1,4 +1,4 @@
-//! Interfaces for people: [`explain`]; [`status`]; [`view`]; [`tools`]. Each uses only those before it.
+//! User interfaces: [`explain`], [`status`], [`view`] and [`tools`]. Each module uses only the modules before it.
 
 pub mod explain;
 pub mod status;

@@ -1,4 +1,4 @@
-//! Plug-ins of the program: no part of a landing, and named by nothing but the command line. Each is a feature.
+//! Plug-ins of the program, which no landing uses and only the command line names. Each is a feature.
 
 #[cfg(feature = "calibrate")]
 pub mod calibrate;

@@ -13,11 +13,10 @@ WHY = {
     "pymavlink": "logs of MAVLink and DataFlash are read by it",
     "pyulog": "ULog is read by it",
     "rosbags": "bags of ROS are read by it",
-    "pyubx2": "UBX is read by it",
 }
 PACKAGE = {"mcap_protobuf": "mcap-protobuf-support"}
 # Packages of the wheel's extra `convert`.
-EXTRA = ("pymavlink", "pyulog", "rosbags", "pyubx2")
+EXTRA = ("pymavlink", "pyulog", "rosbags")
 
 
 class Lazy:
@@ -59,4 +58,3 @@ mavutil = Lazy("pymavlink.mavutil")
 pyulog = Lazy("pyulog")
 rosbags_highlevel = Lazy("rosbags.highlevel")
 rosbags_typesys = Lazy("rosbags.typesys")
-pyubx2 = Lazy("pyubx2")

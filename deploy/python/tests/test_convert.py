@@ -266,6 +266,7 @@ class Refusals(Case):
         self.refused(self.file("empty.bin", b""), "empty")
         self.refused(self.file("boat.csv.gz", b"\x1f\x8b\x08\0rest"), "first gunzip")
         self.refused(self.file("boat.nmea", b"$GPGGA,120000,,,,,0,,,,,,,,*00\r\n"), "alight estimate")
+        self.refused(self.file("boat.ubx", b"\xb5\x62\x01\x07\x5c\0"), "a log of UBX", "alight estimate")
         self.refused(self.directory / "missing.csv", "missing.csv", "check the paths")
         path = self.file("own.csv", "t_s,roll_deg,pitch_deg\n0,1,2\n1,1,2\n")
         with contextlib.redirect_stderr(io.StringIO()) as err:
@@ -499,29 +500,6 @@ class Bags(Case):
     def test_bag_that_is_none(self):
         self.refused(self.file("cut.bag", b"#ROSBAG V2.0\n"), "no bag that rosbags reads")
         self.refused(self.file("alone.db3", b"SQLite format 3\0rest"), "metadata.yaml")
-
-
-@needs("pyubx2")
-class Ubx(Case):
-    def test_messages_of_a_receiver(self):
-        from pyubx2 import GET, UBXMessage
-
-        out = b""
-        for k in range(50):
-            # Over the end of a week.
-            tow = (604_796_000 + 200 * k) % 604_800_000
-            fix = dict(iTOW=tow, fixType=3, lat=50.0, lon=14.5, height=255_000, velN=1000, velE=2000, velD=-500)
-            out += UBXMessage("NAV", "NAV-PVT", GET, **fix).serialize()
-            out += UBXMessage("NAV", "NAV-ATT", GET, iTOW=tow, roll=1.5, pitch=-2.0, heading=90.0, accHeading=1.0).serialize()
-        damaged = bytearray(out)
-        damaged[300] ^= 0xFF
-        for data, count in ((out, 50), (bytes(damaged), 49)):
-            rows, _ = self.converted(self.file("boat.ubx", data))
-            self.assertGreaterEqual(len(of(rows, "latitude_deg")), count)
-            self.near(rows[-1]["t_s"] - rows[0]["t_s"], 9.8)
-            want = dict(latitude_deg=50.0, altitude_m=255.0, down_mps=-0.5, roll_deg=1.5, heading_deg=90.0)
-            for name, value in want.items():
-                self.near(of(rows, name)[0][1], value)
 
 
 @needs()

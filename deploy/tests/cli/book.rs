@@ -1,11 +1,11 @@
-//! The documents as a book: every page is in its table of contents, every link leads to a file and a heading, and no
-//! page is too long.
+//! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total length is
+//! limited.
 
 use std::path::{Path, PathBuf};
 
 use alight_shared::wire;
 
-/// Bounds of all documents, so that there is no more to read than a reader reads.
+/// Limits of all documents.
 const MAX_PAGES: usize = 22;
 const MAX_WORDS: usize = 32_000;
 const MAX_PAGE_WORDS: usize = 2500;
@@ -18,7 +18,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// The files below `directory` that end so, without what is built.
+/// Files below `directory` with these endings, without build output.
 fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(directory).unwrap().flatten() {
@@ -32,7 +32,6 @@ fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
     found
 }
 
-/// Targets of the links `[text](target)`.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| rest.split(')').next())
 }
@@ -90,7 +89,7 @@ fn book_relative_links() {
             assert!(is_there, "{}: {link} names no heading", page.display());
         }
     }
-    // So do the pages that the program and its configurations name.
+    // Pages named by the program and its configurations exist, too.
     let named = ["src", "computer/src", "people/src", "lab/src", "vessel", "drone"]
         .map(|d| root().join("deploy").join(d));
     for source in named.iter().flat_map(|d| files(d, &[".rs", ".toml"])) {
@@ -104,7 +103,7 @@ fn book_relative_links() {
     }
 }
 
-/// A hash of the sources of the link to the autopilot and of the pilot: what flew.
+/// Hash of the sources of the autopilot link and of the pilot, the code under test in the recorded flights.
 fn link_version(root: &Path) -> String {
     let flies = ["uav-side/src/autopilot", "uav-side/src/pilot"].map(|d| files(&root.join(d), &[".rs"]));
     let mut sources = flies.concat();
@@ -113,8 +112,8 @@ fn link_version(root: &Path) -> String {
     format!("{:016x}", wire::hash_record(&bytes.concat()).unwrap())
 }
 
-/// Faults of the tables of flights with makers' firmware: each names our version, and states where what flew has
-/// changed since.
+/// Faults in tables of flights with makers' firmware: each table has to name Alight's version, and to state changes of
+/// the code since.
 fn stale_tables(page: &str, link: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut marker: Option<&str> = None;
@@ -124,7 +123,7 @@ fn stale_tables(page: &str, link: &str) -> Vec<String> {
         } else if block.starts_with('|') && block.lines().next().is_some_and(|head| head.contains("flown by"))
         {
             let Some(flown) = marker.take() else {
-                wrong.push(format!("no version above: {block}"));
+                wrong.push(format!("no version above the table: {block}"));
                 continue;
             };
             let after = page.split(block).nth(1).unwrap_or_default();
@@ -133,7 +132,7 @@ fn stale_tables(page: &str, link: &str) -> Vec<String> {
                 .starts_with("The link and the pilot have changed since");
             if !flown.contains(&format!("link {link}")) && !is_stated {
                 wrong.push(format!(
-                    "flown with {flown}, and nothing states that the link is {link} now"
+                    "flown with {flown}, but nothing states that the link is now {link}"
                 ));
             }
         }

@@ -204,10 +204,10 @@ fn csv_of_rows() {
     ));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let (printed, kept) = (stdout(&o), std::fs::read_to_string(rows).unwrap());
-    // The columns are those of the file, and nothing else is on standard output.
+    // Standard output has the columns of the file and nothing else.
     assert_eq!(printed.lines().next(), kept.lines().next());
     assert_eq!(printed.lines().count(), 3, "{printed}");
-    // What is nested has dotted names, and a quantity the column of its name.
+    // Nested values have dotted names; a quantity has the column of its name.
     let study = stdout(&alight("study wind --trials 1 --row 1 --csv"));
     let mut reader = csv::Reader::from_reader(study.as_bytes());
     let heads = reader.headers().unwrap().clone();
@@ -274,7 +274,7 @@ fn interrupted_trials() {
         .stderr(Stdio::piped())
         .spawn()
         .expect("starts");
-    // Longer than a landing takes, on a busy computer, too.
+    // Longer than a landing takes, even on a busy computer.
     #[allow(clippy::disallowed_methods, reason = "a test may wait")]
     std::thread::sleep(std::time::Duration::from_secs(4));
     let pid = child.id().to_string();
@@ -318,14 +318,14 @@ fn init_writes_both_files_once() {
             .stderr(Stdio::piped())
             .spawn()
             .expect("starts");
-        // One that has ended reads nothing.
+        // A program that has ended reads nothing.
         let _ended = child.stdin.take().unwrap().write_all(answers.as_bytes());
         child.wait_with_output().expect("ends")
     };
     let o = init("7\n");
     assert_eq!(o.status.code(), Some(2), "{}", stdout(&o));
     assert!(stderr(&o).contains("the answers end before") && !dir.join("vessel.toml").exists());
-    // All but the number of the vessel as it is shipped; its certificates are not made yet.
+    // All answers but the vessel's number keep the shipped values; certificates do not exist yet.
     let o = init(&format!("7\n{}", "\n".repeat(40)));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
     let text = stdout(&o);
@@ -419,7 +419,7 @@ fn study_shards_and_resumption() {
     let o = alight(format!("study merge --json --out {all} {one} {two}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     assert_eq!(json(&o)[0]["position_error_m"], at_once[0]["position_error_m"]);
-    // A shard's directory holds a part; without --shard the rest is flown and nothing twice.
+    // The directory of a shard holds a part; without --shard the rest is flown, and nothing twice.
     assert_eq!(study(&one, "")[0]["tilt_error_deg"], at_once[0]["tilt_error_deg"]);
     let rows = std::fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + 3);
@@ -481,13 +481,13 @@ fn study_of_paired_planners() {
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     let scene = out.join("scenarios").join("0-0.toml");
     assert!(page.contains(&format!("--scenario '{}' --planner mpc", scene.display())));
-    // Rows of another configuration do not mix with these.
+    // Rows of another configuration are not mixed with these.
     let other = out.join("other.toml");
     std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
     let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
-    // Nor do those of another study.
+    // Nor are those of another study.
     let o = alight(format!("study wind --trials 1 --out {}", out.display()));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
 }

@@ -1,7 +1,8 @@
-//! Arbitrary and damaged input at the borders: what comes over the radio, configuration files,
-//! recordings. Nothing panics, and what is accepted is sound.
+//! Arbitrary and damaged input at the interfaces: radio messages, configuration files, recordings. Nothing panics, and
+//! accepted input is valid.
 //!
-//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release --workspace --test cli fuzz`.
+//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release --workspace --test
+//! cli fuzz`.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -29,7 +30,6 @@ use serde::de::DeserializeOwned;
 
 use crate::program;
 
-/// A change of some bytes.
 #[derive(Clone, Debug)]
 enum Damage {
     Set(usize, u8),
@@ -78,7 +78,7 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
     bytes
 }
 
-/// A message of one kind, read from what came: it is rejected, or it is sound enough to be checked and sent again.
+/// Decodes a message of type `M`. It is rejected, or it is valid enough to be checked and sent again.
 fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     let message = wire::decode::<M>(bytes).ok()?;
     assert!(bytes.len() <= MAX_WIRE_BYTES);
@@ -87,7 +87,7 @@ fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     Some(message)
 }
 
-/// All that is received on the radio takes it.
+/// Decodes the bytes as each message that the radio receives.
 fn decode_all(bytes: &[u8]) {
     let _sound = decoded::<EstimateUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
@@ -102,7 +102,7 @@ fn decode_all(bytes: &[u8]) {
     decoded::<ProcessState>(bytes);
 }
 
-/// One sound message of each kind.
+/// One valid message of each kind.
 fn sound() -> Vec<Vec<u8>> {
     let estimate = VesselEstimate::<VesselClock> {
         header: Header::default(),
@@ -173,7 +173,7 @@ fn sound() -> Vec<Vec<u8>> {
     .into()
 }
 
-/// A file is rejected, or its content passes every check.
+/// The file is rejected, or its content passes every check.
 fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
     if let Ok(config) = config::parse::<C>(text, "fuzz") {
         let again = toml::to_string(&config).expect("what was read is written");
@@ -223,7 +223,7 @@ proptest! {
     }
 }
 
-/// The program's runs are slower than a call: so many unless PROPTEST_CASES sets another number.
+/// Number of cases with runs of the program, which are slower than calls, unless PROPTEST_CASES sets it.
 fn runs() -> ProptestConfig {
     ProptestConfig {
         cases: std::env::var("PROPTEST_CASES")
@@ -235,7 +235,6 @@ fn runs() -> ProptestConfig {
     }
 }
 
-/// A recording of a flight, made once.
 fn recorded() -> &'static [u8] {
     static RECORDED: OnceLock<Vec<u8>> = OnceLock::new();
     RECORDED.get_or_init(|| {
@@ -255,7 +254,6 @@ fn recorded() -> &'static [u8] {
     })
 }
 
-/// The steps of the nodes, in their order.
 fn steps() -> &'static [mcap::Message<'static>] {
     static STEPS: OnceLock<Vec<mcap::Message<'static>>> = OnceLock::new();
     STEPS.get_or_init(|| {
@@ -267,7 +265,7 @@ fn steps() -> &'static [mcap::Message<'static>] {
     })
 }
 
-/// Other bytes in a step's input, as many as before: what a decoder takes rather than rejects.
+/// Damage to a step's input of unchanged length, which a decoder accepts.
 #[derive(Clone, Debug)]
 enum Wrong {
     Bytes(Damage),
@@ -305,10 +303,11 @@ fn made_wrong(mut bytes: Vec<u8>, how: &Wrong) -> Vec<u8> {
     }
 }
 
-/// Steps that the replay goes on after the last wrong one: what it left in a node has time to do harm.
+/// Steps that the replay continues after the last wrong one, so that the remains in a node's state have time to do
+/// harm.
 const FOLLOWED: usize = 3000;
 
-/// A whole file, its checksums right, with wrong bytes in some steps.
+/// Writes a complete file with valid checksums and wrong bytes in some steps.
 fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::McapError> {
     let good = recorded();
     let summary = mcap::Summary::read(good)?.expect("a summary");
@@ -334,13 +333,13 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     Ok(())
 }
 
-/// A checksum of the file rejects other bytes before a step is read (310 of 313 files with damaged bytes);
-/// here the nodes get them.
+/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged bytes). Here
+/// the nodes get them.
 #[test]
 fn corrupted_steps_of_a_recording() {
     let reached = AtomicU32::new(0);
     let config = ProptestConfig {
-        // What failed is printed; the runner knows no file to keep it in.
+        // Failures are printed; the runner knows no file to keep them in.
         failure_persistence: None,
         ..runs()
     };
@@ -353,7 +352,7 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // Replay contains a panic and reports this; of input that the decoder rejects it names the step.
+        // A replay that catches a panic prints this; for input that the decoder rejects it names the step.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"

@@ -1,9 +1,9 @@
-//! Order of layers, by the imports in the sources.
+//! Order of the layers, by the imports in the sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Modules of each library of the program, lowest first: each imports only those before it.
+/// Modules of each library, lowest first: each imports only those before it.
 const LAYERS: [(&str, &[&str]); 2] = [
     (
         "deploy/computer",
@@ -27,7 +27,7 @@ const LAYERS: [(&str, &[&str]); 2] = [
     ("deploy/people", &["explain", "status", "view", "tools"]),
 ];
 
-/// Every package of ours.
+/// All packages of the project.
 const PACKAGES: [&str; 11] = [
     "shared",
     "shared/transport",
@@ -42,14 +42,14 @@ const PACKAGES: [&str; 11] = [
     "deploy",
 ];
 
-/// Packages of ours that a package must not depend on, not even through others.
+/// Packages that a package must not depend on, not even indirectly.
 const APART: [(&str, &[&str]); 3] = [
     ("deploy/people", &["alight-lab", "alight-sim", "alight-plugins"]),
     ("deploy/plugins", &["alight-lab", "alight-sim"]),
     ("deploy/lab", &["alight-people", "alight-plugins"]),
 ];
 
-/// Imports of each file of a package: its module, and the modules of the others.
+/// Module of each file of a package, and the other modules that it imports.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
 fn sources(directory: &Path) -> Vec<PathBuf> {
@@ -65,7 +65,7 @@ fn sources(directory: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// `a::b` of `src/a/b.rs` and of `src/a/b/mod.rs`; empty for the root.
+/// Module of a file: `a::b` for `src/a/b.rs` and `src/a/b/mod.rs`; empty for the root.
 fn module(src: &Path, file: &Path) -> String {
     let relative = file.strip_prefix(src).unwrap().with_extension("");
     let mut parts: Vec<&str> = relative.iter().filter_map(|p| p.to_str()).collect();
@@ -75,7 +75,7 @@ fn module(src: &Path, file: &Path) -> String {
     parts.join("::")
 }
 
-/// The paths that begin at `text`, with those of a group in braces.
+/// Paths that begin at `text`, including those of a group in braces.
 fn paths(text: &str) -> Vec<String> {
     let end = text.find(|c: char| !(c.is_alphanumeric() || "_:".contains(c)));
     let (head, rest) = text.split_at(end.unwrap_or(text.len()));
@@ -99,7 +99,7 @@ fn paths(text: &str) -> Vec<String> {
     found
 }
 
-/// The module that `path`, relative to the module `from`, leads into.
+/// Module that `path`, relative to the module `from`, leads into.
 fn target(path: &str, from: &str, modules: &BTreeSet<String>) -> String {
     let mut at: Vec<&str> = from.split("::").filter(|p| !p.is_empty()).collect();
     for part in path.split("::") {
@@ -116,7 +116,7 @@ fn target(path: &str, from: &str, modules: &BTreeSet<String>) -> String {
     at.join("::")
 }
 
-/// The imports of a package, without those of tests, and without those of a parent or a child.
+/// Imports of a package, except those of tests and those of a parent or a child.
 fn imports(src: &Path) -> Imports {
     let files: Vec<(String, PathBuf)> = sources(src).into_iter().map(|f| (module(src, &f), f)).collect();
     let modules: BTreeSet<String> = files.iter().map(|(m, _)| m.clone()).collect();
@@ -149,7 +149,7 @@ fn imports(src: &Path) -> Imports {
     all
 }
 
-/// Whoever can be reached from `from`.
+/// Modules that can be reached from `from`.
 fn reached(from: &str, all: &Imports) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let mut waiting = vec![from.to_owned()];
@@ -203,7 +203,7 @@ fn module_layers() {
     assert!(upward.is_empty(), "{upward:#?}");
 }
 
-/// Dependencies of a package, by its manifest, without those that only its tests need.
+/// Dependencies of a package by its manifest, except those that only its tests need.
 fn dependencies(name: &str) -> String {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("..")
@@ -217,7 +217,7 @@ fn dependencies(name: &str) -> String {
 #[test]
 fn packages_that_must_not_know_each_other() {
     for (name, others) in APART {
-        // Each of ours reaches others through the computer's processes alone.
+        // The project's packages reach others only through the computer's processes.
         let text = dependencies(name) + &dependencies("deploy/computer");
         assert!(text.contains("alight-shared"), "{name}: {text}");
         for other in others {
@@ -226,7 +226,7 @@ fn packages_that_must_not_know_each_other() {
     }
 }
 
-/// Rooms of a package that are nodes: what two of them share is a room of its own.
+/// Modules of a package that are nodes: shared parts are modules of their own.
 const NODES: [(&str, &[&str]); 2] = [
     (
         "uav-side",

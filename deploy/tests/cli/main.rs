@@ -1,4 +1,4 @@
-//! The program's command line and its inputs from outside.
+//! Command line of the program, and its external inputs.
 
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

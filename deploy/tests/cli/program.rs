@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// `alight ARGUMENTS`, to its end.
+/// Runs `alight ARGUMENTS` to its end.
 pub fn alight(arguments: impl AsRef<str>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_alight"))
         .args(arguments.as_ref().split_whitespace())
@@ -11,14 +11,14 @@ pub fn alight(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
-/// A file of this test process.
+/// Path of a temporary file of this test process.
 pub fn scratch(name: &str) -> PathBuf {
     let dir = std::env::temp_dir().join(format!("alight-test-{}", std::process::id()));
     std::fs::create_dir_all(&dir).expect("a directory for temporary files");
     dir.join(name)
 }
 
-/// A file of this test process with that content; its name.
+/// Writes a temporary file of this test process and returns its name.
 pub fn file(name: &str, content: impl AsRef<[u8]>) -> String {
     let path = scratch(name);
     std::fs::write(&path, content).expect("written");
@@ -33,12 +33,12 @@ pub fn stderr(o: &Output) -> String {
     String::from_utf8_lossy(&o.stderr).into_owned()
 }
 
-/// The JSON object of its last line.
+/// JSON object of the last line of output.
 pub fn json(o: &Output) -> serde_json::Value {
     serde_json::from_str(stdout(o).lines().last().expect("a line")).expect("JSON")
 }
 
-/// Each of these commands exits with code 2, names what is wrong with it, and does not panic.
+/// Asserts that each of these commands exits with code 2, names the wrong part, and does not panic.
 pub fn assert_rejected(cases: &[(String, &str)]) {
     for (arguments, names) in cases {
         let o = alight(arguments);

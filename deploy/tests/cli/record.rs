@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
 
-/// A recorded landing after a short warm-up, and its outcome; flown once.
+/// Recording and outcome of a landing after a short warm-up; flown once.
 fn recorded() -> &'static (PathBuf, serde_json::Value) {
     static FLOWN: OnceLock<(PathBuf, serde_json::Value)> = OnceLock::new();
     FLOWN.get_or_init(|| {
@@ -82,7 +82,7 @@ fn replay_of_processes_that_were_killed() {
     let replay = json(&alight(format!("replay {} --json", recording.display())));
     assert_eq!(replay["identical"], true, "{replay}");
     let starts = replay["nodes"].as_array().unwrap().len();
-    assert_eq!(starts, 8, "six nodes, two of them twice: {replay}");
+    assert_eq!(starts, 11, "eight rows, three of them twice: {replay}");
 }
 
 #[test]
@@ -111,10 +111,10 @@ fn replay_with_a_flipped_input_byte() {
         ("/node/pilot", "pilot", 8 + 1 + 1 + 26),
     ] {
         let other = scratch(&format!("changed-{node}.mcap"));
-        // The pilot asks for the state in the descent alone, which begins at about step 570.
+        // The pilot requests the state only in the descent, which begins at about step 570.
         let steps = if node == "vessel" { 900..902 } else { 600..1000 };
         changed(file, &other, |t, number, bytes| {
-            // The pilot's forecast and plan are not in every input.
+            // Not every input contains the pilot's forecast and plan.
             if t == topic && steps.contains(&number) {
                 let i = offset.min(bytes.len() - 9);
                 bytes[i] ^= 1;
@@ -157,8 +157,8 @@ fn replay_with_a_changed_output() {
 #[test]
 fn replay_of_damaged_foreign_and_missing_files() {
     let good = std::fs::read(&recorded().0).unwrap();
-    // One byte in every 4 kB of the middle: some of them lie in chunks, which have check sums, and not
-    // only in the index records between them, which a replay does not need.
+    // One byte in every 4 kB of the middle: some are in chunks, which have checksums, and not only in the index records
+    // between them, which a replay does not need.
     let mut flipped = good.clone();
     for i in (good.len() / 4..3 * good.len() / 4).step_by(4096) {
         flipped[i] ^= 0x20;
@@ -212,7 +212,7 @@ fn displayed_topics_of_a_recording() {
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.as_ref().unwrap();
-    // Announced is not enough: something was published there.
+    // An announced topic is not enough: messages were published on it.
     let topics: BTreeSet<(String, String)> = summary
         .channels
         .values()
@@ -255,7 +255,7 @@ fn displayed_topics_of_a_recording() {
 fn deck_calibration_of_a_recording() {
     let rejected = format!("calibrate deck {}", recorded().0.display());
     assert_rejected(&[(rejected, "leave the drone on the deck")]);
-    // No part is visible of a tag of 1 m from where the drone stands.
+    // From where the drone stands no part of a tag of 1 m is visible.
     let stays = "stay_s = 40.0\n[deck]\ntag_side_m = 1.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
     let drone = file("one-tag.toml", "[drone.deck]\ntag_side_m = 1.0\n");
     let (scene, recording) = (
@@ -271,7 +271,7 @@ fn deck_calibration_of_a_recording() {
     let centre = found["centre_m"].as_array().unwrap();
     for (axis, truth) in centre.iter().zip([0.0, 0.0, -1.3]) {
         let [value, sd] = ["value", "sd"].map(|k| axis[k].as_f64().unwrap());
-        // Receivers a metre apart, and no flag states where on the deck it stands.
+        // Receivers a metre apart, without a flag for the drone's position on the deck.
         assert!(sd > 0.05 && (value - truth).abs() < 3.0 * sd + 0.15, "{found}");
     }
     assert!(
@@ -285,14 +285,14 @@ fn deck_calibration_of_a_recording() {
         "{output}"
     );
 
-    // In waves the antenna, and nothing of the hull.
+    // In waves the antenna is observable, the hull is not.
     let vessel = alight(format!("calibrate vessel {recording}"));
     let output = stdout(&vessel);
     assert!(
         output.contains("roll   not observable") && output.contains("GNSS antenna"),
         "{output}"
     );
-    // A weight that lies in waves gives no more.
+    // Nor does a weight recorded in waves make it observable.
     let loaded = format!("calibrate vessel {recording} --loaded-log {recording} --weight");
     let vessel = alight(format!("{loaded} 60,1.4,0.9"));
     let output = stdout(&vessel);

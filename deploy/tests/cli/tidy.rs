@@ -1,5 +1,5 @@
-//! Sizes of rooms, keys and terms of the whole project: each file is read once. `tidy/words.toml` lists terms with their
-//! replacement; `tidy/limits.toml` holds those that are too frequent today, and its limits only go down.
+//! Sizes of rooms, keys and terms of the whole project; each file is read once. `tidy/words.toml` lists terms with
+//! their replacements; `tidy/limits.toml` has the permitted counts of terms still in use, which may only be lowered.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,10 +9,10 @@ mod terms;
 use source::{ROOMS, SourceFile, keys, project};
 use terms::{Bans, Places, places, replacement};
 
-/// Places that a message lists; the change itself shows the rest.
+/// Places that a message lists; the diff shows the rest.
 const MAX_LISTED: usize = 30;
 
-/// Code lines that each room may have, of the table in ARCHITECTURE.md.
+/// Maximum code lines of each room, by the table in ARCHITECTURE.md.
 fn room_limits(architecture: &SourceFile) -> BTreeMap<&str, usize> {
     let lines = architecture.lines.iter().map(|l| l.comment.as_str());
     let section = lines.skip_while(|l| *l != "## Sizes").skip(1);
@@ -29,7 +29,7 @@ fn room_limits(architecture: &SourceFile) -> BTreeMap<&str, usize> {
     .collect()
 }
 
-/// A number in groups of three digits, as ARCHITECTURE.md has it.
+/// Number in groups of three digits, as in ARCHITECTURE.md.
 fn grouped(number: usize) -> String {
     if number < 1000 {
         return number.to_string();
@@ -37,7 +37,7 @@ fn grouped(number: usize) -> String {
     format!("{} {:03}", grouped(number / 1000), number % 1000)
 }
 
-/// A table of each room's code lines and limit, and a sentence for each room above it.
+/// Table of each room's code lines and limit, and a message for each room above its limit.
 fn rooms(sources: &[SourceFile]) -> (String, Vec<String>) {
     let architecture = sources.iter().find(|s| s.path == "ARCHITECTURE.md").unwrap();
     let limits = room_limits(architecture);
@@ -60,7 +60,7 @@ fn rooms(sources: &[SourceFile]) -> (String, Vec<String>) {
     (table, problems)
 }
 
-/// A sentence for each configuration key that no code reads.
+/// Message for each configuration key that no code reads.
 fn unread_keys(sources: &[SourceFile]) -> Vec<String> {
     let all: Vec<_> = sources.iter().map(|s| (s, keys(&s.lines))).collect();
     let read: BTreeSet<&str> = all.iter().flat_map(|(_, (_, read))| read).copied().collect();
@@ -71,7 +71,7 @@ fn unread_keys(sources: &[SourceFile]) -> Vec<String> {
     unread.collect()
 }
 
-/// A sentence for each term above its limit.
+/// Message for each term above its limit.
 fn excess(places: &Places, limits: &BTreeMap<String, usize>, bans: &Bans) -> Vec<String> {
     let above = places.iter().filter_map(|(term, all)| {
         let (count, limit) = (all.len(), limits.get(term).copied().unwrap_or(0));
@@ -79,7 +79,7 @@ fn excess(places: &Places, limits: &BTreeMap<String, usize>, bans: &Bans) -> Vec
         let write = replacement(bans, term);
         (count > limit).then(|| {
             format!(
-                "{term:?}: {count} places for a limit of {limit}: write {write}, or add a phrase of another meaning to \
+                "{term:?}: {count} places, limit {limit}: write {write}, or add a phrase of another meaning to \
                  allow\n    {listed}"
             )
         })

@@ -1,5 +1,5 @@
-//! Access to the radio: real zenoh clients whose messages must be rejected, next to one that is admitted. Nothing
-//! here asserts a time: the bounds on waiting are only against tests that never end.
+//! Access control of the radio: real zenoh clients whose messages must be rejected, next to one that is admitted. No
+//! test asserts a time; timeouts only end hanging tests.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,8 +12,7 @@ use zenoh::Wait;
 
 use crate::common::{self, free_udp, publication, tls};
 
-/// A client with rules of its own: it connects to `endpoint`, or listens there, and publishes what it is given on
-/// `key`, again and again.
+/// Client with rules of its own, which connects to `endpoint` or listens there and repeatedly publishes on `key`.
 struct Intruder(zenoh::Session, String);
 
 impl Intruder {
@@ -56,7 +55,7 @@ impl Intruder {
     }
 }
 
-/// The settings of a client whose files are in `directory`.
+/// Settings of a client whose files are in `directory`.
 fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     vec![
         ("root_ca_certificate", directory.join("authority.pem")),
@@ -65,7 +64,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     ]
 }
 
-/// Signs a certificate that has expired, of an admitted name, with the authority in `keys`; its directory.
+/// Signs an expired certificate with an admitted name, using the authority in `keys`; returns its directory.
 fn expired(keys: &Path) -> PathBuf {
     let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
     let key = KeyPair::from_pem(&key).expect("a key");
@@ -94,21 +93,21 @@ fn expired(keys: &Path) -> PathBuf {
 
 const STATUS: &str = "alight/drone-1/status";
 
-/// The rejection was noticed, and for what it was: the operator reads it in `alight status`.
+/// Asserts that the rejection was counted with this reason, which `alight status` shows.
 #[track_caller]
 fn assert_counted(why: AccessRejection) {
     let counted = rejections::counted();
     assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
 }
 
-/// Peers that the vessel has to reject, which try it at `address`: no certificate, one of another authority, an expired one, a
-/// name that is not admitted, and an admitted one on the keys of others.
+/// Peers that the vessel at `address` has to reject: without certificate, with one of another authority, with an
+/// expired one, with a name that is not admitted, and with an admitted certificate on other peers' keys.
 fn intruders(address: &str, keys: &Path) -> Vec<Intruder> {
     common::keys(keys, "drone 9");
     let other = keys.join("other");
     common::keys(&other, "init");
     common::keys(&other, "drone 1");
-    // It trusts the vessel; the vessel does not trust it.
+    // The intruder trusts the vessel; the vessel does not trust the intruder.
     let mut of_another = files(&other.join("drone-1"));
     of_another[0].1 = keys.join("authority.pem");
     let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
@@ -145,7 +144,7 @@ fn intruders_among_admitted_peers() {
     let mut vessel =
         Radio::open(&listen, publication("alight/vessel-1/estimate"), all.clone()).expect("opens");
     let mut drone = Radio::open(&dial, publication(STATUS), all).expect("opens");
-    // A client as they are, with an admitted certificate on its own key.
+    // The same kind of client, with an admitted certificate on its own key.
     let admitted = Intruder::dial(
         &format!("quic/{address}"),
         &files(&directory.join("drone-2")),
@@ -195,7 +194,7 @@ fn vessel_on_a_key_outside_its_rule() {
         ("listen_private_key", own.join("key.pem")),
     ];
     let address = free_udp();
-    // The vessel's certificate admits the vessel's keys and no others.
+    // The vessel's certificate admits only the vessel's keys.
     let mut vessel = Intruder::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
     let dial = RadioConfig::dialling(
         format!("quic/{address}"),

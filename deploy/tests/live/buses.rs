@@ -1,4 +1,4 @@
-//! One suite for both buses: what carries topics in the simulated world does it as shared memory does.
+//! Test suite for both buses: the simulated world's bus carries topics as shared memory does.
 
 use core::fmt::Debug;
 
@@ -12,7 +12,7 @@ use alight_transport::memory::{Instance, Memory, Services};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// Runs `suite` on shared memory of its own.
+/// Runs `suite` on a shared memory of its own.
 fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
     instance.wipe().unwrap();
@@ -26,7 +26,7 @@ fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
 fn at(ms: i64) -> Time<DroneClock> {
     Time::from_nanos(ms * 1_000_000)
 }
-/// Message `k` of the writer that began as `boot`.
+/// Message `k` of the writer with boot id `boot`.
 fn range(boot: u32, k: u32) -> RangeSample {
     RangeSample {
         header: Header::new(1, 1, boot, k, at(i64::from(k))),
@@ -43,7 +43,6 @@ fn set_point(k: u32) -> SetPoint {
 fn numbers(read: &[RangeSample]) -> Vec<u32> {
     read.iter().map(|m| m.header.sequence).collect()
 }
-/// Received and missed.
 fn counts<M>(reader: &impl Reader<M>) -> (u64, u64) {
     let state = reader.state(0);
     (state.received, state.missed)
@@ -57,7 +56,7 @@ fn conforms<B: Bus<Error: Debug>>(bus: &B) {
     stale(bus);
 }
 
-/// Messages: of a state the newest, once; of a queue all, in order.
+/// A state's reader gets the newest message once; a queue's reader gets all in order.
 fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
     let (mut states, mut events) = (bus.writer().unwrap(), bus.writer().unwrap());
     let (mut newest, mut all) = (bus.reader::<SetPoint>().unwrap(), bus.reader().unwrap());
@@ -72,7 +71,7 @@ fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
     assert_eq!((states.unsent(), events.unsent()), (0, 0));
 }
 
-/// The oldest gives way, and is counted by who reads on.
+/// A full queue drops the oldest message, and the reader counts it.
 fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     let depth = RangeSample::TOPIC.buffer as u32;
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
@@ -85,7 +84,7 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
 }
 
-/// A writer that begins again is read on; a reader that does, and one that joins late, has what is sent from then on.
+/// A restarted writer is read on; a restarted or late reader gets the messages sent afterwards.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     writer.send(&range(3, 90));
@@ -108,7 +107,7 @@ fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     assert!(late.all(0).is_empty());
 }
 
-/// Woken by each message that was not asked for before, whether it was read or not.
+/// Each message that was not awaited before wakes the reader, whether it was read or not.
 fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     let mut writer = bus.writer().unwrap();
     writer.send(&range(6, 1));
@@ -119,7 +118,7 @@ fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     assert!(wake.woke() && !wake.woke());
 }
 
-/// A message that has waited longer than its topic's limit is read, and is no fresh input.
+/// A message older than its topic's limit can be read, but is no fresh input.
 fn stale<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     let limit = SetPoint::TOPIC.stale_after;
@@ -142,16 +141,13 @@ fn shared_memory_conforms() {
     in_memory("buses", conforms);
 }
 
-/// Events of one topic.
 #[derive(Clone, Copy, Debug)]
 enum Happens {
-    /// The writer sends some.
+    /// The writer sends this number of messages.
     Sends(usize),
-    /// A reader reads the newest, or all.
+    /// This reader reads the newest message, or all.
     Reads(usize, bool),
-    /// The writer begins again.
     Restarts,
-    /// A reader does.
     Rejoins(usize),
 }
 
@@ -166,7 +162,8 @@ fn happens() -> impl Strategy<Value = Happens> {
     ]
 }
 
-/// Messages that are read, and counted, while all that happens. Readers see one writer at a time: the order of two is the bus's own.
+/// Messages and counts that the readers get during these events. Readers receive from one writer at a time: the order
+/// of messages from two writers depends on the bus.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();
     let (mut readers, mut writer) = ([0; PORTS].map(join), bus.writer().unwrap());
@@ -185,7 +182,7 @@ fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>
                 read.push((newest, counts(&readers[k])));
             }
             Happens::Restarts => {
-                // In shared memory what a writer has sent that ends before a reader has looked once is lost.
+                // Shared memory loses the messages of a writer that ends before a reader's first read.
                 read.extend(readers.iter_mut().map(|r| (r.all(0), counts(r))));
                 (boot, sequence) = (boot + 1, 0);
                 drop(writer);

@@ -1,5 +1,5 @@
-//! `alight camera` and `alight uvdar` as processes that look at images in files: the deck rendered, written as
-//! PGM, and found where it is.
+//! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written as PGM,
+//! and detected at its position.
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -18,7 +18,7 @@ use serde_json::Value;
 
 use crate::common::{self, errors, printed, scratch};
 
-/// A directory that goes with the test.
+/// Directory removed with the test.
 struct Directory(PathBuf);
 
 impl Directory {
@@ -43,8 +43,8 @@ impl Drop for Directory {
     }
 }
 
-/// Image of the camera of a drone at rest, `k / rate_hz` after the start: the deck `below` it in the
-/// camera's axes (right, aft, down), m.
+/// Image of the camera of a drone at rest, `k / rate_hz` after the start, with the deck at `below` in the camera's axes
+/// (right, aft, down), m.
 fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
     let mount = CameraMount {
         position: Vector3::zeros(),
@@ -72,7 +72,7 @@ fn run(verb: &str, config: &Path, more: &str) -> Output {
     common::run(format!("{verb} --config {} {more}", config.display()))
 }
 
-/// Distances of the printed places from `truth`, and the counts of the last line.
+/// Distances of the printed positions from `truth`, and the counts of the last line.
 fn places(out: &Output, truth: &Vector3<f64>) -> (Vec<f64>, Value) {
     let text = printed(out);
     assert!(out.status.success(), "{text}{}", errors(out));
@@ -92,7 +92,7 @@ fn uvdar_process_on_files() {
     let mut camera = Ultraviolet::new(&settings, 10, &Streams::new(5));
     let mut truth = Vector3::zeros();
     for k in 0..48 {
-        // Ahead of the drone and below: where the camera looks.
+        // The camera looks ahead of the drone and down.
         let (shot, detected) = shot(k, settings.rate_hz, Vector3::new(1.0, -6.0, 8.0));
         truth = detected;
         directory.write(k, &camera.image(&shot).unwrap());
@@ -101,7 +101,7 @@ fn uvdar_process_on_files() {
     let config = directory.configuration(&format!("[uvdar]\nsource = \"{source}\"\n"));
     let (off, counts) = places(&run("uvdar", &config, "--print"), &truth);
     assert_eq!(counts["images"], 48, "{counts}");
-    // The first code is read before anything is known.
+    // The first code is read without prior knowledge.
     assert!(off.len() > 12, "{counts}");
     assert!(off.iter().all(|e| *e < 1.0), "{off:?}");
 }

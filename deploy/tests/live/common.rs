@@ -11,7 +11,7 @@ use alight_lab::live::service::Service;
 use alight_transport::radio::{Publication, TlsConfig, Urgency};
 use serde_json::Value;
 
-/// Threads of tests that use this computer, and whether one has it alone.
+/// Number of test threads that use this computer, and whether one has it alone.
 static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());
 
 thread_local! {
@@ -19,13 +19,12 @@ thread_local! {
     static USE: RefCell<Option<Use>> = const { RefCell::new(None) };
 }
 
-/// A use of this computer: with other tests or alone.
 struct Use {
     alone: bool,
 }
 
 impl Use {
-    /// Waits for it. One that waits to be alone keeps no other from going on, whose threads may need another use.
+    /// Waits for the use. A thread that waits to be alone does not block others, which may need another use first.
     fn begin(alone: bool) -> Use {
         let (users, changed) = &USERS;
         let free = |(users, taken): &mut (usize, bool)| *taken || alone && *users > 0;
@@ -55,8 +54,8 @@ impl Drop for Use {
     }
 }
 
-/// This test has the computer alone from now on: on two processors a flight of two computers' processes, with a rendered
-/// camera, stands still for half a second during another one's start, which ends in the autopilot's hold.
+/// Reserves the computer for this test. On two processors a flight of two computers' processes with a rendered camera
+/// stops for half a second while another one starts, which ends in the autopilot's hold.
 pub fn alone() {
     USE.with_borrow_mut(|u| {
         *u = None;
@@ -64,14 +63,14 @@ pub fn alone() {
     });
 }
 
-/// This test uses the computer with others.
+/// Shares the computer with other tests.
 fn with_others() {
     USE.with_borrow_mut(|u| {
         u.get_or_insert_with(|| Use::begin(false));
     });
 }
 
-/// The program under test with these arguments.
+/// Command of the program under test with these arguments.
 pub fn alight(arguments: impl AsRef<str>) -> Command {
     with_others();
     let mut command = Command::new(env!("CARGO_BIN_EXE_alight"));
@@ -79,7 +78,7 @@ pub fn alight(arguments: impl AsRef<str>) -> Command {
     command
 }
 
-/// The program under test with these arguments, to its end.
+/// Runs the program under test with these arguments to its end.
 pub fn run(arguments: impl AsRef<str>) -> Output {
     alight(arguments)
         .stdin(Stdio::null())
@@ -87,7 +86,7 @@ pub fn run(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
-/// The program under test with these arguments, started; both of its outputs are read by the test.
+/// Starts the program under test with these arguments; the test reads both outputs.
 pub fn started(arguments: impl AsRef<str>) -> Child {
     alight(arguments)
         .stdin(Stdio::null())
@@ -105,14 +104,14 @@ pub fn printed(out: &Output) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned()
 }
 
-/// The exit code is that of the worst finding.
+/// Asserts that the exit code is that of the worst finding.
 pub fn assert_exit(out: &Output, status: &Value) {
     let mut codes = (0_i32..).zip(["fine", "warning", "broken"]);
     let worst = codes.find(|(_, level)| status["worst"] == *level);
     assert_eq!(out.status.code(), worst.map(|(code, _)| code), "{status}");
 }
 
-/// Output of `look` once it is `wanted`, within about two minutes.
+/// Repeats `look` until its output is `wanted`, for about two minutes at most.
 #[track_caller]
 pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(&Value) -> bool) -> Value {
     for _ in 0..600 {
@@ -122,27 +121,27 @@ pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(
         }
         std::thread::sleep(Duration::from_millis(200));
     }
-    panic!("{what}: not within its time: {}", look());
+    panic!("{what}: timed out: {}", look());
 }
 
-/// An instance that no other test uses.
+/// Name of an instance that no other test uses.
 pub fn instance(test: &str) -> String {
     format!("{test}-{}", std::process::id())
 }
 
-/// A file or directory for temporary things that no other test uses.
+/// Path of a temporary file or directory that no other test uses.
 pub fn scratch(name: &str) -> PathBuf {
     with_others();
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
-/// The service `name` by its file in `directory`.
+/// Starts the service `name` with its file in `directory`.
 pub fn service(name: &'static str, directory: &Path, more: &[&str]) -> Service {
     with_others();
     Service::start(name, &[env!("CARGO_BIN_EXE_alight")], directory, more).expect("starts")
 }
 
-/// A process whose standard input closes with its test, on which it ends.
+/// Process that ends with its test, when its standard input closes.
 pub struct Running(pub Child);
 
 impl Drop for Running {
@@ -152,12 +151,12 @@ impl Drop for Running {
     }
 }
 
-/// An address of the loopback interface that is free.
+/// Free address of the loopback interface.
 pub fn free_udp() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-/// A port of the loopback interface that is free.
+/// Free port of the loopback interface.
 pub fn free_port() -> u16 {
     with_others();
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
@@ -170,7 +169,7 @@ pub fn signal(pid: u64, signal: &str) {
     assert!(done.expect("kill runs").success());
 }
 
-/// An authority with a vessel 1 and a drone 1, made by the program itself; its directory.
+/// Makes an authority with a vessel 1 and a drone 1, using the program itself; returns its directory.
 pub fn certificates(name: &str) -> PathBuf {
     let directory = scratch(&format!("certificates-{name}"));
     let _none = std::fs::remove_dir_all(&directory);
@@ -180,13 +179,13 @@ pub fn certificates(name: &str) -> PathBuf {
     directory
 }
 
-/// `alight keys WHAT --dir DIRECTORY`.
+/// Runs `alight keys WHAT --dir DIRECTORY`.
 pub fn keys(directory: &Path, what: &str) {
     let out = run(format!("keys {what} --dir {}", directory.display()));
     assert!(out.status.success(), "alight keys {what}: {out:?}");
 }
 
-/// The files of one side, which admits `peers`.
+/// TLS configuration with the files of one side, which admits `peers`.
 pub fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
     let file = |name: &str| directory.join(name).display().to_string();
     TlsConfig {
@@ -198,7 +197,6 @@ pub fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
     }
 }
 
-/// One key to publish on.
 pub fn publication(key: &str) -> Vec<Publication> {
     vec![Publication::new(key, Urgency::State)]
 }

@@ -1,7 +1,7 @@
-//! A process of a drone that lands is killed in truth: `alight land` gives its one order, a firmware of the tests' own flies
-//! the drone behind the link to the autopilot. Predictor, mission, pilot and link fail at every moment in lock-step (`faults` of
-//! `tests/tests/flights`); here are signals, supervisor and shared memory. Nothing asserts a wall-clock time: all times are
-//! the world's.
+//! Kills processes of a landing drone with real signals: `alight land` gives the order, and the tests' own firmware
+//! flies the drone behind the autopilot link. `faults` of `tests/tests/flights` lets predictor, mission, pilot and link
+//! fail at every moment in lock-step; this file tests signals, supervisor and shared memory. No test asserts a
+//! wall-clock time: all times are the world's.
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
@@ -10,14 +10,14 @@ use crate::common::{instance, run};
 use crate::firmware::{FirmwareFlight, FirmwareOutcome, fly};
 use crate::landing::{directory, pid, status_when};
 
-/// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
-/// process that starts again looks for the evidence.
+/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, and a
+/// restarted process searches for the evidence.
 const MOTORS_ON_S: f64 = 5.0;
-/// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
+/// Time from the first disarm during which the autopilot denies it, s; longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;
 
-/// It rests on the deck, disarmed in time, or is away from it without having touched it; nothing met the water, and
-/// every contact was soft.
+/// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the water,
+/// and every contact was soft.
 fn is_safe(flown: &FirmwareOutcome) -> bool {
     let o = &flown.outcome;
     let none = |count: &str| o[count].as_u64() == Some(0);
@@ -45,10 +45,10 @@ fn live_link_killed_after_the_stop() {
     assert!(at_s.is_number(), "{}", flown.show());
 }
 
-/// States that lasted longer than this, s: a shorter one may pass between two looks at live processes.
+/// Minimum duration of a state, s: shorter ones may be missed between two reads of live processes.
 const BRIEF_S: f64 = 0.1;
 
-/// The states that lasted, by their order, of names with the times at which they were entered.
+/// Names of the states that lasted, in order, from names with times of entry.
 fn lasting(all: &[(String, f64)]) -> Vec<String> {
     let until = |k: usize| all.get(k + 1).map_or(f64::INFINITY, |(_, t_s)| *t_s);
     let mut names: Vec<String> = (0..all.len())
@@ -65,7 +65,8 @@ fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
     states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
-/// End of the list in lock-step and on real processes, through the same states: landed, or waiting.
+/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the same
+/// states.
 fn endings(list: &str, name: &str) -> [bool; 2] {
     let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
     let json = |command: String| {
@@ -128,7 +129,7 @@ fn abort_to_the_successor_of_a_killed_mission() {
     );
     let (flown, out) = std::thread::scope(|scope| {
         let flown = scope.spawn(|| fly(&name, &flight));
-        // Before its fault: a look takes longer than the fault may wait.
+        // Started before the fault: a command takes longer than the fault may wait.
         let first = pid(&status_when(&name, |s| pid(s, "mission").is_some()), "mission");
         status_when(&name, |s| pid(s, "mission").is_some_and(|new| Some(new) != first));
         let config = directory(&name).join("drone.toml");

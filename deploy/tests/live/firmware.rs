@@ -1,6 +1,6 @@
-//! Landings of all processes with the drone flown by a firmware of the tests' own, which speaks
-//! ArduPilot's JSON backend or PX4's simulator API to the world and MAVLink to `alight autopilot`: the whole way through, with
-//! an origin of its own. Nothing here asserts a time.
+//! Landings of all processes with a drone flown by the tests' own firmware, which speaks ArduPilot's JSON backend or
+//! PX4's simulator API to the world and MAVLink to `alight autopilot`, with an origin of its own. No test asserts a
+//! time.
 use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -26,30 +26,30 @@ use crate::common::{errors, free_port, printed, run};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
 
-/// Place of the sea of `alight land` for a firmware, where this firmware's estimate begins, too.
+/// Position of the sea of `alight land`, and the origin of this firmware's estimate.
 const SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 const ORIGIN: Datum = Datum::new(43.4998, 16.3003, 3.0);
 /// Declination of the plant's magnetic field, rad: atan2(0.019, 0.235).
 const FIELD_DECLINATION: f64 = 0.0807;
-/// ArduCopter arms when its gyroscopes are read at least this often, Hz: 1.8 times in each of its loops.
+/// Minimum rate of gyroscope samples at which ArduCopter arms, Hz: 1.8 times its loop rate.
 const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
-/// PX4 answers every so many samples, as it does with its own IMU_GYRO_RATEMAX.
+/// Samples per answer of PX4, which limits its rate by IMU_GYRO_RATEMAX.
 const PX4_ANSWERS: u32 = 2;
-/// Height above its pad that the person takes off to, m.
+/// Height above the pad that the pilot takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
-/// A commanded thrust below this fraction of hover lets the drone descend or presses it onto the deck.
+/// Fraction of hover below which a commanded thrust lets the drone descend or presses it onto the deck.
 const PRESSES: f64 = 0.6;
-/// Good sensors for PX4: the stand-in's estimator is a poor one.
+/// Good sensors for PX4, because the stand-in has a poor estimator.
 const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
                             gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";
 
-/// One landing to fly.
+/// Landing to fly.
 #[derive(Clone, Debug)]
 pub struct FirmwareFlight {
     pub firmware: Firmware,
     /// Further flags of `alight land`: sea, seed, fault.
     pub flags: String,
-    /// The autopilot denies commands for so long from the first disarm on, s.
+    /// Time from the first disarm during which the autopilot denies commands, s.
     pub denies_s: f64,
 }
 
@@ -63,11 +63,11 @@ impl FirmwareFlight {
     }
 }
 
-/// The firmware's MAVLink.
+/// MAVLink of the firmware.
 enum Link {
     /// Waits for `alight autopilot` to connect.
     Tcp(TcpListener, Option<TcpStream>),
-    /// Speaks to where it listens.
+    /// Sends to the address at which `alight autopilot` listens.
     Udp(UdpSocket),
 }
 
@@ -80,12 +80,12 @@ impl Link {
                     *stream = door.accept().ok().map(|(s, _)| s);
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
-                        // As ArduPilot does: else odometry waits for acknowledgements, 39 ms at times.
+                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes 39 ms.
                         s.set_nodelay(true).unwrap();
                     });
                 }
                 let read = stream.as_mut().map(|s| s.read(&mut buffer));
-                // A link that is started again connects again.
+                // A restarted link connects again.
                 if matches!(&read, Some(Ok(0))) || matches!(&read, Some(Err(e)) if e.kind() != WouldBlock) {
                     *stream = None;
                 }
@@ -96,7 +96,7 @@ impl Link {
         got.map(|n| buffer[..n].to_vec()).into_iter().collect()
     }
     fn send(&mut self, bytes: &[u8]) {
-        // There may be no peer yet.
+        // The peer may not exist yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -104,7 +104,7 @@ impl Link {
     }
 }
 
-/// A firmware and the person at its controls.
+/// Firmware and its pilot.
 struct Controls {
     a: Option<SimulatedAutopilot>,
     link: Link,
@@ -116,7 +116,7 @@ struct Controls {
     pressed: bool,
 }
 
-/// A firmware that stands on its pad, with good sensors: the stand-in that feeds it has its own errors.
+/// Firmware on its pad, with good sensors: the stand-in that feeds it has its own errors.
 fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
     let c = AutopilotConfig {
         firmware,
@@ -143,7 +143,7 @@ impl Controls {
             pressed: false,
         }
     }
-    /// One slice with the drone's motion in this firmware's own NED: rotor outputs, or motors off.
+    /// Advances by one slice with the drone's motion in this firmware's own NED; rotor outputs, None with motors off.
     fn step(&mut self, f: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         if self.a.is_none() {
             self.pad = f.position;
@@ -151,7 +151,7 @@ impl Controls {
         let firmware = self.flight.firmware;
         let a = self.a.get_or_insert_with(|| on_pad(firmware, f));
         let t_s = f.at.secs();
-        // The person: arms, takes off, and gives the drone once it is up.
+        // The pilot arms, takes off, and hands the drone over once it is up.
         let dt = (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
         let armable = firmware == Firmware::Px4 || 1.0 / dt >= GYROSCOPES_HZ;
         if t_s > 3.0 && armable && !self.taken_off {
@@ -160,7 +160,7 @@ impl Controls {
             self.taken_off = true;
         }
         if t_s > 12.0 && a.chosen() == mode_number(firmware, AutopilotMode::Other) {
-            // PX4 rejects it until an offer has lasted: the pilot tries again.
+            // PX4 rejects the mode until set-points have arrived for some time: the pilot tries again.
             let _rejected = a.choose(mode_number(firmware, AutopilotMode::Offboard));
         }
         let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
@@ -177,7 +177,7 @@ impl Controls {
     }
 }
 
-/// ArduPilot's JSON backend, until `end`.
+/// Serves ArduPilot's JSON backend until `end`.
 fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let local = ORIGIN.to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -197,7 +197,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
             continue;
         };
         let mut sensed = stand_in::read_line(&String::from_utf8_lossy(&buffer[..n])).unwrap();
-        // A packet that was sent again is answered again: that answer is not flown, or each would stay in the queue.
+        // A repeated packet gets a repeated answer, which is dropped, or each would stay in the queue.
         if newest.replace(sensed.at).is_some_and(|at| sensed.at <= at) {
             continue;
         }
@@ -208,7 +208,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     flown
 }
 
-/// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
+/// Serves PX4's simulator API until `end`, with an estimator of its own, because it provides only sensors.
 fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
@@ -244,7 +244,7 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
                     let dt = (at - b.at).secs();
                     b.at = at;
                     if !(0.0..0.1).contains(&dt) {
-                        // On the pad: level, and the heading by the compass.
+                        // On the pad: level, with the heading of the compass.
                         let m = s.magnetometer;
                         let yaw = FIELD_DECLINATION - m[1].atan2(m[0]);
                         b.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
@@ -266,7 +266,6 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     flown
 }
 
-/// Result of a flight.
 pub struct FirmwareOutcome {
     /// Output of `alight land`.
     pub outcome: Value,
@@ -274,7 +273,8 @@ pub struct FirmwareOutcome {
     pub autopilot: SimulatedAutopilot,
 }
 
-/// The drone is disarmed in the mode that it was given in: by one command or two, and by nothing else than the forced disarm.
+/// Asserts that the drone was disarmed in the mode in which it was handed over: by one command or two, and only by the
+/// forced disarm.
 pub fn assert_disarmed(a: &SimulatedAutopilot) {
     assert!(!a.armed(), "it was not disarmed");
     let offboard = mode_number(a.firmware(), AutopilotMode::Offboard);
@@ -287,31 +287,31 @@ pub fn assert_disarmed(a: &SimulatedAutopilot) {
 }
 
 impl FirmwareOutcome {
-    /// The mission has entered this state.
+    /// Whether the mission has entered this state.
     pub fn entered(&self, state: &str) -> bool {
         let phases = self.outcome["live"]["phases"].as_array();
         phases.is_some_and(|all| all.iter().any(|p| p["state"] == state))
     }
-    /// For people, with --nocapture.
+    /// Text for --nocapture.
     pub fn show(&self) -> String {
         format!("{}\n{}", self.outcome, self.errors)
     }
 }
 
-/// The stand-in and its person, waiting for a plant.
+/// Stand-in firmware with its pilot, waiting for a plant.
 pub struct StandIn {
     flown: JoinHandle<Controls>,
     end: Arc<AtomicBool>,
-    /// As a flag names the firmware.
+    /// Name of the firmware in flags.
     pub kind: &'static str,
     /// Address of its MAVLink.
     pub connect: String,
-    /// The plant's configuration, which names its port.
+    /// Configuration of the plant, which names its port.
     pub config: PathBuf,
 }
 
 impl StandIn {
-    /// Begins to look for its plant.
+    /// Starts looking for the plant.
     pub fn start(name: &str, flight: &FirmwareFlight) -> StandIn {
         let firmware = flight.firmware;
         let plant = free_port();
@@ -349,7 +349,7 @@ impl StandIn {
             config,
         }
     }
-    /// Ends it; the firmware as it is then.
+    /// Ends the stand-in and returns the firmware's final state.
     pub fn end(self) -> SimulatedAutopilot {
         self.end.store(true, Ordering::Relaxed);
         let _removed = std::fs::remove_file(self.config);
@@ -376,7 +376,7 @@ pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
     ));
     let autopilot = stand_in.end();
     let _removed = std::fs::remove_file(scene);
-    // A computer that did not keep up is no evidence about the flight.
+    // A computer that did not keep up proves nothing about the flight.
     assert_ne!(out.status.code(), Some(3), "{}", errors(&out));
     FirmwareOutcome {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),

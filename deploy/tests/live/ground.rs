@@ -1,4 +1,4 @@
-//! Observers: a ground station at the autopilot's other link, and an operator at another terminal.
+//! Observers: a ground station on the autopilot's other link, and an operator at another terminal.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::process::Child;
@@ -14,7 +14,7 @@ use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{errors, printed, run, started};
 
-/// A ground station that keeps what the companion sends.
+/// Ground station that keeps the companion's messages.
 pub struct GroundStation {
     pub address: SocketAddr,
     ends: Arc<AtomicBool>,
@@ -50,7 +50,7 @@ impl GroundStation {
             thread,
         }
     }
-    /// The companion's messages are those that a ground station shows of a landing.
+    /// Asserts that the companion's messages are those that a ground station shows of a landing.
     pub fn assert_landing(self) {
         self.ends.store(true, Ordering::Relaxed);
         let kept = self.thread.join().expect("no panic");
@@ -86,12 +86,13 @@ impl GroundStation {
     }
 }
 
-/// `status --watch` without a terminal.
+/// Starts `status --watch` without a terminal.
 pub fn watch(instance: &str) -> Child {
     started(format!("status --watch --instance {instance}"))
 }
 
-/// It has printed a line for each change, and ended with the landing: its exit code is that of the last status.
+/// Asserts that it has printed a line for each change and ended with the landing, with the exit code of the last
+/// status.
 pub fn assert_watched(watch: Child) {
     let out = watch.wait_with_output().expect("ends");
     let text = printed(&out);
@@ -107,7 +108,7 @@ pub fn assert_watched(watch: Child) {
     assert!(!text.contains('\x1b'), "{text}");
 }
 
-/// The page fits, and the tables are those of each process.
+/// Asserts that the page fits, and that each process has its tables.
 pub fn assert_status_shown(instance: &str) {
     let page = printed(&run(format!("status --instance {instance}")));
     let fits = page.lines().count() <= 20 && page.lines().all(|l| l.chars().count() <= 80);

@@ -1,5 +1,5 @@
-//! A hostile client, connected to the vessel's radio for a whole landing: whatever it
-//! publishes on the keys that vessel and drone read is counted and shown, and the landing goes on.
+//! Hostile client that is connected to the vessel's radio for a whole landing: everything that it publishes on the keys
+//! of vessel and drone is counted and shown, and the landing continues.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use crate::landing::{directory, status_when};
 
-/// The keys of vessel 1 and drone 1 that somebody reads.
+/// Keys of vessel 1 and drone 1 that have readers.
 const KEYS: [&str; 7] = [
     "alight/vessel-1/estimate",
     "alight/vessel-1/wave",
@@ -28,7 +28,7 @@ const KEYS: [&str; 7] = [
     "alight/drone-1/status",
 ];
 
-/// Numbers without end from a seed (a linear congruence; nothing hangs on their quality).
+/// Endless numbers from a seed (a linear congruence; their quality does not matter).
 struct Dice(u64);
 
 impl Dice {
@@ -41,7 +41,7 @@ impl Dice {
     }
 }
 
-/// A message of another version, of another vessel, and with an invalid number.
+/// Message of another version, of another vessel, or with an invalid number.
 macro_rules! forged {
     ($bytes:expr, $ty:ty, $how:expr, $spoil:expr) => {{
         let mut m: $ty = decode($bytes).expect("genuine");
@@ -93,7 +93,7 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
             DroneClock,
         >| m.header.vessel =
             98),
-        // The drone's status; the vessel's report has neither version nor vessel and is left as it is.
+        // The drone's status; the vessel's report has neither version nor vessel and stays unchanged.
         _ if key.contains("drone") => forged!(bytes, DroneStatus, how, |m: &mut DroneStatus| {
             m.header.sequence += 1;
             m.battery = Some(f64::NAN);
@@ -135,7 +135,7 @@ fn client(endpoint: &str) -> zenoh::Session {
     zenoh::open(config).wait().expect("the vessel listens")
 }
 
-/// First and newest genuine sample per key, as the client overhears them.
+/// First and newest genuine sample of each key, as the client receives them.
 struct Overheard {
     received: Receiver<(String, Vec<u8>)>,
     samples: BTreeMap<String, [Vec<u8>; 2]>,
@@ -177,14 +177,14 @@ fn count(status: &Value, process: &str, metric: &str) -> f64 {
     status["metrics"][process][metric].as_f64().unwrap_or(0.0)
 }
 
-/// A client that attacks until it is ended.
+/// Client that attacks until ended.
 pub struct Attack {
     end: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
 impl Attack {
-    /// Once vessel and drone of a landing without certificates, by which it is admitted at all, receive each other.
+    /// Begins once vessel and drone receive each other, in a landing without certificates, which admits the client.
     pub fn begin(instance: &str) -> Attack {
         status_when(instance, |s| s["link"]["age_s"].as_f64().is_some());
         let session = client(&endpoint(instance));
@@ -204,7 +204,7 @@ impl Attack {
         });
         Attack { end, thread }
     }
-    /// Each kind of what it sends is counted.
+    /// Asserts that each kind of its messages is counted.
     pub fn assert_counted(instance: &str) {
         let wanted = [
             ("bridge", "rejected_malformed"),
@@ -219,7 +219,7 @@ impl Attack {
             ("vessel", "packets_dropped"),
         ];
         status_when(instance, |s| wanted.iter().all(|(p, f)| count(s, p, f) > 0.0));
-        // Old samples: the sequence was received, or a newer one was, or its time has passed.
+        // Old samples are counted in one of three ways: repeated, older than a received one, or past their time.
         status_when(instance, |s| {
             ["repeated", "out_of_order", "stale"]
                 .iter()

@@ -1,9 +1,8 @@
-//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised peer. Their
-//! landing without a fault is rehearsed (`rehearse`).
+//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised peer.
+//! `rehearse` flies their landing without a fault.
 //!
-//! `deploy/packages/test` lands with the installed packages: it puts their commands, with the network namespace and
-//! the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.
-//! Nothing here asserts a time: the bounds on waiting are only against tests that never end.
+//! `deploy/packages/test` lands with the installed packages: it puts their commands, preceded by network namespace and
+//! user, into ALIGHT_VESSEL and ALIGHT_DRONE. No test asserts a time; timeouts only end hanging tests.
 
 use std::collections::BTreeMap;
 use std::net::UdpSocket;
@@ -27,16 +26,16 @@ use toml::Table;
 use crate::common::{self, free_port, signal};
 use crate::landing::pid;
 
-/// The simulated time zero lies at most this much after the start of the test, ns.
+/// Maximum time from the start of the test to the simulated time zero, ns.
 const RUN_UP_NS: i64 = 5_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
-/// The vessel's estimator runs this long before the landing is commanded, s.
+/// Run time of the vessel's estimator before the landing is commanded, s.
 const WARM_UP_S: f64 = 15.0;
-/// A landed drone calibrates the deck for so long, s, and stays there a little longer.
+/// Time for which a landed drone calibrates the deck, s, and the slightly longer time for which it stays there.
 const CALIBRATION_S: u32 = 22;
 const STAY_S: f64 = 32.0;
 
-/// The program of one side with what stands before it: from the environment, or this test's own.
+/// Program of one side with its prefix: from the environment, or this test's own.
 fn arguments(side: &str) -> Vec<String> {
     let mut arguments = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
     match std::env::var(format!("ALIGHT_{}", side.to_uppercase())) {
@@ -46,7 +45,7 @@ fn arguments(side: &str) -> Vec<String> {
     arguments
 }
 
-/// The program of one side with these arguments, to its end.
+/// Runs the program of one side with these arguments to its end.
 fn run(side: &str, what: impl AsRef<str>) -> Output {
     let arguments = arguments(side);
     let mut command = Command::new(&arguments[0]);
@@ -73,7 +72,7 @@ fn world([instance, mavlink]: [&str; 2], epoch_ns: i64, seed: u64) -> Table {
     let scenario = table(&mut world, "scenario");
     let start = table(scenario, "start");
     start.insert("warm_up_s".into(), WARM_UP_S.into());
-    // The computers' clocks are this computer's, as they would be.
+    // The computers' clocks are this computer's, as on real vehicles.
     let clocks = table(table(scenario, "sensors"), "clocks");
     clocks.insert("epoch_s".into(), (epoch_ns as f64 * 1e-9).into());
     for key in ["offset_s", "drift_ppm"] {
@@ -82,7 +81,7 @@ fn world([instance, mavlink]: [&str; 2], epoch_ns: i64, seed: u64) -> Table {
     world
 }
 
-/// A vessel's and a drone's computer and the vehicles; all end with their test.
+/// Computers of a vessel and a drone, and the vehicles; all end with their test.
 struct Installed {
     instance: String,
     directory: PathBuf,
@@ -91,7 +90,7 @@ struct Installed {
 }
 
 impl Installed {
-    /// Writes certificates and configurations; `change` may change vessel's and drone's.
+    /// Writes certificates and configurations; `change` may change the vessel's and the drone's.
     fn prepare(test: &str, seed: u64, change: impl Fn(&mut Table, &mut Table)) -> Installed {
         let instance = format!("{test}-{}", std::process::id());
         let directory = common::certificates(&instance);
@@ -102,7 +101,7 @@ impl Installed {
                 .parse()
                 .expect("TOML")
         };
-        // A full second, which the clocks of the simulated vehicles show exactly.
+        // A full second, which the clocks of the simulated vehicles represent exactly.
         let epoch_ns = (steady_ns() + RUN_UP_NS) / SECOND_NS * SECOND_NS;
         let host = std::env::var("ALIGHT_VESSEL_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         if host != "127.0.0.1" {
@@ -142,7 +141,7 @@ impl Installed {
         drone.insert("instance".into(), instance.clone().into());
         // The shipped file begins with a pilot, whom the simulated vehicles do not have.
         table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
-        // The simulated autopilot sends its MAVLink there.
+        // Destination of the simulated autopilot's MAVLink.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         let port = free_port();
         let mavlink = format!("{host}:{port}");
@@ -171,7 +170,7 @@ impl Installed {
         }
     }
 
-    /// Changes a configuration that was written.
+    /// Changes a written configuration.
     fn change(&self, name: &str, change: impl Fn(&mut Table)) {
         let file = self.file(&format!("{name}.toml"));
         let text = std::fs::read_to_string(&file).expect("read");
@@ -188,7 +187,7 @@ impl Installed {
         open_to_all(&service.socket());
         self.services.insert(name, service);
     }
-    /// Starts it, and waits until it reports that it is ready.
+    /// Starts a service, and waits until it reports that it is ready.
     fn start_ready(&mut self, name: &'static str) {
         self.start(name);
         let ready = self.services.get_mut(name).expect("it runs").await_ready();
@@ -199,8 +198,8 @@ impl Installed {
         let mut service = self.services.remove(name).expect("it runs");
         assert!(service.stop(), "killed: {}", self.complaints());
     }
-    /// Kills the drone's supervisor and starts it again as its service's manager does: once all of its processes are
-    /// gone, after RestartSec.
+    /// Kills the drone's supervisor and restarts it as its service manager does: after RestartSec, once all of its
+    /// processes are gone.
     fn crash_supervisor(&mut self) {
         let processes = self.status()["processes"].as_array().cloned().unwrap_or_default();
         let of_drone = processes
@@ -219,7 +218,7 @@ impl Installed {
         std::thread::sleep(Duration::from_millis(100));
         self.start_ready("drone");
         let [gone_s, ready_s] = [gone_ns, steady_ns()].map(|t| (t - began_ns) as f64 * 1e-9);
-        // For people, with --nocapture.
+        // For --nocapture.
         println!("gone after {gone_s:.3} s, ready after {ready_s:.3} s");
     }
     fn complaints(&self) -> String {
@@ -231,7 +230,7 @@ impl Installed {
         let config = self.file("drone.toml");
         run("drone", format!("command {order} --json --config {config}"))
     }
-    /// The arguments of an operator's command from ashore, with the certificate in `keys`.
+    /// Arguments of an operator's command from ashore, with the certificate in `keys`.
     fn ashore(&self, order: &str, keys: &str) -> String {
         let (endpoint, keys) = (&self.endpoint, self.file(keys));
         format!("command {order} --json --vessel {endpoint} --keys {keys}")
@@ -255,11 +254,7 @@ impl Installed {
             }
             std::thread::sleep(Duration::from_millis(200));
         }
-        panic!(
-            "{what}: not within its time: {}\n{}",
-            self.status(),
-            self.complaints()
-        );
+        panic!("{what}: timed out: {}\n{}", self.status(), self.complaints());
     }
     /// Starts everything, and commands a landing once the estimator has warmed up and the vessel is received.
     fn begin_landing(&mut self) {
@@ -275,7 +270,8 @@ impl Installed {
     fn assert_accepted(&self, out: &Output) {
         assert!(out.status.success(), "{out:?}\n{}", self.complaints());
     }
-    /// Neither an unauthorised peer nor the drone itself commands through the vessel, and people see that one tried.
+    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that the status
+    /// shows the attempt.
     fn assert_others_rejected(&self) {
         std::thread::scope(|scope| {
             for keys in ["other/operator-1", "drone-1"] {
@@ -300,7 +296,7 @@ impl Installed {
         let rejected = vessel["rejected"].as_array().expect("a list");
         assert!(!rejected.is_empty() && vessel["worst"] == "warning", "{vessel}");
     }
-    /// The simulated time since the start, s.
+    /// Simulated time since the start, s.
     fn time_s(&self, status: &Value) -> Option<f64> {
         status["metrics"]["world"]["time_since_start_s"].as_f64()
     }
@@ -308,14 +304,14 @@ impl Installed {
         let status = self.status();
         status["mission"]["state"].as_str().unwrap_or_default().to_owned()
     }
-    /// The world reports a success.
+    /// Asserts that the world reports a success.
     fn assert_success(&self) {
         let outcome = self.outcome();
-        // For people, with --nocapture.
+        // For --nocapture.
         println!("{outcome}");
         assert_eq!(outcome["outcome"], "success", "{}", self.complaints());
     }
-    /// The outcome that the world reports.
+    /// Outcome that the world reports.
     fn outcome(&self) -> Value {
         let lines = self.services["world"].lines();
         let mut reports = lines.filter_map(|line| serde_json::from_str::<Value>(&line).ok());
@@ -337,12 +333,11 @@ impl Drop for Installed {
     }
 }
 
-/// The vessel's estimate is fresh.
 fn fresh(status: &Value) -> bool {
     status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
 }
 
-/// The packages' users read what this test wrote.
+/// Lets the packages' users read what this test wrote.
 fn open_to_all(directory: &Path) {
     let mut waiting = vec![directory.to_path_buf()];
     while let Some(path) = waiting.pop() {
@@ -360,9 +355,9 @@ fn open_to_all(directory: &Path) {
     }
 }
 
-// The same of this program: `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
+// With this program instead: `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
 #[test]
-#[ignore = "of the installed packages, which deploy/packages/test makes"]
+#[ignore = "needs the installed packages, which deploy/packages/test makes"]
 fn landing_of_the_shipped_configurations() {
     let mut all = Installed::prepare("installed", 103, |_, _| {});
     all.begin_landing();
@@ -378,16 +373,16 @@ fn landing_of_the_shipped_configurations() {
     all.assert_success();
 }
 
-/// The way of the radio's datagrams between a drone and the vessel.
-struct Air {
+/// Path of the radio's datagrams between a drone and the vessel.
+struct RadioPath {
     silent: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
     ways: Vec<JoinHandle<()>>,
 }
 
-impl Air {
-    /// From the drone's port `from` to the vessel's endpoint, and back.
-    fn open(from: u16, endpoint: &str) -> Air {
+impl RadioPath {
+    /// Opens the path between the drone's port `from` and the vessel's endpoint.
+    fn open(from: u16, endpoint: &str) -> RadioPath {
         let drone = UdpSocket::bind(("127.0.0.1", from)).expect("a socket");
         let vessel = UdpSocket::bind("127.0.0.1:0").expect("a socket");
         vessel
@@ -405,7 +400,7 @@ impl Air {
                     .expect("set");
                 let mut buffer = vec![0; 1 << 16];
                 while !end.load(Ordering::Relaxed) {
-                    // A vessel that is started again accepts nothing meanwhile.
+                    // A restarting vessel accepts nothing meanwhile.
                     let Ok((n, sender)) = socket.recv_from(&mut buffer) else {
                         continue;
                     };
@@ -422,7 +417,7 @@ impl Air {
                 }
             })
         });
-        Air {
+        RadioPath {
             silent,
             end,
             ways: ways.into(),
@@ -433,7 +428,7 @@ impl Air {
     }
 }
 
-impl Drop for Air {
+impl Drop for RadioPath {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         for way in self.ways.drain(..) {
@@ -450,7 +445,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
         let connect = vec![format!("quic/127.0.0.1:{port}")];
         table(drone, "radio").insert("connect".into(), connect.into());
     });
-    let air = Air::open(port, &all.endpoint);
+    let radio_path = RadioPath::open(port, &all.endpoint);
     all.begin_landing();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let config = all.file("drone.toml");
@@ -458,8 +453,8 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
     all.assert_others_rejected();
-    air.silence(true);
-    // Each waits for an answer in vain, 12 s long.
+    radio_path.silence(true);
+    // Each waits 12 s in vain for an answer.
     let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
     let landing = std::thread::spawn(|| run("drone", land));
     std::thread::sleep(Duration::from_secs(2));
@@ -472,7 +467,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     signal(vessel.expect("it runs"), "-KILL");
     all.stop("vessel");
     all.start_ready("vessel");
-    air.silence(false);
+    radio_path.silence(false);
     all.status_when("the abort acts", |s| s["mission"]["state"] == "GaveUp");
     all.status_when("the vessel has the answer", |_| {
         let aborts = &all.vessel_status()["vessel"]["deck"]["aborts"];
@@ -481,7 +476,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     assert_eq!(all.state(), "GaveUp");
 }
 
-/// A drone that follows the vessel for so long before it descends.
+/// Lets a drone follow the vessel for this time before it descends.
 fn steady(drone: &mut Table, steady_s: f64) {
     let mission = table(table(drone, "drone"), "mission");
     mission.insert("steady_s".into(), steady_s.into());
@@ -498,7 +493,7 @@ fn restarted_computer_killed_supervisor_calibration() {
     let before = all.status();
     all.stop("drone");
     all.start_ready("drone");
-    // Every process of it, and the autopilot has kept the drone in the air meanwhile.
+    // All of its processes have restarted, and the autopilot has kept the drone in the air meanwhile.
     let after = all.status_when("flies on and receives the vessel", |s| {
         let t = all.time_s(s);
         t.is_some_and(|t| t > all.time_s(&before).unwrap_or(0.0)) && fresh(s)

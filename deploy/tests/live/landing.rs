@@ -1,5 +1,5 @@
-//! The live processes, each test with an instance of its own on the loopback interface. Nothing
-//! here asserts a time: the bounds on waiting are only against tests that never end.
+//! Live processes, each test with its own instance on the loopback interface. No test asserts a time; timeouts only end
+//! hanging tests.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
@@ -26,7 +26,7 @@ pub fn directory(instance: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{instance}"))
 }
 
-/// A landing that ends with its test, however that ends.
+/// Landing that ends with its test in any case.
 pub struct Land(Option<Child>);
 
 impl Land {
@@ -81,17 +81,15 @@ pub fn pid(status: &Value, process: &str) -> Option<u64> {
         .as_u64()
 }
 
-/// The processes' ids.
 fn pids(status: &Value) -> Vec<u64> {
     PROCESSES.iter().filter_map(|p| pid(status, p)).collect()
 }
 
-/// Output of `status` once all processes run.
 pub fn running(instance: &str) -> Value {
     status_when(instance, |s| pids(s).len() == PROCESSES.len())
 }
 
-/// A flight or a recording replays bit for bit; what that prints.
+/// Asserts that a flight or a recording replays bit for bit; returns the output.
 fn replay(path: &Path) -> String {
     let out = run(format!("replay {}", path.display()));
     let text = printed(&out);
@@ -103,7 +101,7 @@ fn replay(path: &Path) -> String {
     text
 }
 
-/// Makes one recording of a flight.
+/// Converts a flight into one recording.
 fn replay_to(flight: &Path, recording: &Path) {
     let out = run(format!(
         "replay {} --record {}",
@@ -113,7 +111,7 @@ fn replay_to(flight: &Path, recording: &Path) {
     assert!(out.status.success(), "{}", errors(&out));
 }
 
-/// Nothing of the instance is left: no process, no file in shared memory, no directory.
+/// Asserts that nothing of the instance is left: no process, no file in shared memory, no directory.
 fn assert_gone(instance: &str, pids: &[u64]) {
     for pid in pids {
         let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
@@ -191,7 +189,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     let listed = printed(&run(format!("flights {} --json", log.display())));
     assert!(listed.contains("\"outcome\":\"landed\""), "{listed}");
     let text = replay(&log);
-    // Without the truth, as a real flight has none.
+    // Without the truth, which a real flight does not have.
     let merged = log.with_extension("flight.mcap");
     replay_to(&log, &merged);
     replay(&merged);
@@ -200,7 +198,7 @@ fn replay_of_a_landing_among_hostile_packets() {
         assert!(text.contains(node), "{node}: {text}");
     }
     replay(&recording);
-    // The flight and the recording of it hold the same.
+    // The flight and its recording contain the same.
     let [of_flight, of_recording] =
         [&log, &recording].map(|path| printed(&run(format!("calibrate drone {} --json", path.display()))));
     assert!(of_flight.contains("\"identified\":true"), "{of_flight}");
@@ -211,7 +209,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     std::fs::remove_file(&plot).expect("removed");
 }
 
-/// Ends a process by SIGKILL; the status once another one has taken its place and `wanted`.
+/// Ends a process by SIGKILL; returns the status once another one has replaced it and `wanted` is true.
 fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bool) -> Value {
     signal(old, "-KILL");
     status_when(instance, |s| {
@@ -219,9 +217,9 @@ fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bo
     })
 }
 
-/// A pilot that starts while its recorder cannot be written to goes on, and records once it can.
+/// Asserts that a pilot whose recorder cannot be written to continues, and records once it can.
 fn assert_unwritable_recorder(instance: &str, log: &Path) {
-    // Permissions stop no test that runs as root: a file in the place of the directory does.
+    // Root ignores permissions, so a file takes the place of the directory.
     std::fs::rename(log, log.with_extension("before")).expect("moved");
     std::fs::write(log, "").expect("written");
     let old = pid(&status(instance), "pilot").expect("it runs");
@@ -248,21 +246,21 @@ fn killed_and_frozen_processes_and_an_interrupt() {
         let old = pid(&shown, process).expect("it runs");
         shown = killed(&name, process, old, |_| true);
     }
-    // The estimate still arrives: the vessel and the bridge found each other again.
+    // The estimate still arrives: the vessel and the bridge have reconnected.
     let fresh = |s: &Value| s["link"]["age_s"].as_f64().is_some_and(|age| age < 2.0);
     let shown = status_when(&name, |s| {
         fresh(s) && s["mission"].is_object() && pid(s, "view").is_some()
     });
     assert_eq!(pids(&shown).len(), PROCESSES.len());
 
-    // Without the viewers' server all others go on.
+    // Without the viewers' server all others continue.
     view::assert_shown(port, &name, &shown);
     let after = killed(&name, "view", pid(&shown, "view").expect("it runs"), |_| true);
     assert_eq!(pids(&shown), pids(&after));
     view::assert_shown(port, &name, &after);
     assert_unwritable_recorder(&name, &log);
 
-    // One that is frozen for good is killed and started again. Without a vessel the drone's computer goes on.
+    // A process that stays frozen is killed and restarted. Without a vessel the drone's computer continues.
     let shown = running(&name);
     let [pilot, vessel] = ["pilot", "vessel"].map(|p| pid(&shown, p).expect("it runs"));
     signal(pilot, "-STOP");
@@ -272,7 +270,7 @@ fn killed_and_frozen_processes_and_an_interrupt() {
         another(s, "pilot", pilot) && another(s, "vessel", vessel) && fresh(s)
     });
 
-    // Without their supervisor they end; what it could not clean up, the next start does.
+    // Without their supervisor the processes end; the next start cleans up what it could not.
     let orphans = pids(&shown);
     assert_eq!(orphans.len(), PROCESSES.len());
     first.kill();
@@ -332,19 +330,19 @@ fn fifty_starts_and_stops() {
     let name = instance("fifty");
     for k in 0..50_u64 {
         let child = land(&name, "--warm-up 600");
-        // Ended everywhere from the first file to full flight. Not by SIGINT: what a shell starts in the
-        // background ignores that one until its own handler is in place.
+        // Ended at every stage from the first file to full flight. SIGINT does not work here: processes that a shell
+        // starts in the background ignore it until their own handler is in place.
         std::thread::sleep(Duration::from_millis(37 * k % 900));
         signal(child.id(), "-TERM");
         let out = child.output();
         let errors = errors(&out);
-        // Before its handler is in place a signal ends it at once, and there is nothing to clean.
+        // Before the handler is in place a signal ends the program at once, and there is nothing to clean.
         assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {errors}");
         if out.status.code().is_some() {
             assert_gone(&name, &[]);
         }
     }
-    // What an early end left, the next start removes.
+    // The next start removes the remains of an early end.
     let last = land(&name, "--warm-up 600");
     let shown = running(&name);
     let pids = pids(&shown);

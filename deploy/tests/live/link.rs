@@ -1,4 +1,4 @@
-//! The link emulator between network namespaces, and a landing over it.
+//! Link emulator between network namespaces, and a landing over it.
 
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -30,7 +30,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
         }
         std::thread::sleep(Duration::from_millis(100));
     }
-    panic!("not within its time");
+    panic!("timed out");
 }
 
 #[test]

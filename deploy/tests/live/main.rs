@@ -1,7 +1,6 @@
-//! The program's processes on real sockets and shared memory. Nothing here asserts a time: the bounds on
-//! waiting are only against tests that never end.
+//! The program's processes on real sockets and shared memory. No test asserts a time; timeouts only end hanging tests.
 
-// A test of processes has to wait for them, and ends where one misbehaves.
+// Tests of processes have to wait for them, and fail when one misbehaves.
 #![allow(
     clippy::disallowed_methods,
     clippy::unwrap_used,

@@ -1,5 +1,4 @@
-//! The radio's watchdog, and an order among states. Nothing here asserts
-//! a time: the bounds on waiting are only against tests that never end.
+//! Watchdog of the radio, and an order among states. No test asserts a time; timeouts only end hanging tests.
 
 use std::time::Duration;
 
@@ -32,7 +31,7 @@ fn drone(endpoint: &str) -> Radio {
     .expect("opens")
 }
 
-/// Both sides send until both have received the other's newest message.
+/// Lets both sides send until each has received the other's newest message.
 fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     let (mut at_vessel, mut at_drone) = (false, false);
     for _ in 0..600 {
@@ -52,7 +51,7 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     panic!("not received: by the vessel {at_vessel}, by the drone {at_drone}");
 }
 
-/// The watchdog opens it once more.
+/// Asserts that the watchdog reopens the session.
 #[track_caller]
 fn assert_reopens(drone: &mut Radio) {
     let before = drone.counts().reopened;
@@ -66,7 +65,7 @@ fn assert_reopens(drone: &mut Radio) {
     panic!("the watchdog did not open it again");
 }
 
-/// A drone that does not read while its vessel sends without a pause, states by a number that grows.
+/// The drone does not read while its vessel sends without a pause; states bear a growing number.
 #[test]
 fn abort_after_ten_thousand_states() {
     const STATES: &str = "alight/vessel-1/estimate";
@@ -88,7 +87,7 @@ fn abort_after_ten_thousand_states() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let mut sent = 0_u64;
-    // Sends until so many states gave way at the drone; how many were sent.
+    // Sends until the drone has dropped this number of states; counts the sent ones.
     let mut flood = |vessel: &mut Radio, drone: &Radio, dropped: u64| {
         for _ in 0..10_000_000 {
             sent += 1;
@@ -101,7 +100,7 @@ fn abort_after_ten_thousand_states() {
     };
     let before = flood(&mut vessel, &drone, 10_000);
     vessel.send(1, b"abort".into());
-    // More have come than were sent before it, on the same stream.
+    // More states are dropped than were sent before the order, which shares their stream.
     flood(&mut vessel, &drone, before);
 
     let taken: Vec<_> = std::iter::from_fn(|| drone.receive(Duration::ZERO)).collect();
@@ -119,13 +118,13 @@ fn abort_after_ten_thousand_states() {
 fn radio_session_that_went_silent() {
     let endpoint = format!("udp/{}", free_udp());
     let mut drone = drone(&endpoint);
-    // Nothing is there yet.
+    // No vessel exists yet.
     assert_reopens(&mut drone);
     let mut vessel = vessel(&endpoint);
     assert_exchange(&mut vessel, &mut drone, 1);
     let flow = vessel.flows()[0];
     assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
-    // A vessel's computer that freezes: its session lives, but sends nothing.
+    // A vessel's computer freezes: its session lives, but sends nothing.
     assert_reopens(&mut drone);
     assert_exchange(&mut vessel, &mut drone, 2);
 }

@@ -1,5 +1,5 @@
-//! One landing at Moderate with the makers' own firmware at the controls of the simulated drone, where its
-//! program is on this computer. `firmware.rs` flies the same plant with a firmware of the tests' own.
+//! Landing at Moderate with the makers' own firmware at the controls of the simulated drone, if its program is on this
+//! computer. `firmware.rs` flies the same plant with the tests' own firmware.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -17,18 +17,16 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use crate::common::{errors, free_port, printed, run};
 
-/// A ground station, as MAVLink numbers them.
+/// MAVLink address of a ground station.
 const PERSON: Address = Address::new(255, 190);
-/// `MAV_CMD_NAV_TAKEOFF`.
 const TAKE_OFF: u16 = 22;
-/// Height above its pad to which the person takes off, m.
+/// Height above its pad to which the pilot takes off, m.
 const TAKE_OFF_M: f64 = 8.0;
-/// Higher than this above its pad it flies, m.
+/// Height above its pad beyond which the drone flies, m.
 const FLIES_M: f64 = 2.0;
-/// The firmware's estimator needs so long from its start, s.
+/// Time that the firmware's estimator needs from its start, s.
 const WARM_UP_S: &str = "80";
-/// Parameters of the makers' simulators, as docs/firmware.md has them; the last ones stand for what a
-/// calibrated vehicle has.
+/// Parameters of the makers' simulators, as in docs/firmware.md; the last ones replace those of a calibrated vehicle.
 const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
                       MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nGUID_TIMEOUT 0.3\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
                       COMPASS_OFS_Y 13\nCOMPASS_OFS_Z -18\nCOMPASS_OFS2_X 5\nCOMPASS_OFS2_Y 13\n\
@@ -47,7 +45,7 @@ const PX4: [(&str, &str); 7] = [
     ("MPC_ACC_UP_MAX", "8"),
 ];
 
-/// The firmware's second MAVLink, for a ground station.
+/// Second MAVLink of the firmware, for a ground station.
 enum Link {
     Tcp(u16, Option<TcpStream>),
     Udp(UdpSocket),
@@ -74,7 +72,7 @@ impl Link {
         buffer[..n].to_vec()
     }
     fn send(&mut self, bytes: &[u8]) {
-        // It may not be there yet.
+        // The firmware may not be there yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -82,13 +80,13 @@ impl Link {
     }
 }
 
-/// A pilot with a ground station: arms, takes off and gives the drone, as the firmware lets it.
+/// Pilot with a ground station, who arms, takes off and hands the drone over when the firmware permits it.
 struct Person {
     firmware: Firmware,
     link: Link,
     decoder: Decoder,
     encoder: Encoder,
-    /// Heartbeats of the firmware: one a second.
+    /// Heartbeats of the firmware, one a second.
     beats: u32,
     mode: u32,
     armed: bool,
@@ -124,7 +122,7 @@ impl Person {
             parameters,
         }));
     }
-    /// Number that the firmware has: PX4 counts its instances.
+    /// System number of the firmware: PX4 counts its instances.
     fn system(&self) -> u8 {
         match self.firmware {
             Firmware::Px4 => PX4_INSTANCE + 1,
@@ -165,22 +163,21 @@ impl Person {
                 self.command(TAKE_OFF, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, TAKE_OFF_M]);
             }
             Firmware::Px4 if !self.armed && self.aloft == 0 => self.command(command::ARM_DISARM, arm),
-            // Its take-off and then its hold.
+            // The take-off mode and then the hold mode.
             Firmware::Px4 if self.aloft == 0 => self.give_mode(4.0, 2.0),
             Firmware::Px4 if self.aloft > 8 && self.armed => self.give_mode(6.0, 0.0),
             Firmware::Px4 => {}
         }
     }
-    /// The mode that takes set-points.
+    /// Mode that accepts set-points.
     fn ours(&self) -> u32 {
         match self.firmware {
             Firmware::Px4 => px4_mode(6, 0),
             Firmware::ArduCopter => 4,
         }
     }
-    /// Until `end`.
     fn fly(mut self, end: &AtomicBool) -> Person {
-        // PX4 sends to whom it has received.
+        // PX4 sends to those from whom it has received.
         self.act();
         while !end.load(Ordering::Relaxed) {
             let bytes = self.link.receive();
@@ -210,10 +207,10 @@ impl Person {
     }
 }
 
-/// Which of several PX4 on this computer: its ports are counted from it.
+/// Instance number of PX4 on this computer, on which its ports depend.
 const PX4_INSTANCE: u8 = 7;
 
-/// A process that ends with the test.
+/// Process that ends with the test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -234,7 +231,7 @@ fn start(command: &mut Command, directory: &Path) -> Running {
     Running(running.expect("the firmware's program starts"))
 }
 
-/// Three ports that follow one another, the first and the third free.
+/// Three consecutive ports, of which the first and the third are free.
 fn ports() -> u16 {
     let free = |p: u16| TcpListener::bind(("127.0.0.1", p)).is_ok();
     (20_000..30_000)
@@ -243,7 +240,7 @@ fn ports() -> u16 {
         .expect("free ports")
 }
 
-/// One flight; whether it was a successful landing.
+/// Flies once; whether the landing was a success.
 fn flight(firmware: Firmware, program: &Path) -> bool {
     let name = format!("own-{}-{}", firmware as u8, std::process::id());
     let directory = std::env::temp_dir().join(&name);
@@ -306,7 +303,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     drop(running);
     let (errors, text) = (errors(&out), printed(&out));
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
-    // For people, with --nocapture.
+    // For --nocapture.
     println!("{outcome}");
     let success = outcome["outcome"] == "success";
     if !success {
@@ -320,7 +317,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     success
 }
 
-/// A successful landing in one of two flights: computers that are busy are no hard real time.
+/// Asserts a successful landing in one of two flights: busy computers are not hard real time.
 fn land(firmware: Firmware, variable: &str) {
     // One after the other: they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());

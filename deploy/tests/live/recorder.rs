@@ -1,5 +1,5 @@
-//! The flight recorder of a real process, which is killed. Nothing here asserts a time but the rounds that are run by
-//! hand: `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
+//! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time: `cargo test
+//! --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -16,10 +16,10 @@ use serde_json::Value;
 
 use crate::common::{errors, free_udp, instance, printed, run, scratch, service};
 
-/// A step of the vessel as it is recorded: time, input, what is left out of it, hash of the output.
+/// Recorded step of the vessel: time, input, omitted parts of it, hash of the output.
 type Step = (i64, ComputerIn, [u8; 3], u64);
 
-/// A vessel's computer that records, and what its sensors measured in a simulated flight.
+/// Vessel's computer that records, and its sensors' measurements in a simulated flight.
 struct Vessel {
     directory: PathBuf,
     instance: String,
@@ -30,7 +30,7 @@ impl Drop for Vessel {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             let _left = std::fs::remove_dir_all(&self.directory);
-            // One that was killed leaves its memory.
+            // A killed process leaves its memory behind.
             let instance = Instance::new(&self.instance).expect("a name");
             let _left = instance.wipe();
             let _left = std::fs::remove_dir_all(instance.directory());
@@ -43,7 +43,7 @@ impl Vessel {
         let directory = scratch(name);
         let _none = std::fs::remove_dir_all(&directory);
         std::fs::create_dir_all(&directory).expect("made");
-        // Its memory has a directory of its own.
+        // The memory has a directory of its own.
         let instance = instance(&format!("v-{name}"));
         let config = directory.join("vessel.toml");
         let flights = directory.join("flights");
@@ -65,16 +65,15 @@ impl Vessel {
     fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
-    /// The memory, once the process that made it has all services in it.
     fn memory(&self) -> Option<Memory> {
         let instance = Instance::new(&self.instance).expect("a name");
         let owner = std::fs::read_to_string(instance.directory().join("ready")).ok()?;
         let lives = Path::new("/proc").join(owner).exists();
         lives.then(|| Memory::join(&instance, "test").expect("joined"))
     }
-    /// Sends the recorded readings at their own pace, for so long.
+    /// Sends the recorded readings at their own rate for `ms`.
     fn feed(&self, ms: u64) {
-        // There is no receiver before the service has begun.
+        // The service has no receiver before it runs.
         let memory = self.memory();
         let mut sensors = memory
             .as_ref()
@@ -86,7 +85,7 @@ impl Vessel {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
-    /// Until the newest flight, of so many, has a file that holds steps.
+    /// Feeds until there are `flights` flights and the newest has a file with steps.
     fn feed_until_synchronised(&self, flights: usize) {
         let mut beginning = None;
         for _ in 0..1_000 {
@@ -98,7 +97,7 @@ impl Vessel {
                 continue;
             };
             let bytes = std::fs::metadata(part).map_or(0, |m| m.len());
-            // Before the first steps there is the configuration.
+            // The configuration precedes the first steps.
             if bytes > 0 && bytes > *beginning.get_or_insert(bytes) {
                 return;
             }
@@ -115,19 +114,18 @@ impl Vessel {
     }
 }
 
-/// Whether this is a file that the vessel's process records; its supervisor has files of its own.
+/// Whether the vessel's process recorded this file; its supervisor has files of its own.
 fn is_of_the_estimator(file: &Path) -> bool {
     let name = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
     name.starts_with("vessel-") && name.ends_with(".mcap")
 }
 
-/// The files in a directory.
 fn below(directory: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     entries.map(|e| e.path()).collect()
 }
 
-/// Measurements of the vessel's sensors in a trial, step by step.
+/// Measurements of the vessel's sensors in a trial, by step.
 fn readings(directory: &Path) -> Vec<Readings> {
     let (recording, scenario) = (directory.join("trial.mcap"), directory.join("trial.toml"));
     std::fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
@@ -150,13 +148,12 @@ fn readings(directory: &Path) -> Vec<Readings> {
         .collect()
 }
 
-/// People's time, ns.
 fn utc_ns() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970");
     u64::try_from(since.as_nanos()).expect("before 2500")
 }
 
-/// The newest step in a flight, ns of people's time, without what its files may lack at their ends.
+/// Time of the newest step in a flight, time of day, ns, without the incomplete ends of its files.
 fn newest_ns(flight: &Path) -> u64 {
     let files = std::fs::read_dir(flight)
         .expect("read")
@@ -165,14 +162,14 @@ fn newest_ns(flight: &Path) -> u64 {
     let parts = files.filter(|f| is_of_the_estimator(f));
     let newest = |path: PathBuf| {
         let file = std::fs::read(path).expect("read");
-        // Repaired: with an end.
+        // Repaired files have an end.
         let messages = mcap::MessageStream::new(&file).expect("a part");
         messages.map(|m| m.expect("whole").log_time).max()
     };
     parts.filter_map(newest).max().expect("steps")
 }
 
-/// Kills the vessel's process so often while it records; what each flight lacks at its end, s.
+/// Kills the recording vessel's process `rounds` times; returns the time missing at the end of each flight, s.
 fn kill(vessel: &Vessel, rounds: u64) -> Vec<f64> {
     let mut missing_s = Vec::new();
     for round in 0..rounds {
@@ -230,7 +227,7 @@ fn killed_recording() {
     const KILLS: usize = 3;
     let vessel = Vessel::prepare("killed");
     assert_eq!(kill(&vessel, KILLS as u64).len(), KILLS);
-    // One that ends in order.
+    // A process that ends in order.
     let mut process = vessel.start();
     vessel.feed_until_synchronised(KILLS + 1);
     let running = &vessel.flights("--mend")[KILLS];
@@ -256,7 +253,7 @@ fn killed_recording() {
     let out = run(format!("replay {}", all.display()));
     assert_eq!(out.status.code(), Some(2));
     assert!(
-        errors(&out).contains("holds flights and is none"),
+        errors(&out).contains("holds flights but is not one"),
         "{}",
         errors(&out)
     );

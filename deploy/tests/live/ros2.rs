@@ -1,5 +1,5 @@
-//! The node of ROS 2 next to a landing of all processes, received by a plain session of Zenoh through a router that is started
-//! after it, as rmw_zenohd may be.
+//! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that starts after
+//! the node, as rmw_zenohd may.
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
@@ -18,34 +18,31 @@ use crate::landing::{land, status_when};
 
 /// Stamp and frame.
 type Header = ((i32, u32), String);
-/// Position and quaternion (x, y, z, w), and their covariance.
+/// Position and quaternion (x, y, z, w), with covariance.
 type Pose = ([f64; 7], [[f64; 6]; 6]);
-/// Velocity and rates, and their covariance.
+/// Velocity and rates, with covariance.
 type Twist = ([f64; 6], [[f64; 6]; 6]);
 type Odometry = (Header, String, Pose, Twist);
 /// Level, name, message, hardware, values.
 type DiagnosticRow = (u8, String, String, String, Vec<(String, String)>);
 type Diagnostics = (Header, Vec<DiagnosticRow>);
-/// Success, message.
 type Response = (bool, String);
 
 const TRIGGER: &str = "std_srvs::srv::dds_::Trigger_/*";
-/// A request of `Trigger`, whose one byte stands for nothing (pyzeros 0.1.0: `Trigger.Request().serialize()`).
+/// Request of `Trigger`, whose one byte has no meaning (pyzeros 0.1.0: `Trigger.Request().serialize()`).
 const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 
-/// The drone is there 60 s before the landing is commanded.
+/// Scenario in which the drone hovers for 60 s before the landing is commanded.
 const HOVER: &str = "[start]\nhover_s = 60.0\n";
 
-/// A port of TCP that is free.
 pub fn free_tcp_port() -> u16 {
     let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }
 
-/// A bound against a test that never ends.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// `alight ros2`, which ends by SIGTERM with the exit code 0, and what it prints.
+/// `alight ros2` and its output; SIGTERM ends it with the exit code 0.
 struct Node(Child, Receiver<String>);
 
 impl Node {
@@ -62,7 +59,7 @@ impl Node {
         std::thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| to.send(line)));
         Node(child, printed)
     }
-    /// The next line.
+    /// Asserts that the next line contains `what`.
     fn prints(&self, what: &str) {
         let line = self.1.recv_timeout(TIMEOUT).expect("a line");
         assert!(line.contains(what), "{line}");
@@ -85,7 +82,6 @@ fn session(mode: &str, list: &str, port: u16) -> zenoh::Session {
     zenoh::open(config).wait().expect("a session")
 }
 
-/// Samples on these keys.
 fn received(session: &zenoh::Session, keys: &str) -> Receiver<Sample> {
     let (to, from) = channel();
     session
@@ -104,7 +100,6 @@ fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> T {
     value
 }
 
-/// The next message that is `wanted`.
 fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> bool) -> T {
     loop {
         let sample = from.recv_timeout(TIMEOUT).expect("a message");
@@ -116,7 +111,7 @@ fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> 
     }
 }
 
-/// Calls a service with this attachment; its response and that one's attachment, or the error.
+/// Calls a service with this attachment; returns the response with its attachment, or the error.
 fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Response, Vec<u8>), String> {
     let replies = session
         .get(key)
@@ -135,7 +130,7 @@ fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Respo
     }
 }
 
-/// Asks for what the graph of ROS knows until it has so many entities.
+/// Queries ROS's graph until it has `all` entities.
 fn tokens(session: &zenoh::Session, all: usize) -> Vec<String> {
     for _ in 0..600 {
         let replies = session.liveliness().get("@ros2_lv/7/**").wait().expect("asked");
@@ -152,7 +147,7 @@ fn tokens(session: &zenoh::Session, all: usize) -> Vec<String> {
     panic!("not {all} entities");
 }
 
-/// Poses of drone and deck, and findings, of one time.
+/// Asserts that poses of drone and deck, and findings, bear about the same time.
 fn assert_published(client: &zenoh::Session, name: &str) {
     let topic = |topic: &str| {
         received(
@@ -170,11 +165,11 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     let key = "7/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
     let summary = |(_, all): &Diagnostics| all[0].1 == "drone_1: summary" && all[0].2.contains("Idle");
     let (judged, _): Diagnostics = message(&received(client, key), summary);
-    // Of the system's clock, not of the computer's start or the landing's.
+    // Time of the system's clock, not since the start of computer or landing.
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
-/// Attachment of a request that was sent so long ago.
+/// Attachment of a request of this age.
 fn attachment(age: Duration) -> Vec<u8> {
     let sent = SystemTime::now() - age;
     let since = sent.duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
@@ -183,7 +178,8 @@ fn attachment(age: Duration) -> Vec<u8> {
     all
 }
 
-/// A client's request is answered by what the mission shows; an invalid request is rejected with the reason.
+/// Asserts that a client's request is answered by the mission's state, and that an invalid request is rejected with the
+/// reason.
 fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let abort = format!("{name}/abort/{TRIGGER}");
     assert!(call(client, &abort, &[1, 2, 3]).is_err());
@@ -191,7 +187,7 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let new = attachment(Duration::ZERO);
     assert!(call(client, &every, &new).is_err_and(|why| why.contains("wildcard")));
     let land = format!("{name}/land/{TRIGGER}");
-    // It was held back by the network for a minute.
+    // The network delayed it for a minute.
     let old = attachment(Duration::from_secs(60));
     let ((success, text), _) = call(client, &land, &old).expect("answered");
     assert!(!success && text.contains("by its own stamp"), "{text}");
@@ -199,7 +195,7 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let ((success, text), _) = call(client, &land, &attachment).expect("answered");
     assert!(success && text.starts_with("drone 1: "), "{text}");
     let ((success, text), answered) = call(client, &abort, &attachment).expect("answered");
-    // It had begun or not.
+    // The landing had begun or not.
     assert!(success && text.contains("operator's command"), "{text}");
     let own = |a: &[u8]| (a[..8].to_vec(), a[16..].to_vec());
     assert_eq!(own(&answered), own(&attachment));
@@ -209,7 +205,7 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
 #[test]
 fn ros2_node_of_a_landing() {
     let (instance, port) = (instance("ros2"), free_tcp_port());
-    // It comes before everything that it needs.
+    // The node starts before everything that it needs.
     let node = Node::start(&instance, port);
     node.prints("no router at");
     let router = session("router", "listen/endpoints", port);
@@ -227,7 +223,7 @@ fn ros2_node_of_a_landing() {
     assert_published(&client, name);
     assert_orders(&client, name, &instance);
 
-    // Nothing runs any more, and then there is no router: it reports that, and ends when it is asked to.
+    // Nothing runs any more, and then there is no router: the node reports that, and ends when asked to.
     drop(landing);
     let land = format!("{name}/land/{TRIGGER}");
     let ((success, text), _) = call(&client, &land, &attachment(Duration::ZERO)).expect("answered");

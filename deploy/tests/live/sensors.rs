@@ -1,5 +1,5 @@
-//! `alight sensors` as a process on real sockets: a boat's sensors at one end, the vessel's process at the
-//! other; their links and decoders have tests of their own. Nothing here asserts a time: bounds on waiting are only against tests that never end.
+//! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process at the
+//! other; links and decoders have their own tests. No test asserts a time; timeouts only end hanging tests.
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -9,14 +9,14 @@ use std::time::Duration;
 use alight_transport::memory::{Instance, Memory, Services};
 use serde_json::Value;
 
-use crate::common::{Running, alight, free_udp, instance, once, run, scratch, service, signal};
+use crate::common::{Running, alight, errors, free_udp, instance, once, run, scratch, service, signal};
 use crate::landing::pid;
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
     format!("${body}*{sum:02X}\r\n")
 }
-/// A vessel's memory without its other processes, and `alight sensors` with these sources in it.
+/// Memory of a vessel without its other processes, and `alight sensors` with these sources in it.
 pub struct Sensors {
     program: Running,
     pub memory: Memory,
@@ -46,7 +46,7 @@ impl Sensors {
             config,
         }
     }
-    /// Ends it as systemd does: both signals wait for it, the one that asks it to end and the one that follows.
+    /// Stops it as systemd does: both signals are pending, the one that asks it to end and the one that follows.
     pub fn assert_stops(mut self) {
         let program = &mut self.program.0;
         for name in ["-STOP", "-TERM", "-CONT"] {
@@ -83,7 +83,7 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
     once(what, look, wanted)
 }
 
-/// Sends as a mast that never falls silent, and damages one sentence in ten, until it is ended.
+/// Sends the sentences of a mast without a pause, one in ten damaged, until ended.
 fn send_sentences(to: &str, ended: &Receiver<()>) {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut k = 0;
@@ -94,7 +94,7 @@ fn send_sentences(to: &str, ended: &Receiver<()>) {
                 "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
             ))
             + if k % 10 == 0 { "$PASHR,damaged*00\r\n" } else { "" };
-        // There is no receiver while the process is started again.
+        // There is no receiver while the process restarts.
         let _missed = socket.send_to(all.as_bytes(), to);
         k += 1;
     }
@@ -106,10 +106,13 @@ fn vessel_process_with_its_sensors() {
     let directory = scratch("sensors-vessel");
     std::fs::create_dir_all(&directory).unwrap();
     let config = directory.join("vessel.toml");
+    let flights = directory.join("flights");
     let text = format!(
-        "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
-         connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
-        instance("mast")
+        "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[recorder]\ndirectory = \"{}\"\n\
+         [[sensor.sources]]\nname = \"mast\"\nconnect = \"udpin://{udp}\"\n\
+         [[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
+        instance("mast"),
+        flights.display()
     );
     std::fs::write(&config, text).unwrap();
     let mut program = service("vessel", &directory, &[]);
@@ -148,13 +151,13 @@ fn vessel_process_with_its_sensors() {
         (&of("mast: ")["level"], &of("spare: ")["level"]),
         (&"fine".into(), &"warning".into())
     );
-    // One that stands still is killed and started again.
+    // A frozen process is killed and restarted.
     let killed = pid(&status, "sensors").expect("it runs");
     signal(killed, "-STOP");
     status_when(&config, "another process reads the mast", |status| {
         pid(status, "sensors").is_some_and(|now| now != killed) && is_fresh(&status["sources"][0])
     });
-    // With the vessel's process its sensors' ends too.
+    // The sensors' process ends with the vessel's process.
     assert!(program.stop(), "it was killed");
     assert!(
         (0..100).any(|_| {
@@ -165,5 +168,21 @@ fn vessel_process_with_its_sensors() {
     );
     end.send(()).unwrap();
     mast.join().unwrap();
+    // Both starts of the sensors, the killed one too, compute the same measurements again.
+    let flight = std::fs::read_dir(&flights).unwrap().flatten().next().unwrap();
+    let replay = run(format!("replay {} --json", flight.path().display()));
+    assert!(replay.status.success(), "{}", errors(&replay));
+    let replay: Value = serde_json::from_slice(&replay.stdout).unwrap();
+    let of_sensors = |n: &&Value| n["node"].as_str().is_some_and(|n| n.starts_with("sensors-"));
+    let starts: Vec<&Value> = replay["nodes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(of_sensors)
+        .collect();
+    assert!(
+        starts.len() == 2 && starts.iter().all(|n| n["steps"].as_u64() > Some(20)),
+        "{replay}"
+    );
     std::fs::remove_dir_all(directory).unwrap();
 }

@@ -1,5 +1,5 @@
-//! A Signal K server at the other end: `alight signalk` towards it, and its deltas as a vessel's sensor. Nothing here asserts a
-//! time: bounds on waiting are only against tests that never end.
+//! `alight signalk` with a Signal K server, and its deltas as a vessel's sensor. No test asserts a time; timeouts only
+//! end hanging tests.
 
 use std::net::{TcpListener, TcpStream};
 use std::process::Stdio;
@@ -13,13 +13,13 @@ use tungstenite::{Message, WebSocket};
 use crate::common::{Running, alight, instance, signal};
 use crate::sensors::Sensors;
 
-/// A server on a free port of loopback, and its address.
+/// Server on a free loopback port, and its address.
 fn server() -> (TcpListener, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("ws://{}", listener.local_addr().unwrap());
     (listener, url)
 }
-/// The next client, greeted.
+/// Next client, greeted.
 fn client(listener: &TcpListener) -> WebSocket<TcpStream> {
     let (stream, _) = listener.accept().unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -41,7 +41,7 @@ fn signalk_client_across_a_restart_of_the_server() {
     let mut program = Running(child);
     for _ in 0..2 {
         let mut socket = client(&listener);
-        // No answer, and no order.
+        // Neither an answer nor an order results.
         let put =
             r#"{"requestId":"1","context":"vessels.self","put":{"path":"alight.deck.closed","value":true}}"#;
         socket.send(Message::text(put)).unwrap();
@@ -58,7 +58,7 @@ fn signalk_client_across_a_restart_of_the_server() {
                 .find(|v| v["path"] == path)
                 .map(|v| v["value"].clone())
         };
-        // Nothing runs: every connection is sent all of it.
+        // Nothing runs: every connection is sent everything.
         assert_eq!(of("alight.drones.1.running"), Some(false.into()), "{delta}");
         assert_eq!(
             of("notifications.alight.drones.1.processes").unwrap()["state"],

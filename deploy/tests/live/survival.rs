@@ -1,5 +1,5 @@
-//! Survival: of a vessel with a full recorder, of a supervisor with a process that cannot be started, of the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never
-//! end.
+//! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the deck's state.
+//! No test asserts a time; timeouts only end hanging tests.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ use serde_json::Value;
 use crate::common::{self, alight, free_udp, instance, printed, run, scratch, service};
 use crate::landing::{pid, status_when};
 
-/// A vessel's computer without sensors, on the loopback interface.
+/// Vessel's computer without sensors, on the loopback interface.
 struct Vessel {
     directory: PathBuf,
     config: PathBuf,
@@ -33,7 +33,7 @@ impl Vessel {
         std::fs::create_dir_all(&directory).expect("made");
         let config = directory.join("vessel.toml");
         let endpoint = format!("udp/{}", free_udp());
-        // Its memory has a directory of its own.
+        // The memory has a directory of its own.
         let instance = instance(&format!("v-{name}"));
         let text = format!("vessel_id = 1\ninstance = \"{instance}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
         std::fs::write(&config, text).expect("written");
@@ -48,7 +48,7 @@ impl Vessel {
     fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
-    /// The crew's order for the deck.
+    /// Gives the crew's order for the deck.
     fn command_deck(&self, order: &str) {
         let config = self.config.display().to_string();
         let out = alight(format!("command deck {order} --json --config {config}"))
@@ -57,18 +57,17 @@ impl Vessel {
             .expect("runs");
         assert!(out.status.success(), "{out:?}");
     }
-    /// The file of the deck's state.
     fn deck_file(&self) -> PathBuf {
         let files = std::fs::read_dir(&self.directory).expect("read").flatten();
         let mut paths = files.map(|f| f.path());
         let deck = |p: &PathBuf| p.extension().is_some_and(|e| e == "deck");
         paths.find(deck).expect("the deck's state")
     }
-    /// The content; None: it cannot be read.
+    /// Content of the deck's state; None if it cannot be read.
     fn kept(&self) -> Option<VesselCheckpoint> {
         deck_file::load(&self.deck_file(), 1).ok().flatten()
     }
-    /// The radio of a drone with this number, which speaks without a bridge.
+    /// Radio of a drone with this number, without a bridge.
     fn drone(&self, number: u32) -> Radio {
         let dial = RadioConfig::dialling(&self.endpoint, TlsConfig::default());
         let key = format!("alight/drone-{number}/status");
@@ -93,7 +92,6 @@ impl Drop for Vessel {
     }
 }
 
-/// The finding about this topic.
 fn finding<'a>(status: &'a Value, topic: &str) -> Option<&'a Value> {
     status["findings"]
         .as_array()?
@@ -108,13 +106,13 @@ fn flight_with_a_camera_that_cannot_be_started() {
     let _none = std::fs::remove_dir_all(&directory);
     std::fs::create_dir_all(&directory).expect("made");
     let file = |name: &str| directory.join(name);
-    // A program of its own, which can lose its permission to be executed; without one not even root may.
+    // Copy of the program, which can lose its permission to be executed; without one not even root may.
     let program = file("alight");
     std::fs::copy(env!("CARGO_BIN_EXE_alight"), &program).expect("copied");
     let permit = |mode| {
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(mode)).expect("permitted");
     };
-    // Its camera's device is not there either.
+    // The camera's device is missing, too.
     let text = format!(
         "instance = {name:?}\n[camera]\nsource = \"/nonexistent/video0\"\n[autopilot]\nconnect = \"udpin://{}\"\n",
         free_udp()
@@ -180,7 +178,7 @@ fn vessel_with_a_deck_switch_and_a_full_recorder() {
     );
 }
 
-/// A drone stands on the deck.
+/// Whether a drone stands on the deck.
 fn stands(kept: &VesselCheckpoint) -> bool {
     kept.deck.claims.iter().any(|c| c.claim == Claim::OnDeck)
 }
@@ -191,7 +189,7 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     let mut process = vessel.start();
     let mut drone = vessel.drone(1);
     let mut sequence = 0;
-    // It lands, and is switched off.
+    // The drone lands, and is switched off.
     vessel.status_when("the drone is received on the deck", |s| {
         sequence += 1;
         let status = DroneStatus {

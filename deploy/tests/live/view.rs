@@ -1,4 +1,4 @@
-//! The viewers' server next to a landing of all processes.
+//! Server for viewers next to a landing of all processes.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-/// The page's newest picture.
 fn picture(port: u16) -> Value {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("the page's address");
     stream
@@ -20,7 +19,7 @@ fn picture(port: u16) -> Value {
     serde_json::from_str(body).unwrap_or_else(|e| panic!("{e}: {answer}"))
 }
 
-/// The page draws what `alight status --json` prints.
+/// Asserts that the page draws the output of `alight status --json`.
 pub fn assert_shown(port: u16, instance: &str, status: &Value) {
     let shown = picture(port);
     assert_eq!(shown["state"]["name"], "Idle", "{shown}");

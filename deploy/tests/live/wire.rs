@@ -1,5 +1,5 @@
-//! The radio for programs of others, peers that come late, and a router between vessel and drone. Nothing here asserts a
-//! time: the bounds on waiting are only against tests that never end.
+//! Radio for other programs, late peers, and a router between vessel and drone. No test asserts a time; timeouts only
+//! end hanging tests.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::ros2::free_tcp_port;
 
 const WAVE: &str = "alight/vessel-1/wave";
 const STATUS: &str = "alight/drone-1/status";
-/// A bound against a test that never ends.
+/// Timeout of a hanging test, in steps.
 const TRIES: usize = 1000;
 const STEP: Duration = Duration::from_millis(20);
 
@@ -28,7 +28,7 @@ fn drone(config: &RadioConfig) -> Radio {
     let publications = vec![Publication::new(STATUS, Urgency::Status).of(&topics::DRONE_STATUS)];
     Radio::open(config, publications, vec![Subscription::asked(WAVE)]).expect("opens")
 }
-/// The first message that the radio receives while it asks; None: none came.
+/// First message that the radio receives while it queries; None without one.
 fn asked(radio: &mut Radio, tries: usize) -> Option<Received> {
     (0..tries).find_map(|_| {
         radio.ask();
@@ -45,7 +45,7 @@ fn assert_until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
     panic!("{what}");
 }
-/// A program of somebody else's, which knows nothing of Alight.
+/// Session of a program without knowledge of Alight.
 fn foreign(settings: &[(&str, String)]) -> zenoh::Session {
     let mut config = zenoh::Config::default();
     for (key, value) in settings {
@@ -73,7 +73,7 @@ fn through(endpoint: &str, tls: TlsConfig) -> RadioConfig {
         ..RadioConfig::dialling(endpoint, tls)
     }
 }
-/// Answer on a key.
+/// Replies to a query of this key.
 fn answers(session: &zenoh::Session, key: &str) -> Vec<Sample> {
     let replies = session.get(key).wait().expect("asks");
     replies.into_iter().filter_map(|r| r.into_result().ok()).collect()
@@ -81,7 +81,7 @@ fn answers(session: &zenoh::Session, key: &str) -> Vec<Sample> {
 fn text(sample: &Sample) -> String {
     String::from_utf8_lossy(&sample.payload().to_bytes()).into_owned()
 }
-/// Both receive the other's message, sent again and again.
+/// Asserts that both receive the other's message, sent repeatedly.
 #[track_caller]
 fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     let (mut at_vessel, mut at_drone) = (false, false);
@@ -108,7 +108,7 @@ fn foreign_program_on_the_radio() {
     assert_until("no schema is answered", || {
         !answers(&unauthorised, "alight/vessel-1/@schema/**").is_empty()
     });
-    // The schema of what is published here, and of nothing else.
+    // Only the schemas of the published topics are answered.
     let mut schemas = Vec::new();
     assert_until("no schema is answered a second time", || {
         schemas = answers(&unauthorised, "alight/*/@schema/**");
@@ -120,7 +120,7 @@ fn foreign_program_on_the_radio() {
     let schema: serde_json::Value = serde_json::from_str(&text(&schemas[0])).expect("JSON");
     assert_eq!(schema, topics::WAVE.described());
     assert!(answers(&unauthorised, "alight/vessel-1/@schema/estimate").is_empty());
-    // It asks for the newest, which was published before it came.
+    // The client queries the newest message, which was published before it came.
     let encoding = format!("application/octet-stream;{}", Topic::encoding_schema());
     let newest_for = |bytes: usize| -> Vec<Sample> {
         let replies = unauthorised.get(WAVE).payload(vec![0_u8; bytes]).wait();
@@ -138,7 +138,7 @@ fn foreign_program_on_the_radio() {
         (1, &[7; 100][..])
     );
     assert_eq!(newest[0].encoding().to_string(), encoding);
-    // And it sees who is there.
+    // It also sees which peers are present.
     let alive = unauthorised.liveliness().get("alight/*").wait().expect("asks");
     let alive = alive.into_iter().filter_map(|r| r.into_result().ok());
     let alive: Vec<String> = alive.map(|s| s.key_expr().to_string()).collect();
@@ -161,7 +161,7 @@ fn foreign_program_on_the_radio() {
     );
 }
 
-/// It is answered with the message that the vessel holds, whatever that has broadcast since.
+/// A late drone is answered with the message that the vessel holds, whatever the vessel has broadcast since.
 #[test]
 fn drone_that_comes_late() {
     let keys = common::certificates("late");
@@ -197,7 +197,7 @@ fn answer_on_the_key_of_another_vessel() {
     common::keys(&keys, "vessel 2 --address 127.0.0.1");
     let endpoint = format!("quic/{}", free_udp());
     let own = |file: &str| format!("{:?}", keys.join("vessel-2").join(file).display().to_string());
-    // A vessel that is admitted, too, holds what is another's.
+    // An admitted vessel offers messages on another's key.
     let intruder = foreign(&[
         ("listen/endpoints", format!("[\"{endpoint}?mixed_rel=auto\"]")),
         ("scouting/multicast/enabled", "false".into()),
@@ -219,7 +219,7 @@ fn answer_on_the_key_of_another_vessel() {
     let publications = vec![Publication::new(STATUS, Urgency::Status)];
     let subscriptions = vec![Subscription::asked(WAVE), "alight/vessel-2/estimate".into()];
     let mut drone = Radio::open(&dial, publications, subscriptions).expect("opens");
-    // On its own key it is received, for long enough that it would have been asked.
+    // Messages on its own key are received, for long enough that it would have been queried.
     let mut own_key = 0;
     for _ in 0..TRIES {
         let _put = intruder.put("alight/vessel-2/estimate", vec![2; 10]).wait();
@@ -239,12 +239,12 @@ fn answer_on_the_key_of_another_vessel() {
 fn router_that_comes_late_and_starts_again() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let config = through(&endpoint, TlsConfig::default());
-    // Neither waits for a router that is not there.
+    // Neither waits for a missing router.
     let (mut vessel, mut drone) = (vessel(&config), drone(&config));
     vessel.hold(0, vec![0; 10]);
     vessel.send(0, vec![0; 10]);
     assert_eq!(vessel.counts().unsent, 1);
-    // What stood still is restored by a watchdog, which a vessel has not.
+    // A watchdog restores a suspended session; a vessel has none.
     drone.watch(0.0);
     assert!(drone.survives_pause(100.0) && !vessel.survives_pause(100.0) && vessel.survives_pause(1.0));
     let first = router(&endpoint);
@@ -293,7 +293,7 @@ fn router_with_certificates() {
     assert_exchange(&mut vessel, &mut drone, 1);
     vessel.hold(0, vec![2; 10]);
     assert!(asked(&mut drone, TRIES).is_some());
-    // A certificate of the authority that the router has no rule for, and one on another's key.
+    // A certificate of the authority without a rule in the router, and one on another's key.
     let mut unauthorised = Radio::open(
         &of("drone-2", "vessel-1"),
         vec![
@@ -303,7 +303,7 @@ fn router_with_certificates() {
         vec![WAVE],
     )
     .expect("opens");
-    // It has a session before anything is claimed of what it sends.
+    // The session is established before the assertions.
     assert_until("the unauthorised peer has no session", || {
         unauthorised.send(0, vec![6; 30]);
         unauthorised.send(1, vec![6; 30]);

@@ -1,30 +1,30 @@
-//! Why the radio rejected a peer.
+//! Reasons for which the radio rejects a peer.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Why a peer was rejected.
+/// Reason for rejecting a peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AccessRejection {
-    /// A session without a certificate.
+    /// Session without a certificate.
     NoCertificate = 1,
-    /// A certificate of another authority.
+    /// Certificate of another authority.
     OtherAuthority,
-    /// An expired certificate, or one not yet valid.
+    /// Certificate expired or not valid yet.
     Expired,
-    /// A stream without TLS.
+    /// Stream without TLS.
     NotTls,
-    /// Another failure of the handshake.
+    /// Other failure of the handshake.
     Handshake,
-    /// A good certificate whose name is not among our peers.
+    /// Valid certificate with a name that is not admitted.
     Name,
-    /// A peer's message on a key that is not its own.
+    /// Message on a key that does not belong to its publisher.
     Key,
 }
 
 impl AccessRejection {
-    /// All, in the order of their numbers.
+    /// All reasons in the order of their numbers.
     pub const ALL: [AccessRejection; 7] = [
         AccessRejection::NoCertificate,
         AccessRejection::OtherAuthority,
@@ -34,7 +34,7 @@ impl AccessRejection {
         AccessRejection::Name,
         AccessRejection::Key,
     ];
-    /// Name of the access for messages.
+    /// Name for messages.
     pub const fn name(self) -> &'static str {
         match self {
             AccessRejection::NoCertificate => "no certificate",
@@ -43,7 +43,7 @@ impl AccessRejection {
             AccessRejection::NotTls => "plain TCP, no TLS",
             AccessRejection::Handshake => "a failed handshake",
             AccessRejection::Name => "a name that is not admitted",
-            AccessRejection::Key => "a key that is not the speaker's",
+            AccessRejection::Key => "a key that is not the publisher's",
         }
     }
 }

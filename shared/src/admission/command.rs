@@ -1,26 +1,27 @@
-//! Admission of operators' commands: the rules by which the mission admits them; the vessel's relay and the drone's bridge
-//! take from here what concerns them.
+//! Admission rules for operator commands. The mission uses all of them, the vessel's relay and the drone's bridge some.
 //!
-//! - A command counts once. Its repetitions bear the time at which it was given, by which they are known: an error of the
-//!   clocks apart, also under another sequence number or from a relay that was restarted.
-//! - It counts in order of the times at which commands were given, and while it is fresh.
-//! - An abort precedes all others: it counts however old it is, also after newer commands, but not again after them.
-//! - A landing that somebody else orders within [`UNAWARE_OF_ABORT`] of an abort was ordered without knowing of it.
+//! - A command is accepted once. Its repetitions carry the time at which it was given and are recognised by it within
+//!   the clocks' error, even with another sequence number or from a restarted relay.
+//! - Commands are accepted in the order of their times while they are fresh.
+//! - An abort overrides all others: it is accepted at any age, also after newer commands, but not repeatedly after
+//!   them.
+//! - A landing ordered by another sender within [`UNAWARE_OF_ABORT`] of an abort is rejected: its sender cannot know
+//!   of it.
 
 use super::{RejectionReason, Rejections};
 use crate::msg::{CommandKind, Header, MESSAGE_VERSION, OperatorCommand};
 use crate::time::{Clock, Span, Time};
 use crate::topics;
 
-/// An order to land within this time of an abort was given by a sender who cannot know the abort's effect yet.
+/// Time after an abort within which a landing order of another sender cannot take it into account.
 pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
-/// Repetitions of one command differ in time by the error of the clocks, at most.
+/// Maximum time difference between repetitions of one command: the clocks' error.
 const SAME_COMMAND: Span = Span::from_millis(100);
-/// A command may lie this far ahead of now: the error of the clocks before they have settled.
+/// Maximum lead of a command over the present time: the clocks' error before synchronisation.
 const LEAD: Span = Span::from_millis(500);
 
 impl<C: Clock> OperatorCommand<C> {
-    /// Whether this is a landing or take-off ordered by another sender who cannot know the effect of `abort` yet.
+    /// Whether this is a landing or take-off order by another sender who cannot know of `abort` yet.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
         let begins = matches!(
@@ -31,8 +32,8 @@ impl<C: Clock> OperatorCommand<C> {
     }
 }
 
-/// Whether a command of this kind counts although it was rejected for this reason: an abort does, however old it is and
-/// whatever the clocks show.
+/// Whether a command of this kind is accepted despite this reason for rejection. An abort is accepted at any age and
+/// clock offset.
 pub fn counts_despite(kind: CommandKind, reason: RejectionReason) -> bool {
     let time = matches!(
         reason,
@@ -41,7 +42,7 @@ pub fn counts_despite(kind: CommandKind, reason: RejectionReason) -> bool {
     kind == CommandKind::Abort && time
 }
 
-/// Keeps `command` with those before it, `max` at most: aborts first, and of the others the newest.
+/// Inserts `command` and keeps at most `max`: aborts first, then the newest of the others.
 pub fn keep<C: Clock>(commands: &mut Vec<OperatorCommand<C>>, command: &OperatorCommand<C>, max: usize) {
     if commands.len() >= max {
         let spare = commands.iter().position(|c| c.kind != CommandKind::Abort);
@@ -50,7 +51,7 @@ pub fn keep<C: Clock>(commands: &mut Vec<OperatorCommand<C>>, command: &Operator
     commands.push(*command);
 }
 
-/// The commands that count for a mission, judged by the newest that it has accepted.
+/// Admission of commands at a mission, relative to the newest accepted ones.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CommandAdmission<C: Clock> {
     newest: Option<OperatorCommand<C>>,
@@ -60,41 +61,41 @@ pub struct CommandAdmission<C: Clock> {
 }
 
 impl<C: Clock> CommandAdmission<C> {
-    /// After these: the newest command and the newest abort that were accepted.
+    /// Starts from the newest accepted command and abort.
     pub fn after(newest: Option<OperatorCommand<C>>, abort: Option<Header<C>>) -> Self {
         CommandAdmission {
             newest,
             abort,
-            // Its sender repeats one that is not answered yet.
+            // The sender repeats an order until it is acknowledged.
             order: None,
             rejected: Rejections::default(),
         }
     }
-    /// The newest command that was accepted, at the time from which on commands count.
+    /// Newest accepted command; its time is the earliest for further commands.
     pub fn newest(&self) -> Option<OperatorCommand<C>> {
         self.newest
     }
-    /// The newest abort that was accepted, with the boot and sequence of its newest repetition: the vessel is answered
-    /// whichever it waits for.
+    /// Newest accepted abort, with boot and sequence of its newest repetition, so that every sender of a repetition is
+    /// acknowledged.
     pub fn abort(&self) -> Option<Header<C>> {
         self.abort
     }
-    /// Boot and sequence of the newest other command that was accepted, or of its newest repetition.
+    /// Boot and sequence of the newest other accepted command or of its newest repetition.
     pub fn order(&self) -> Option<[u32; 2]> {
         self.order
     }
-    /// Commands that do not count, by reason.
+    /// Rejected commands by reason.
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }
-    /// Somebody has taken the drone over at `now`: what was given before counts no more, but for an abort.
+    /// Discards all commands given before `now`, except an abort, because somebody has taken over the drone.
     pub fn supersede(&mut self, now: Time<C>) {
         self.newest = Some(OperatorCommand {
             header: Header::new(0, 0, 0, 0, now),
             kind: CommandKind::Hold,
         });
     }
-    /// The command of these that counts: an abort before all others, else the newest.
+    /// Command to accept from this list: an abort if there is one, otherwise the newest.
     pub fn first_of(&mut self, now: Time<C>, commands: &[OperatorCommand<C>]) -> Option<CommandKind> {
         let mut first = None;
         for command in commands {
@@ -106,7 +107,6 @@ impl<C: Clock> CommandAdmission<C> {
         }
         first
     }
-    /// Takes a command at `now`, or gives the reason why it does not count.
     fn admit(&mut self, now: Time<C>, command: &OperatorCommand<C>) -> Result<(), RejectionReason> {
         let h = &command.header;
         if h.version != MESSAGE_VERSION {
@@ -132,31 +132,32 @@ impl<C: Clock> CommandAdmission<C> {
         if self.abort.is_some_and(|a| command.is_unaware_of(&a)) {
             return Err(RejectionReason::Unaware);
         }
-        // A damaged time far ahead must not lock out what follows, nor a late abort let in what came before it.
+        // A corrupt time far ahead must not block later commands, and a late abort must not admit commands given before
+        // it.
         let at = if late.is_none() { h.at } else { now };
         let header = Header { at, ..*h };
         self.newest = Some(OperatorCommand { header, ..*command });
         self.answer(command);
         if abort {
-            // What it stops is not answered any more.
+            // The abort replaces the acknowledgement of the order that it stops.
             (self.abort, self.order) = (Some(header), None);
         }
         Ok(())
     }
-    /// It is answered as it came; an abort has an answer of its own, which nothing after it hides.
+    /// Acknowledges a command. An abort has a separate acknowledgement that later commands do not hide.
     fn answer(&mut self, command: &OperatorCommand<C>) {
         if command.kind != CommandKind::Abort {
             self.order = Some([command.header.boot, command.header.sequence]);
         }
     }
-    /// Whether it was accepted already; an abort's repetition becomes the one that is answered.
+    /// Whether this command was accepted before. The repetition of an abort becomes the acknowledged one.
     fn is_repeated(&mut self, command: &OperatorCommand<C>) -> bool {
         let h = &command.header;
         let same_time = |other: &Header<C>| (-SAME_COMMAND..=SAME_COMMAND).contains(&(h.at - other.at));
         let same_message = |other: &Header<C>| (h.boot, h.sequence) == (other.boot, other.sequence);
         match (command.kind, &mut self.abort) {
             (CommandKind::Abort, Some(a)) => {
-                // A late one counts from its arrival on: its repetitions are older.
+                // A late abort is dated by its arrival, so its repetitions are older.
                 let repeated = same_time(a) || h.boot == a.boot && h.at <= a.at;
                 if repeated {
                     (a.boot, a.sequence) = (h.boot, h.sequence);
@@ -186,9 +187,9 @@ mod tests {
     use RejectionReason::{Duplicate, Future, OutOfOrder, Stale, Unaware};
 
     /// Boot, sequence, time given (s) and kind.
-    type Given = (u32, u32, f64, CommandKind);
+    type TestCommand = (u32, u32, f64, CommandKind);
 
-    fn command((boot, sequence, given_s, kind): Given) -> OperatorCommand<DroneClock> {
+    fn command((boot, sequence, given_s, kind): TestCommand) -> OperatorCommand<DroneClock> {
         OperatorCommand {
             header: Header::new(1, 1, boot, sequence, Time::from_secs(given_s)),
             kind,
@@ -197,36 +198,36 @@ mod tests {
 
     #[test]
     fn command_admission_table() {
-        // Each line: what was accepted before at its own time, then a command at a time, and whether it counts.
-        let before_landing: &[Given] = &[(9, 1, 10.0, Land)];
-        let before_abort: &[Given] = &[(9, 1, 10.0, Land), (9, 2, 20.0, Abort)];
-        let landing_again: &[Given] = &[(5, 1, 10.0, Abort), (9, 1, 20.0, Land)];
+        // Each line: commands accepted at their own times, then a command at a time and its expected result.
+        let before_landing: &[TestCommand] = &[(9, 1, 10.0, Land)];
+        let before_abort: &[TestCommand] = &[(9, 1, 10.0, Land), (9, 2, 20.0, Abort)];
+        let landing_again: &[TestCommand] = &[(5, 1, 10.0, Abort), (9, 1, 20.0, Land)];
         for (before, now_s, given, expected) in [
             (&[][..], 10.0, (9, 1, 10.0, Land), Ok(())),
             (&[], 16.0, (9, 1, 10.0, Land), Err(Stale)),
             (&[], 9.0, (9, 1, 10.0, Hold), Err(Future)),
-            // An abort counts whatever its time.
+            // An abort is accepted at any time.
             (&[], 60.0, (9, 1, 10.0, Abort), Ok(())),
             (&[], 9.0, (9, 1, 10.0, Abort), Ok(())),
-            // The relay's repetition has another sequence number, and the error of the clocks.
+            // The relay's repetition has another sequence number and the clocks' error.
             (before_landing, 10.5, (9, 2, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.04, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 9.96, Land), Err(Duplicate)),
-            // A command of a restarted relay has another boot id, too.
+            // A restarted relay also uses another boot id.
             (before_landing, 12.0, (10, 1, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 1, 10.4, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.4, Land), Ok(())),
             // Another operator's hold at almost the same time, through the same relay.
             (before_landing, 10.5, (9, 2, 10.05, Hold), Ok(())),
             (before_landing, 10.5, (9, 2, 9.5, Hold), Err(OutOfOrder)),
-            // Given before an abort, or without knowing of it.
+            // Commands given before an abort, or without knowledge of it.
             (before_abort, 20.5, (9, 3, 19.0, Land), Err(OutOfOrder)),
             (before_abort, 20.5, (7, 1, 20.3, Land), Err(Unaware)),
             (before_abort, 20.5, (9, 3, 20.3, Land), Ok(())),
             (before_abort, 21.5, (7, 1, 21.2, Land), Ok(())),
             (before_abort, 20.5, (9, 3, 20.02, Abort), Err(Duplicate)),
             (before_abort, 20.5, (10, 1, 20.02, Abort), Err(Duplicate)),
-            // A landing ordered since is stopped by an abort that was on its way, and by no repetition.
+            // A later landing is stopped by a delayed abort, but not by a repetition.
             (landing_again, 21.0, (9, 2, 19.0, Abort), Ok(())),
             (landing_again, 21.0, (5, 2, 10.05, Abort), Err(Duplicate)),
         ] {
@@ -243,7 +244,7 @@ mod tests {
     #[test]
     fn late_abort() {
         let mut admission = CommandAdmission::default();
-        let mut first_of = |now_s, given: &[Given]| {
+        let mut first_of = |now_s, given: &[TestCommand]| {
             let commands: Vec<_> = given.iter().copied().map(command).collect();
             admission.first_of(Time::from_secs(now_s), &commands)
         };

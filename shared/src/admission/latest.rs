@@ -1,30 +1,30 @@
-//! The newest valid copy of an input.
+//! Newest valid copy of an input.
 
 use super::{RejectionReason, check_message};
 use crate::msg::{Header, Message};
 use crate::time::{Clock, Span, Time};
 
-/// Requirements on a kind of message.
+/// Age limits of a kind of message.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Maximum by which the time of validity may be ahead of now.
+    /// Maximum lead of the time of validity over now.
     pub lead: Span,
-    /// It may be this old.
+    /// Maximum age.
     pub max_age: Span,
 }
 
 impl Rule {
-    /// Newer than the last. Messages inside one computer share a clock: what is further ahead than a tick
-    /// and rounding is damaged.
+    /// Accepts newer messages at any age. Messages inside one computer share a clock: a lead beyond one tick and
+    /// rounding is corrupt.
     pub const NEWER: Rule = Rule {
         lead: Span::from_millis(50),
         max_age: Span::MAX,
     };
-    /// `at` is within the rule's time about `now`.
+    /// Whether `at` is within `max_age` before and `lead` after `now`.
     pub fn is_fresh<C: Clock>(&self, now: Time<C>, at: Time<C>) -> bool {
         (-self.lead..=self.max_age).contains(&(now - at))
     }
-    /// A message after `last` at `now`, or why not.
+    /// Checks a message at `now` after the message `last`.
     pub fn admit<M: Message>(
         &self,
         now: Time<M::Clock>,
@@ -48,7 +48,7 @@ impl Rule {
     }
 }
 
-/// Keeps the newest valid message of one kind and counts what it rejects.
+/// Stores the newest valid message of one kind and counts rejections.
 #[derive(Clone, Debug)]
 pub struct Latest<T> {
     value: Option<T>,
@@ -65,11 +65,11 @@ impl<T> Default for Latest<T> {
 }
 
 impl<T: Message + Copy> Latest<T> {
-    /// Takes `message` when [`Rule::NEWER`] admits it, else counts a rejection; whether it was taken.
+    /// Takes `message` if [`Rule::NEWER`] admits it, otherwise counts a rejection. Returns whether it was taken.
     pub fn offer(&mut self, now: Time<T::Clock>, message: &T) -> bool {
         self.offer_by(&Rule::NEWER, now, message)
     }
-    /// Offers a message by another rule.
+    /// Takes `message` if `rule` admits it.
     pub fn offer_by(&mut self, rule: &Rule, now: Time<T::Clock>, message: &T) -> bool {
         let last = self.value.as_ref().map(Message::header);
         let admitted = rule.admit(now, message, last).is_ok();
@@ -80,25 +80,25 @@ impl<T: Message + Copy> Latest<T> {
         }
         admitted
     }
-    /// The newest, however old.
+    /// Newest message of any age.
     pub fn get(&self) -> Option<&T> {
         self.value.as_ref()
     }
-    /// The newest, when it is no older than `limit`.
+    /// Newest message, if no older than `limit`.
     pub fn fresh(&self, now: Time<T::Clock>, limit: Span) -> Option<&T> {
         self.value.as_ref().filter(|v| now - v.header().at <= limit)
     }
-    /// Age of the newest, s; infinite without one.
+    /// Age of the newest message, s; infinite without one.
     pub fn age_s(&self, now: Time<T::Clock>) -> f64 {
         self.value
             .as_ref()
             .map_or(f64::INFINITY, |v| (now - v.header().at).secs())
     }
-    /// Forgets the value, not the count.
+    /// Removes the message and keeps the count.
     pub fn forget(&mut self) {
         self.value = None;
     }
-    /// Messages rejected so far.
+    /// Number of rejected messages.
     pub fn rejected(&self) -> u32 {
         self.rejected
     }

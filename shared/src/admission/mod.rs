@@ -1,5 +1,4 @@
-//! Admission of inputs, the same for every node: counted reasons of rejection, latest value, periods,
-//! sender, precedence of commands.
+//! Admission of inputs for all nodes: counted rejections, newest values, periods, senders, precedence of commands.
 
 mod access;
 pub mod command;
@@ -20,7 +19,7 @@ pub use sender::{Arrival, Sender};
 use crate::msg::{Header, MESSAGE_VERSION, Message};
 use crate::time::Clock;
 
-/// Version and content of a message.
+/// Checks version and content of a message.
 pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {
     if message.header().version != MESSAGE_VERSION {
         return Err(RejectionReason::Version);
@@ -28,7 +27,7 @@ pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {
     message.check().map_err(|_field| RejectionReason::OutOfRange)
 }
 
-/// It is about this vessel, and about this drone or any (drone 0).
+/// Checks that a header concerns this vessel, and this drone or any (drone 0).
 pub fn check_identity<C: Clock>(header: &Header<C>, vessel: u32, drone: u32) -> Result<(), RejectionReason> {
     if header.version != MESSAGE_VERSION {
         return Err(RejectionReason::Version);

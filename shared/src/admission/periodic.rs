@@ -2,22 +2,22 @@
 
 use crate::time::{Clock, Span, Time};
 
-/// When something periodic is due: on the period's grid, without catching up after a pause.
+/// Schedule of a periodic task on the period's grid, without catching up after a pause.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Periodic<C: Clock> {
     next: Option<Time<C>>,
 }
 
 impl<C: Clock> Periodic<C> {
-    /// Whether its time has come, or it never ran.
+    /// Whether the task is due or has never run.
     pub fn is_ready(&self, now: Time<C>) -> bool {
         self.next.is_none_or(|next| now >= next)
     }
-    /// The next time is a `period` from now.
+    /// Sets the next time to one `period` from now.
     pub fn restart(&mut self, now: Time<C>, period: Span) {
         self.next = Some(now + period);
     }
-    /// Whether it is due at `now`, at least a `period` after the last time; the first time at once.
+    /// Whether the task is due, at least one `period` after the last time; the first call returns true.
     pub fn is_due_spaced(&mut self, now: Time<C>, period: Span) -> bool {
         let ready = self.is_ready(now);
         if ready {
@@ -25,8 +25,8 @@ impl<C: Clock> Periodic<C> {
         }
         ready
     }
-    /// Whether it is due at `now`; the first time at once. The next time is a `period` later on the grid,
-    /// or a `period` from now when that has passed.
+    /// Whether the task is due; the first call returns true. The next time is one `period` later on the grid, or one
+    /// `period` from now if that has passed.
     pub fn is_due(&mut self, now: Time<C>, period: Span) -> bool {
         let next = match self.next {
             Some(t) if now < t => return false,

@@ -1,20 +1,20 @@
-//! Reasons of rejection, counted.
+//! Counted reasons of rejection.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 macro_rules! reasons {
     ($($(#[$doc:meta])* $reason:ident: $name:literal,)*) => {
-        /// Why an input is not used.
+        /// Reason for rejecting an input.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
         pub enum RejectionReason { $($(#[$doc])* $reason,)* }
 
         impl RejectionReason {
-            /// Every reason.
+            /// All reasons.
             pub const ALL: &[RejectionReason] = &[$(RejectionReason::$reason),*];
 
-            /// The name in messages.
+            /// Name for messages.
             pub const fn name(self) -> &'static str {
                 match self { $(RejectionReason::$reason => $name,)* }
             }
@@ -22,65 +22,64 @@ macro_rules! reasons {
     };
 }
 reasons! {
-    /// Longer than any message.
+    /// Longer than any valid message.
     Oversized: "oversized",
-    /// The bytes are not such a message.
+    /// The bytes cannot be decoded.
     Malformed: "malformed",
-    /// Another version of the layout.
+    /// Another layout version.
     Version: "of another version",
-    /// Another vessel's.
+    /// About another vessel.
     Vessel: "of another vessel",
     /// For another drone.
     Drone: "for another drone",
-    /// From a boot of the sender that has been superseded, or from an unknown one without proof that it
-    /// is the newer.
+    /// From a superseded boot of the sender, or from an unknown one that is not proven newer.
     Boot: "of a former boot",
-    /// Already had this one.
+    /// Received before.
     Duplicate: "repeated",
-    /// A newer one has come already.
+    /// Older than one received before.
     OutOfOrder: "out of order",
-    /// The time of validity is too long ago.
+    /// Time of validity too far in the past.
     Stale: "stale",
-    /// It claims to be valid later than its arrival allows.
+    /// Time of validity too far in the future.
     Future: "from the future",
-    /// The clocks' offset is not known yet: its time of validity cannot be converted.
+    /// Clock offset unknown: the time of validity cannot be converted.
     NoClock: "before the clocks agreed",
-    /// A number is not finite or outside what physics allows.
+    /// A number is not finite or physically implausible.
     OutOfRange: "out of range",
-    /// A time reply that answers none of our open requests.
+    /// Time reply that matches no pending request.
     Unsolicited: "unsolicited replies",
-    /// A time reply with an impossible round trip, or one that contradicts all others.
+    /// Time reply with an impossible round trip, or an outlier among them.
     RoundTrip: "impossible round trips",
-    /// The drone's place at the message's time is not known.
+    /// Unknown drone state at the message's time.
     NoDroneState: "without odometry of its time",
-    /// Contradicts everything else.
+    /// Inconsistent with all other measurements.
     Outlier: "outliers",
-    /// The state had to be given up because it was no longer finite.
+    /// State reset because it was no longer finite.
     Diverged: "diverged",
-    /// More than one step takes.
+    /// More messages than one step processes.
     Flood: "more than a step takes",
-    /// An output of ours that failed its own check.
+    /// Own output that failed its check.
     Withheld: "withheld outputs",
-    /// It names another author than the key that it was published on.
+    /// Author differs from the owner of the key it was published on.
     Sender: "under a foreign key",
-    /// A landing that was ordered without knowing of an abort.
+    /// Landing ordered without knowledge of an abort.
     Unaware: "unaware of an abort",
-    /// From a second computer with the identity of the one that is listened to.
+    /// From a second computer with the identity of the one in use.
     SecondSender: "of a second sender",
-    /// An inertial sample with the very numbers of too many before it.
+    /// Inertial sample identical to too many before it.
     Stuck: "of a stuck sensor",
 }
 
-/// Rejections since the start, per reason.
+/// Rejections since the start by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rejections([u32; RejectionReason::ALL.len()]);
 
 impl Rejections {
-    /// Counts one.
+    /// Counts one rejection.
     pub fn count(&mut self, reason: RejectionReason) {
         self.count_many(reason, 1);
     }
-    /// Counts so many.
+    /// Counts `number` rejections.
     pub fn count_many(&mut self, reason: RejectionReason, number: usize) {
         if let Some(n) = self.0.get_mut(reason as usize) {
             *n = n.saturating_add(u32::try_from(number).unwrap_or(u32::MAX));
@@ -94,7 +93,7 @@ impl Rejections {
     pub fn total(&self) -> u32 {
         self.0.iter().fold(0, |a, b| a.saturating_add(*b))
     }
-    /// Every reason with its count.
+    /// Iterator over all reasons with their counts.
     pub fn iter(&self) -> impl Iterator<Item = (RejectionReason, u32)> + '_ {
         RejectionReason::ALL.iter().map(|r| (*r, self.of(*r)))
     }

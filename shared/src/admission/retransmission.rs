@@ -1,11 +1,11 @@
-//! Retransmission of an order until its receiver shows that it has taken it.
+//! Retransmission of an order until its receiver acknowledges it.
 
 use crate::msg::{Command, MissionState};
 use crate::time::{Clock, Time};
 use crate::topics::Retries;
 
-/// An order under way, on the sender's clock `S`. Its repetitions bear the time at which it was given, so that its receiver
-/// knows them.
+/// Order under way, on the sender's clock `S`. Repetitions carry the original time, by which the receiver recognises
+/// them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Retransmission<S: Clock, M> {
     /// The order.
@@ -16,7 +16,7 @@ pub struct Retransmission<S: Clock, M> {
 }
 
 impl<S: Clock, M: Copy> Retransmission<S, M> {
-    /// Given at `now`: sent at once, and each period of `retries` until their timeout.
+    /// Order given at `now`: sent at once and then at each period of `retries` until its timeout.
     pub fn new(message: M, now: Time<S>, retries: Retries) -> Self {
         Retransmission {
             message,
@@ -25,7 +25,7 @@ impl<S: Clock, M: Copy> Retransmission<S, M> {
             end: now + retries.timeout,
         }
     }
-    /// The order where it is to be sent now.
+    /// The order, when it is due for transmission.
     pub fn due(&mut self, now: Time<S>) -> Option<M> {
         let due = now >= self.due && !self.is_over(now);
         if due {
@@ -33,14 +33,14 @@ impl<S: Clock, M: Copy> Retransmission<S, M> {
         }
         due.then_some(self.message)
     }
-    /// Nothing more is waited for.
+    /// Whether retransmission has timed out.
     pub fn is_over(&self, now: Time<S>) -> bool {
         now > self.end
     }
 }
 
 impl<S: Clock> Retransmission<S, Command> {
-    /// Whether the mission's state shows that it has taken the command, or that it rejects it; None: it shows neither.
+    /// Whether the mission's state accepts the command or rejects it; None: not acknowledged yet.
     pub fn answered(&self, mission: &MissionState) -> Option<bool> {
         let Command { header, kind } = &self.message;
         mission

@@ -1,12 +1,12 @@
-//! Sender of a message: the name in its key, to which access control binds the publisher's certificate.
+//! Sender of a message: the name in its key. Access control binds that name to the publisher's certificate.
 
 use serde::{Deserialize, Serialize};
 
 use super::RejectionReason;
 use crate::time::{Clock, Time};
 
-/// The publisher of a message, by its key `alight/NAME/TOPIC`. The sender that a message states counts only where it
-/// agrees: a certificate is worth nothing if its holder may speak for others.
+/// Publisher of a message by its key `alight/NAME/TOPIC`. The sender stated in the message must match it, so that a
+/// certificate permits messages under its own name only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Sender {
     /// `vessel-N`.
@@ -21,12 +21,12 @@ pub enum Sender {
 }
 
 impl Sender {
-    /// The publisher of a message on this key.
+    /// Publisher of a message on this key.
     pub fn of_key(key: &str) -> Sender {
         let mut chunks = key.split('/');
         let (root, name) = (chunks.next(), chunks.next().unwrap_or_default());
         let (kind, digits) = name.split_once('-').unwrap_or_default();
-        // One number has one name: neither a sign nor leading zeros.
+        // Each number has one spelling: no sign and no leading zeros.
         let number = digits.parse().ok().filter(|n: &u32| n.to_string() == digits);
         match (root, kind, number) {
             (Some("alight"), "vessel", Some(n)) => Sender::Vessel(n),
@@ -35,7 +35,7 @@ impl Sender {
             (_, _, _) => Sender::Unknown,
         }
     }
-    /// Whether a message that names `claimed` as its author may come from this publisher.
+    /// Checks that a message with author `claimed` comes from this publisher.
     pub fn check(self, claimed: Sender) -> Result<(), RejectionReason> {
         if self == claimed {
             Ok(())
@@ -45,15 +45,15 @@ impl Sender {
     }
 }
 
-/// A message as it came over the radio.
+/// Message received by radio.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(bound(serialize = "M: Serialize", deserialize = "M: Deserialize<'de>"))]
 pub struct Arrival<C: Clock, M> {
-    /// When it arrived.
+    /// Time of arrival.
     pub at: Time<C>,
-    /// On whose key.
+    /// Owner of the key.
     pub sender: Sender,
-    /// The message.
+    /// Content.
     pub message: M,
 }
 

@@ -1,4 +1,4 @@
-//! A bus that may be absent: a row without one is looked at alone.
+//! Optional bus: a row without a bus has neither readers nor writers.
 
 use super::{Bus, Reader, Wake, Writer};
 use crate::plain::Plain;

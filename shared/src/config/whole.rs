@@ -1,5 +1,5 @@
-//! Reading of TOML in which nothing of a list is left out: a type such as `[f64; 3]` takes three numbers and does not
-//! look for a fourth, and TOML's own reader does not look either.
+//! TOML reader that rejects surplus list items. A type such as `[f64; 3]` reads three numbers and ignores a fourth, as
+//! does TOML's own reader.
 
 use core::fmt::Display;
 
@@ -11,20 +11,12 @@ use toml::{Table, Value};
 
 use super::ConfigError;
 
-/// Why a value is not taken.
 #[derive(Debug, Error)]
 enum Unread {
-    /// A list goes on where its type has ended.
+    /// The list is longer than its type.
     #[error("{key} is a list of {found}, {taken} are taken")]
-    TooLong {
-        /// Dotted key of the list.
-        key: String,
-        /// Length of the list.
-        found: usize,
-        /// The length that its type has.
-        taken: usize,
-    },
-    /// The type rejects it.
+    TooLong { key: String, found: usize, taken: usize },
+    /// The type rejects the value.
     #[error("{0}")]
     Rejected(String),
 }
@@ -35,7 +27,7 @@ impl serde::de::Error for Unread {
     }
 }
 
-/// Reads TOML; `origin` names it in errors, `meaning` is what a dotted key means, if that is known.
+/// Reads TOML; `origin` names it in errors, and `meaning` returns the meaning of a dotted key, if known.
 pub(super) fn read<T: DeserializeOwned>(
     text: &str,
     origin: &str,
@@ -45,7 +37,7 @@ pub(super) fn read<T: DeserializeOwned>(
         origin: origin.into(),
         message,
     };
-    // The errors of this reading name line and column; the next one knows keys and lengths.
+    // The first reading reports errors with line and column; the second knows keys and lengths.
     let read: T = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let table: Table = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let again = T::deserialize(Whole {
@@ -69,7 +61,7 @@ pub(super) fn read<T: DeserializeOwned>(
     }
 }
 
-/// `keep_out_deg` of `keep_out_deg[0]`; a key inside a list of tables stays as it is.
+/// `keep_out_deg` from `keep_out_deg[0]`; a key inside a list of tables stays unchanged.
 fn without_index(key: &str) -> &str {
     match key.split_once('[') {
         Some((name, index)) if !index.contains('.') => name,
@@ -77,20 +69,18 @@ fn without_index(key: &str) -> &str {
     }
 }
 
-/// The lines of a meaning as one, without its last full stop.
+/// Joins the lines of a meaning and removes its last full stop.
 fn in_one_line(meaning: &str) -> String {
     let lines: Vec<&str> = meaning.lines().map(str::trim).collect();
     lines.join(" ").trim().trim_end_matches('.').to_owned()
 }
 
-/// A value with its dotted key.
 struct Whole {
     value: Value,
     key: String,
 }
 
 impl Whole {
-    /// Entries of a table, each with its own key.
     fn entries(table: Table, key: &str) -> impl Iterator<Item = (String, Whole)> {
         table.into_iter().map(move |(name, value)| {
             let key = match key {
@@ -246,7 +236,7 @@ mod tests {
             let expected = format!("`{key}` is a list of {found}: allowed is a list of {taken}");
             assert!(message.contains(&expected), "{text}: {message}");
         }
-        // The error states what the key means.
+        // The error includes the key's meaning.
         let message = error("size_m = [1, 2, 3, 4]");
         assert!(
             message.contains("(Length, width and height, m. Chosen: some)"),
@@ -254,7 +244,7 @@ mod tests {
         );
         let message = error("corners = [[0, 1, 2]]");
         assert!(message.contains("a list of 2 (Corners)"), "{message}");
-        // One that is too short is an error with its line.
+        // A list that is too short is an error with its line.
         assert!(error("size_m = [1, 2]").contains("invalid length 2"));
     }
 
@@ -271,7 +261,7 @@ mod tests {
             parse::<Parcel>("way = \"nowhere\"", "test").unwrap().way,
             LidDirection::Nowhere
         );
-        // What is no configuration of ours has no meanings.
+        // Without a table declaration there are no meanings.
         let message = read::<Lid>("hinges_m = [0, 1, 2]", "test")
             .unwrap_err()
             .to_string();

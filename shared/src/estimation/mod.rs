@@ -1,11 +1,13 @@
-//! Estimation: Kalman filter, low-pass filter, offset of clocks, clock of a source, statistics of samples.
+//! Estimation: Kalman filter, record of a filter's source, low-pass filter, offset of clocks, clock of a source, statistics of samples.
 
+mod aid_source;
 mod clock_offset;
 mod kalman;
 mod low_pass;
 mod source_clock;
 mod statistics;
 
+pub use aid_source::AidSource;
 pub use clock_offset::OffsetBounds;
 pub use kalman::{Gaussian, LinearTransition, Update, reduce_covariance, symmetrise};
 pub use low_pass::{low_pass, low_pass_gain};

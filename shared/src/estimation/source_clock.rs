@@ -2,6 +2,8 @@
 //! arrives before it is made. The smallest difference between arrival and source time is the offset plus the
 //! smallest delay, of which the configuration may subtract what is known of the sensor. Measurements keep the
 //! intervals that their source gives them, however they were delayed.
+//!
+//! A wrong time stamp that lies ahead makes a smallest difference, too. Others do not come near it, and it is forgotten.
 
 use super::OffsetBounds;
 use crate::time::{Clock, Span, Time};
@@ -20,12 +22,17 @@ pub const JITTER_S: f64 = 0.3;
 const STEPPED_S: f64 = 1.0 - JITTER_S;
 /// Time for others, s: what was held up is caught up with before.
 pub const HELD_UP_S: f64 = 10.0;
+/// An offset supports a smaller one that is this near, s.
+const SUPPORT_S: f64 = 0.03;
+/// An offset without support is forgotten after this time, s, and [`AGREEING`] others, but not before it has been without
+/// support for as long as it had some: a line may be congested.
+const UNSUPPORTED_S: f64 = 3.0;
 
 /// The offset of a source's clock.
 #[derive(Clone, Debug, Default)]
 pub struct SourceClock<C: Clock> {
     /// Own clock's less source's, at the last update.
-    offset: Option<OffsetBounds<C>>,
+    offset: Option<Smallest<C>>,
     /// Another offset observed since.
     other: Option<Other<C>>,
     /// The source time that arrived last, ns.
@@ -33,6 +40,55 @@ pub struct SourceClock<C: Clock> {
     restarts: u64,
     /// Change of the source's clock at its newest restart, s, forward positive.
     step_s: f64,
+}
+
+/// The smallest offset.
+#[derive(Clone, Copy, Debug)]
+struct Smallest<C: Clock> {
+    bounds: OffsetBounds<C>,
+    /// First and newest offset that supports it.
+    since: Time<C>,
+    supported: Time<C>,
+    /// Smallest of those later than that, and their number.
+    later: (Span, u32),
+}
+
+impl<C: Clock> Smallest<C> {
+    fn new(bounds: OffsetBounds<C>) -> Self {
+        Smallest {
+            bounds,
+            since: bounds.at,
+            supported: bounds.at,
+            later: (Span::MAX, 0),
+        }
+    }
+    /// The smallest of this one, `drifted`, and `measured`; or of those since this one had support.
+    fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
+        let now = measured.at;
+        let excess_s = (measured.high - drifted.high).secs();
+        if excess_s <= SUPPORT_S {
+            // The support was of another offset, by as much as this one is smaller.
+            let lost = (-excess_s / SUPPORT_S).clamp(0.0, 1.0);
+            return Smallest {
+                since: self.since + Span::from_secs(lost * (now - self.since).secs()),
+                ..Smallest::new(drifted.and(measured))
+            };
+        }
+        let (later, count) = (self.later.0.min(measured.high), self.later.1.saturating_add(1));
+        let without_s = (now - self.supported).secs();
+        let with_s = (self.supported - self.since).secs();
+        if count >= AGREEING && without_s > with_s.max(UNSUPPORTED_S) {
+            return Smallest::new(OffsetBounds {
+                high: later,
+                ..measured
+            });
+        }
+        Smallest {
+            bounds: drifted,
+            later: (later, count),
+            ..self
+        }
+    }
 }
 
 /// Offsets in a row that deviate from the one in use, and agree.
@@ -77,26 +133,26 @@ impl<C: Clock> SourceClock<C> {
         let measured = OffsetBounds::of_message(at_ns, now);
         let max_delay = Span::from_secs(MAX_DELAY_S);
         let Some(known) = self.offset else {
-            (self.offset, self.newest_ns) = (Some(measured), Some(at_ns));
+            (self.offset, self.newest_ns) = (Some(Smallest::new(measured)), Some(at_ns));
             return Some(now - latency);
         };
         // The smallest observed, enlarged by the drift possible since.
-        let drifted = known.drifted(now, CLOCK_DRIFT);
+        let drifted = known.bounds.drifted(now, CLOCK_DRIFT);
         let excess = measured.high - drifted.high;
         // A clock that is set back shows a time again while the arrivals go on.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
         if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
             self.other = None;
-            self.offset = Some(drifted.and(measured));
+            self.offset = Some(known.and(drifted, measured));
         } else if let Some(high) = self.deviates(now, measured.high, excess, again) {
             self.restarts += 1;
             self.step_s = (drifted.high - high).secs();
-            self.offset = Some(OffsetBounds { high, ..measured });
+            self.offset = Some(Smallest::new(OffsetBounds { high, ..measured }));
             self.other = None;
         } else if excess.abs() > max_delay {
             return None;
         }
-        Some(Time::from_nanos(at_ns) + self.offset?.high - latency)
+        Some(Time::from_nanos(at_ns) + self.offset?.bounds.high - latency)
     }
     /// Counts an offset that deviates by `excess`, of a time that came `again`; the new one once there is evidence enough.
     fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
@@ -141,6 +197,7 @@ impl<C: Clock> SourceClock<C> {
 mod tests {
     use super::*;
     use crate::time::VesselClock;
+    use proptest::prelude::*;
 
     const APART_NS: i64 = -77_000_000_000;
 
@@ -261,6 +318,33 @@ mod tests {
             c.local_time(now, k.min(100) * 100_000_000, Span::ZERO);
         }
         assert_eq!(c.restarts(), 0);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(96))]
+        /// Stamps ahead, in runs: 4 s after as long as a run lasts each date is right again.
+        #[test]
+        fn source_clock_after_runs_of_stamps_ahead(
+            hz in 5_i64..50,
+            runs in prop::collection::vec((0.0_f64..1.9, 1_i64..30, 0_i64..20), 1..4),
+        ) {
+            let mut c = SourceClock::<VesselClock>::default();
+            for k in 0..60 * hz {
+                let made_s = k as f64 / hz as f64;
+                let run = runs.get(k as usize / (20 * hz) as usize).copied().unwrap_or((0.0, 0, 0));
+                let (ahead_s, stamps, begin) = run;
+                let since = k % (20 * hz) - begin;
+                let wrong = (0..stamps).contains(&since);
+                let jitter_s = 0.02 * ((k * 37) % 10) as f64 / 10.0;
+                let source_s = made_s + if wrong { ahead_s } else { 0.0 };
+                let now = Time::<VesselClock>::from_secs(100.0 + made_s + jitter_s);
+                let at = c.local_time(now, (source_s * 1e9) as i64, Span::ZERO);
+                if since > 2 * stamps + 4 * hz || since < 0 {
+                    let error_s = at.map_or(f64::NAN, |at| at.secs() - 100.0 - made_s);
+                    prop_assert!(error_s.abs() < 0.05, "{error_s} at {made_s} after {run:?}");
+                }
+            }
+        }
     }
 
     #[test]

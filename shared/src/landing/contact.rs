@@ -1,17 +1,17 @@
-//! The odds of a contact: each quantity normal about its prediction, with the variance of everything that no control can
-//! take back any more.
+//! Probabilities of a safe contact: each quantity is normal about its prediction, with the variance that control can no
+//! longer reduce.
 //!
-//! | figure | mean | standard deviations |
+//! | quantity | mean | standard deviations |
 //! |---|---|---|
 //! | onto the deck, m/s | `sqrt(v² + 2 a_b h_f)` | the pilot's, `1.3 u_z` |
 //! | along it, m/s | `v_t + v_l` | the pilot's, `u_xy`, gusts, `t_a m`, half of the turn's `v_t` |
 //! | angle, rad | half of the bank against a strong wind | the pilot's, `sd(tilt)`, gusts, `k_a w_s / g` |
-//! | place, m | the present offset that is left | the pilot's, the forecast's, drift without sight, gusts |
+//! | place, m | the present offset that remains | the pilot's, the forecast's, drift without vision, gusts |
 //!
-//! with the speeds `u` that the deck gains unforeseen within the drone's reaction, and the deck's acceleration `m` that an
-//! aligned drone does not have. The part `w_s` (m/s²) of a strong wind (of more than 6 m/s) is what a drone tilts against until it
-//! aligns. The lowest of its feet meets the deck by `h_f = k_f s w_s / g` before the others (`s`: from their middle to each), while the
-//! drone still brakes with `a_b`, and before it is aligned.
+//! with `u` the unforeseen speeds that the deck gains within the drone's reaction time, and `m` the part of the deck's
+//! acceleration that an aligned drone does not follow. The part `w_s` (m/s²) of a strong wind (above 6 m/s) is
+//! compensated by tilt until the drone aligns. The lowest foot meets the deck `h_f = k_f s w_s / g` before the others
+//! (`s`: distance from their middle to each), while the drone still brakes with `a_b` and is not aligned yet.
 
 use nalgebra::Vector2;
 
@@ -23,40 +23,40 @@ use super::wind::{
 use super::{MAX_MPS, MAX_TILT_RAD};
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
-/// Time for which the drone does not follow unforeseen motion of the deck, s: a tenth from measurement to thrust, and two
-/// tenths until its sink has changed.
+/// Reaction time to unforeseen motion of the deck, s: 0.1 s from measurement to thrust and 0.2 s until the sink rate
+/// has changed.
 pub const REACTION_S: f64 = 0.3;
-/// Usual speed onto the deck, m/s ...
+/// Usual contact speed, m/s.
 pub const CONTACT_MPS: f64 = 0.33;
-/// ... and how it is spread by drone and pilot alone.
+/// Standard deviation of the contact speed from drone and pilot alone, m/s.
 const CONTACT_SD_MPS: f64 = 0.12;
-/// Remaining errors of pilot and drone along the deck, m/s, of the angle, rad, and of the place, m: landings in still air
-/// on a deck that does not move.
+/// Residual errors of pilot and drone: speed along the deck, m/s, angle, rad, and position, m. From landings in still
+/// air on a deck at rest.
 const ALONG_SD_MPS: f64 = 0.07;
 const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
 const PLACE_SD_M: f64 = 0.03;
-/// An alignment lasts so long, s: meanwhile what the deck does not share with an aligned drone parts the two.
+/// Duration of an alignment, s. Deck motion that an aligned drone does not follow separates the two during this time.
 const ALIGNMENT_S: f64 = 0.1;
-/// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
+/// Factor by which the deck's uncertainty increases between decision and contact, caused by wave groups.
 const CHANGES: f64 = 1.3;
-/// Fraction of the planned bank that is left at the contact, and by how much a turn of `w_s / g` is unfinished then, a
-/// part of it, standard deviation of one axis: 48 landings begun at random moments in 12 m/s (push of 2 to 4.4 m/s²), by the
-/// maximum likelihood of their angles.
+/// Fraction of the planned bank that remains at the contact, and standard deviation on one axis of the unfinished part
+/// of a turn of `w_s / g`. Maximum-likelihood fit to the angles of 48 landings begun at random moments in 12 m/s
+/// (acceleration 2 to 4.4 m/s²).
 const BANK_LEFT: f64 = 0.5;
 const UNFINISHED: f64 = 0.25;
-/// Twice the braking of the last half metre (2.5 m/s²) times the height of the middle of the feet when the lowest touches, of
-/// `w_s`: 0.45 of half a span of 0.28 m over g; the same landings.
+/// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle when the lowest one
+/// touches, per `w_s`: 0.45 of half a span of 0.28 m over g; same landings as [`BANK_LEFT`].
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
-/// Odometry drifts by this without sight of the deck, m/s ...
+/// Drift of the odometry without vision of the deck, m/s.
 const DRIFT_MPS: f64 = 0.05;
-/// ... and sight ends so long before the contact, s.
+/// Time without vision before the contact, s.
 pub const BLIND_S: f64 = 0.5;
-/// Speed by which an aligned drone and a deck part, m/s, whose horizontal accelerations differ by `apart`, m/s².
+/// Separation speed of an aligned drone and a deck, m/s, whose horizontal accelerations differ by `apart`, m/s².
 pub fn alignment_mps(apart: f64) -> f64 {
     ALIGNMENT_S * apart
 }
 
-/// Margins of the feet: how far the drone's centre may be from the deck's, m, along both axes.
+/// Margins of the feet: maximum offset of the drone's centre from the deck's, m, along both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins(pub [f64; 2]);
 
@@ -70,41 +70,41 @@ impl Margins {
     }
 }
 
-/// A contact as it is predicted.
+/// Predicted contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// Mean speed onto the deck, m/s.
     pub speed_mps: f64,
-    /// Mean speed along it by the vessel's turn, and what is left of the present one, m/s.
+    /// Mean speed along the deck caused by the vessel's turn, m/s.
     pub turn_mps: f64,
     /// Remainder of the present speed along the deck, m/s.
     pub left_mps: f64,
-    /// Speed that the deck gains unforeseen within the reaction: one horizontal axis and the vertical, standard deviation,
-    /// m/s.
+    /// Standard deviation of the unforeseen speed that the deck gains within the reaction time: one horizontal axis,
+    /// and vertical, m/s.
     pub unforeseen_mps: [f64; 2],
-    /// Speed by which deck and aligned drone part, m/s.
+    /// Separation speed of deck and aligned drone, m/s.
     pub parted_mps: f64,
-    /// Unforeseen tilt of one axis, standard deviation, rad.
+    /// Standard deviation of the unforeseen tilt about one axis, rad.
     pub tilt_sd_rad: f64,
-    /// Offset from the deck's centre that is left, forward and right, m.
+    /// Remaining offset from the deck's centre, forward and right, m.
     pub offset_m: Vector2<f64>,
-    /// Standard deviation of the forecast's place, one axis, m.
+    /// Standard deviation of the forecast position on one axis, m.
     pub place_sd_m: f64,
-    /// Time without sight of the deck before the contact, s.
+    /// Time without vision of the deck before the contact, s.
     pub blind_s: f64,
-    /// The wind over the deck.
+    /// Wind over the deck.
     pub wind: WindPush,
-    /// Probability of staying.
+    /// Probability that the drone stays on the deck.
     pub stays: f64,
 }
 
 impl Contact {
-    /// The odds of this contact on a deck with these margins.
+    /// Probabilities of this contact on a deck with these margins.
     pub fn odds(&self, margins: &Margins) -> Odds {
         let (wind, gust) = (self.wind.mean, self.wind.gust_sd);
         let slips = ALONG_PER_GUST_S * gust;
         let [horizontal, vertical] = self.unforeseen_mps;
-        // How far the forecast lags behind a turn is known to a half only.
+        // The forecast's lag behind a turn is known only to within a half.
         let turns = 0.5 * self.turn_mps;
         let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, self.parted_mps, turns]);
         let strong = beyond_aligned(&wind);
@@ -115,7 +115,7 @@ impl Contact {
             TILT_PER_GUST * gust / GRAVITY,
             unfinished,
         ]);
-        // Against the part of a strong wind that would blow an aligned drone along too fast it banks.
+        // The drone banks against the part of a strong wind that would blow an aligned drone along too fast.
         let bank = BANK_LEFT * (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
         let speed = (self.speed_mps.powi(2) + FIRST_FOOT_M * strong).sqrt();
         Odds {
@@ -155,22 +155,22 @@ mod tests {
         }
     }
 
-    /// 12 m/s push a drone of usual drag by 3 to 4 m/s².
+    /// 12 m/s accelerates a drone with usual drag by 3 to 4 m/s².
     #[test]
     fn odds_of_a_contact_in_strong_wind() {
         let margins = Margins::on(&DeckGeometry::default(), &DroneGeometry::default());
-        let of = |push: f64| {
+        let odds_in_wind = |push: f64| {
             let wind = WindPush {
                 mean: Vector2::new(0.0, push),
                 gust_sd: 0.3 * push,
             };
             Contact { wind, ..calm() }.odds(&margins)
         };
-        let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(of);
+        let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(odds_in_wind);
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
         assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
-        // A foot that meets the deck while the drone brakes makes the contact harder, not hard.
+        // A foot that touches while the drone brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
     }
 

@@ -1,8 +1,8 @@
-//! Normal distributions of one and two dimensions.
+//! Normal distributions in one and two dimensions.
 
 use core::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Gauss-Legendre nodes and weights of order 20 on -1 to 1; each node stands for its negative, too.
+/// Gauss-Legendre nodes and weights of order 20 on -1 to 1; each node also stands for its negative.
 const NODES: [[f64; 2]; 10] = [
     [0.076526521133497, 0.152753387130726],
     [0.227785851141645, 0.149172986472604],
@@ -16,12 +16,12 @@ const NODES: [[f64; 2]; 10] = [
     [0.993128599185095, 0.017614007139151],
 ];
 
-/// Root of the sum of the squares.
+/// Root of the sum of squares.
 pub fn norm(parts: &[f64]) -> f64 {
     parts.iter().map(|p| p * p).sum::<f64>().sqrt()
 }
 
-/// The error function of `x >= 0`, to 3e-7: `1 - (1 + a_1 x + ... + a_6 x^6)^-16`.
+/// Error function of `x >= 0`, to 3e-7: `1 - (1 + a_1 x + ... + a_6 x^6)^-16`.
 /// Source: Abramowitz and Stegun 1964, eq. 7.1.28.
 fn erf(x: f64) -> f64 {
     const A: [f64; 6] = [
@@ -38,26 +38,26 @@ fn erf(x: f64) -> f64 {
     1.0 - (1.0 + x * A.iter().rev().fold(0.0, |sum, a| sum * x + a)).powi(-16)
 }
 
-/// Probability that a standard normal figure is below `z`, to 2e-7.
+/// Probability that a standard normal variable is below `z`, to 2e-7.
 pub fn below(z: f64) -> f64 {
     let half = 0.5 * erf(z.abs() * FRAC_1_SQRT_2);
     0.5 + half.copysign(z)
 }
 
-/// The larger of two values; NaN where one is, which `f64::max` would hide.
+/// Larger of two values; NaN if either is NaN, unlike `f64::max`.
 pub fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
-/// The smaller of two values; NaN where one is.
+/// Smaller of two values; NaN if either is NaN.
 pub fn smaller(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }
 
-/// Probability that a plane's normal figure with the mean `mean` from the middle and the standard deviation `sd` of each
-/// axis lies within `radius` of the middle (Rice), to 5e-5: with `x = radius sin t = mean + sd u`
-/// `∫ phi(u) erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`. NaN where mean, spread or radius is.
+/// Probability that a normal variable in the plane with offset `mean` and standard deviation `sd` on each axis lies
+/// within `radius` of the origin (Rice), to 5e-5: with `x = radius sin t = mean + sd u` `∫ phi(u) erf(radius cos t /
+/// (sd sqrt 2)) (radius cos t / sd) dt`. NaN if an argument is NaN.
 pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
-    /// Standard deviations to either side beyond which nothing is left.
+    /// Standard deviations beyond which the density is negligible.
     const REACH: f64 = 6.0;
     if sd <= 0.0 {
         return f64::from(mean < radius);
@@ -81,11 +81,11 @@ mod tests {
     #[test]
     fn probability_inside_a_circle() {
         for sd in [0.2, 0.5, 1.0] {
-            // Rayleigh, where the mean is the middle.
+            // Rayleigh distribution, for a mean of zero.
             let rayleigh = 1.0 - (-0.5_f64 / (sd * sd)).exp();
             assert!((inside(0.0, sd, 1.0) - rayleigh).abs() < 5e-5, "{sd}");
         }
-        // Densely: midpoints of the same integral.
+        // Fine midpoint rule of the same integral.
         for (mean, sd) in [(0.3, 0.02), (0.95, 0.1), (1.05, 0.3), (0.1, 2.0), (4.0, 1.0)] {
             let n = 20_000;
             let dense: f64 = (0..n)
@@ -101,7 +101,7 @@ mod tests {
                 "{mean}, {sd}: {dense}"
             );
         }
-        // Far off along one axis it is that axis's alone.
+        // Far off along one axis, only the distribution along that axis matters.
         assert!((inside(0.8, 0.05, 1.0) - below(4.0)).abs() < 1e-3);
         assert!(inside(2.0, 0.1, 1.0) < 1e-6 && inside(0.5, 0.0, 1.0) > 0.999);
     }

@@ -1,26 +1,26 @@
-//! The probability of each limit of a good landing, and of all.
+//! Probabilities of meeting each limit of a good landing, and all of them.
 
 use crate::msg::{Reason, ReasonCode};
 
-/// No landing is more likely than this: 1 of 100 fails of what is in no model.
+/// Maximum probability of a landing: 1 in 100 fails for reasons outside all models.
 pub const MAX_ODDS: f64 = 0.99;
 
-/// Limit that a landing may exceed.
+/// Limit of a good landing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// The speed onto the deck.
+    /// Speed onto the deck.
     Hard,
-    /// The speed along it.
+    /// Speed along the deck.
     Fast,
-    /// The angle between the normals.
+    /// Angle between the normals.
     Tilted,
     /// Four feet inside the deck's edges.
     Outside,
-    /// Staying where it stands.
+    /// Staying at rest.
     Slides,
 }
 
-/// The probability that each limit is kept.
+/// Probability of meeting each limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Odds {
     /// Probability for the speed onto the deck.
@@ -29,11 +29,11 @@ pub struct Odds {
     pub fast: f64,
     /// Probability for the angle.
     pub tilted: f64,
-    /// Probability for the place.
+    /// Probability for the position.
     pub outside: f64,
     /// Probability of staying.
     pub slides: f64,
-    /// The vessel's turn is most of what makes the contact fast.
+    /// The vessel's turn dominates the speed along the deck.
     pub turns: bool,
 }
 
@@ -47,23 +47,23 @@ impl Odds {
             (Limit::Slides, self.slides),
         ]
     }
-    /// The probability that all limits are kept; 0 where a value is not finite.
+    /// Probability that all limits are met; 0 if a value is not finite.
     pub fn whole(&self) -> f64 {
         let p: f64 = self.each().iter().map(|(_, p)| *p).product();
         if p.is_finite() { p.min(MAX_ODDS) } else { 0.0 }
     }
-    /// The probability of an unsafe contact: too hard, too fast along the deck, too tilted, or with a foot over an edge; 1 where
-    /// a value is not finite. A slide at rest is no contact.
+    /// Probability of an unsafe contact: too hard, too fast along the deck, too tilted, or with a foot beyond an edge;
+    /// 1 if a value is not finite. A later slide is not part of the contact.
     pub fn harm(&self) -> f64 {
         let safe = self.hard * self.fast * self.tilted * self.outside;
         if safe.is_finite() { 1.0 - safe } else { 1.0 }
     }
-    /// Why an unsafe contact is likelier than `max`.
+    /// Reason if an unsafe contact is more likely than `max`.
     pub fn harmful(&self, max: f64) -> Option<Reason> {
         let harm = self.harm();
         (harm > max).then_some(Reason::new(ReasonCode::HarmLikely, harm, max))
     }
-    /// Why it is not likely enough: the number and the limit that costs most of it.
+    /// Reason if the probability of a landing is below `needed`: that probability, and the limit that reduces it most.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();
         let lower = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };

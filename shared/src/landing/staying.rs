@@ -1,32 +1,32 @@
-//! The probability that a drone that stands on the deck with its motors stopped stays there: friction, slope, motion and
-//! wind.
+//! Probability that a drone on the deck with stopped motors stays there, from friction, slope, motion and wind.
 //!
-//! Feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the apparent slope
-//! `s = f_xy / |f_z|` and the wind's acceleration `w` of a drone that stands, `|s - w / g| <= mu`. What exceeds that moves it,
-//! and it is lost where it comes to the edge. A wave is a sine of the amplitude `A` and of the waves' mean frequency `omega`,
-//! `A = m x / sin(x)`, `x = omega T / 2`, from the mean `m` over the second `T` about its peak that is predicted and measured.
-//! With a push `b` of wind, trim and heel along it, it moves the drone by
+//! The feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the
+//! apparent slope `s = f_xy / |f_z|` and the wind's acceleration `w` of a standing drone, `|s - w / g| <= mu`. Any
+//! excess moves the drone, and it is lost when it reaches the edge. A wave is a sine of amplitude `A` and of the waves'
+//! mean frequency `omega`, `A = m x / sin(x)`, `x = omega T / 2`, where `m` is the predicted or measured mean over the
+//! second `T` about its peak. With a bias `b` of wind, trim and heel along the wave, it moves the drone by
 //!
 //! `d = 9/2 g (A + b - mu)+² / (A omega²)`
 //!
-//! (the peak as a parabola: the drone breaks away `a` before it and stands again `2 a` after it, `a² = 2 (A + b - mu) / A`).
+//! (the peak as a parabola: the drone breaks away `a` before it and stops `2 a` after it, `a² = 2 (A + b - mu) / A`).
 //!
-//! - until a drone that descends now is at rest, each wave of [`WAVE_S`] is the predicted one, along its direction; its
-//!   slope is normal with the variance of the predicted tilt, of a peak over its mean and of the gusts;
-//! - later no forecast reaches. Waves like those of the last two minutes move it to and fro: by `(d(b) - d(-b)) / 2` in the
-//!   mean of a window, with the variance `((d(b) + d(-b)) / 4)²`.
+//! - until a descending drone is at rest, the waves, one per [`WAVE_S`], have the predicted slopes and directions. Each
+//!   slope is normally distributed; its variance is the sum of those of the predicted tilt, of a peak relative to its
+//!   mean, and of the gusts;
+//! - later there is no forecast. Waves like those of the last two minutes move the drone to and fro: on average by
+//!   `(d(b) - d(-b)) / 2` per window, with the variance `((d(b) + d(-b)) / 4)²`.
 //!
-//! In a strong wind a drone does not come to rest where it meets the deck. With the wind's mean acceleration in flight `m` and a
-//! gust `u`, which is normal, it meets it by `k_p u` further along the wind, at the speed `k_v u`, and is blown on while its rotors
-//! still carry a part of it, by `w = m + u`, to `v = k_v u + t_p (w + g s - p mu g)`; then friction stops it:
+//! In a strong wind a drone does not come to rest at the contact point. With the mean wind acceleration in flight `m`
+//! and a normally distributed gust `u`, it touches down `k_p u` further downwind at the speed `k_v u`. While its rotors
+//! still carry a part of its weight it is accelerated by `w = m + u` to `v = k_v u + t_p (w + g s - p mu g)`; then
+//! friction stops it:
 //!
-//! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, the last at most `v t_w`,
+//! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, where the last term is at most `v t_w`,
 //!
-//! with negative speeds taken as 0, and without a slide where `v` is 0.
-//! So it is to meet the deck by the mean of `x` upwind of the centre, at most half way to the edge: it then rests about the
-//! centre.
+//! with negative speeds taken as 0, and without a slide if `v` is 0. The drone therefore aims upwind of the centre by
+//! the mean of `x`, at most half way to the edge, and comes to rest about the centre.
 //!
-//! All is averaged over the friction (Gauss and Hermite, three nodes) and the gusts.
+//! All results are averaged over the friction (Gauss-Hermite, three nodes) and the gusts.
 
 use core::f64::consts::TAU;
 
@@ -38,52 +38,53 @@ use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
-/// Fraction of the wind's acceleration in flight on a drone that stands with its rotors stopped: half, since rotors that
-/// turn have as much drag as the body, and less by the wind's profile above water and deck.
+/// Wind acceleration of a standing drone with stopped rotors, as a fraction of that in flight: one half because
+/// rotating rotors have as much drag as the body, and less because of the wind profile above water and deck.
 const STANDING: f64 = 0.4;
-/// Standard deviation of the friction as a part of it: dry, wet and salt.
+/// Relative standard deviation of the friction: dry, wet and salty.
 const FRICTION_SD: f64 = 0.15;
-/// Nodes of an average over a normal figure, in standard deviations, and their weights.
+/// Nodes of an average over a standard normal variable, and their weights.
 const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
-/// Standard deviation of a peak's slope as a part of it.
+/// Relative standard deviation of a peak's slope.
 const PEAK_SD: f64 = 0.3;
-/// Slopes are means over this time, s.
+/// Averaging time of slopes, s.
 const MEAN_S: f64 = 1.0;
-/// Periods that waves have, s: a hull that is quicker carries no drone, and slower ones are a slope that stays.
+/// Range of wave periods, s: a faster hull carries no drone, and slower waves act as a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
-/// Waves of which nothing is predicted peak as the quickest do, and move a drone for as long as those of this period, s: a
-/// small boat's roll.
+/// Assumed period of waves without a prediction, s. Their slope peaks like that of the fastest waves, and moves a drone
+/// for as long as the roll of a small boat does.
 const UNKNOWN_PERIOD_S: f64 = 2.3;
-/// From the beginning of a descent to rest on the deck, s: down in 4 to 6 s, at rest 4 s later.
+/// Time from the start of a descent to rest on the deck, s: descent of 4 to 6 s, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
-/// Steepest slopes so far apart are independent, s: half of a wave's period.
+/// Time between independent peaks of the slope, s: half a wave period.
 const WAVE_S: f64 = 2.0;
-/// A slope that was measured so lately counts as if it were predicted, s: a hull that leaves the water over a steep crest
-/// does so again.
+/// Age below which a measured slope counts as predicted, s: a hull that leaves the water over a steep crest does so
+/// again.
 const JUST_NOW_S: f64 = 4.0;
-/// The slope's spread without a forecast of it: the prediction is wrong by this (rms) some seconds ahead.
+/// Standard deviation of the slope without a forecast: rms error of the prediction several seconds ahead.
 const UNKNOWN_SD: f64 = 0.08;
-/// Minimum spread of any slope: the measured ones' step, and the deck's roughness.
+/// Minimum standard deviation of any slope: resolution of the measurement, and roughness of the deck.
 const MIN_SD: f64 = 0.02;
-/// From the contact on its rotors still carry it for so long, s, and meanwhile the deck carries this part of its weight.
+/// Time after the contact during which the rotors still carry the drone, s; the deck carries this fraction of its
+/// weight meanwhile.
 const PRESS_S: f64 = 0.2;
 const PRESSED: f64 = 0.65;
 /// Relative standard deviation of a slide.
 const SLIDE_SD: f64 = 0.4;
-/// Gusts that are averaged over: so many to either side of the mean, so far apart in standard deviations.
+/// Gust samples on either side of the mean, and their spacing in standard deviations.
 const GUSTS: i32 = 6;
 const GUST_STEP: f64 = 0.5;
-/// A slope that the friction does not overcome passes within this time, s: half of a wave.
+/// Duration of a slope that exceeds the friction, s: half a wave.
 const SLIDES_S: f64 = 1.0;
-/// Time for which a landed drone has to stay without a hand that holds it, s.
+/// Time for which a landed drone must stay before somebody secures it, s.
 const STAY_S: f64 = 60.0;
 
-/// Whether a drone that lands now will stay.
+/// Prediction of whether a drone that lands now stays on the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Staying {
     /// Probability that it stays.
     pub probability: f64,
-    /// Place at which it is to meet the deck to come to rest about its centre, from that, NED, m.
+    /// Touchdown target relative to the deck's centre from which the drone comes to rest about the centre, NED, m.
     pub meets: Vector2<f64>,
 }
 
@@ -96,17 +97,17 @@ impl Default for Staying {
     }
 }
 
-/// Feet on a deck.
+/// Contact conditions of the feet.
 #[derive(Clone, Copy, Debug)]
 pub struct Stand {
-    /// Coefficient of friction; forces that hold the drone down in addition to its weight count in it.
+    /// Coefficient of friction, including forces that hold the drone down in addition to its weight.
     pub friction: f64,
-    /// From the centre to where the first foot would leave the deck, m.
+    /// Distance from the centre at which the first foot leaves the deck, m.
     pub edge_m: f64,
 }
 
 impl Stand {
-    /// A drone on a deck: friction and the force that holds it, and the nearest edge.
+    /// Conditions of a drone on this deck.
     pub fn on(deck: &DeckGeometry, drone: &DroneGeometry, friction: f64) -> Stand {
         let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
         Stand {
@@ -116,11 +117,10 @@ impl Stand {
     }
 }
 
-/// Most force that a deck is asked to hold with, N.
 const MAX_HOLD_N: u32 = 1000;
 
-/// The smallest `hold_n` (whole newtons) of this deck with which a drone that these slopes move stays with at least
-/// `probability`; None where no force up to 1 kN is enough.
+/// Smallest `hold_n` (whole newtons) for which a drone subject to these slopes stays with at least `probability`; None
+/// if 1 kN is not enough.
 pub fn needed_hold_n(
     slopes: &Slopes,
     (deck, drone): (&DeckGeometry, &DroneGeometry),
@@ -132,7 +132,7 @@ pub fn needed_hold_n(
         let stand = Stand::on(&DeckGeometry { hold_n, ..*deck }, drone, friction);
         Staying::of(slopes, &stand).probability >= probability
     };
-    // The probability grows with the force: between one that is too small and one that is enough.
+    // The probability increases with the force: bisect between an insufficient and a sufficient one.
     let (mut small, mut enough) = (0, MAX_HOLD_N);
     if stays(small) {
         return Some(0.0);
@@ -152,7 +152,7 @@ pub fn needed_hold_n(
 }
 
 impl Staying {
-    /// Probability by the slopes, predicted and measured, and the wind; 0 where one of them is not a number.
+    /// Prediction from predicted and measured slopes and the wind; probability 0 if one of them is NaN.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let upwind_m = slopes.blown(stand.friction).min(0.5 * stand.edge_m);
         let given = |(sds, weight): (f64, f64)| {
@@ -171,31 +171,31 @@ impl Staying {
     }
 }
 
-/// Waves as sines of one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sines {
-    /// rad/s.
+    /// Angular frequency, rad/s.
     omega: f64,
     /// Amplitude of a sine whose mean over [`MEAN_S`] about its peak is 1.
     peak: f64,
 }
 
 impl Sines {
-    /// Waves of these slopes' mean frequency, `omega² = <s'²> / <s²>`; without waves those of [`UNKNOWN_PERIOD_S`].
+    /// Waves with the mean frequency of these slopes, `omega² = <s'²> / <s²>`; without waves that of
+    /// [`UNKNOWN_PERIOD_S`].
     fn of(slopes: &[Vector2<f64>], mean: &Vector2<f64>) -> Sines {
         let changes = slopes.windows(2).map(|w| match w {
             [before, after] => (after - before).norm_squared(),
             _ => 0.0,
         });
         let square: f64 = slopes.iter().map(|s| (s - mean).norm_squared()).sum();
-        // Of a sine, step by step: 4 sin²(omega dt / 2).
+        // For a sampled sine: 4 sin²(omega dt / 2).
         let half = 0.5 * (changes.sum::<f64>() / square).sqrt();
         let [quick, slow] = PERIOD_S.map(|s| TAU / s);
         let peak = |omega: f64| {
             let x = 0.5 * omega * MEAN_S;
             x / x.sin()
         };
-        // Less than a step of the message is no wave.
+        // A slope below the message's resolution does not count as a wave.
         let known = square > slopes.len() as f64 * SLOPE_STEP * SLOPE_STEP;
         if !(known && half.is_finite()) {
             return Sines {
@@ -209,11 +209,11 @@ impl Sines {
             peak: peak(omega),
         }
     }
-    /// By how much a wave of this slope (a mean about its peak) with a push along it moves a drone, m.
+    /// Displacement of a drone by a wave of this slope (mean about its peak) with a bias along it, m.
     fn moves(&self, slope: f64, push: f64, friction: f64) -> f64 {
         let amplitude = self.peak * slope;
         let over = amplitude + push - friction;
-        // A value that is not a number must not count as calm water.
+        // NaN must not count as calm water.
         if over <= 0.0 {
             return 0.0;
         }
@@ -221,28 +221,28 @@ impl Sines {
     }
 }
 
-/// Causes that move a standing drone, as slopes.
+/// Slopes and wind that move a standing drone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slopes {
     waves: Sines,
-    /// Each predicted wave where it is steepest: slope about the mean, the push along it, its direction, and the spread of
-    /// its prediction.
+    /// Steepest slope of each predicted wave: slope about the mean, bias along it, its direction, and the standard
+    /// deviation of the prediction.
     predicted: Vec<(f64, f64, Vector2<f64>, f64)>,
-    /// The steepest measured in each span, the newest first.
+    /// Steepest measured slope in each window, newest first.
     measured: Vec<f64>,
-    /// Acceleration by the wind.
+    /// Wind acceleration of the standing drone.
     push: Vector2<f64>,
     gust: f64,
-    /// The wind in flight; none of one with which an aligned drone is wholly blown along.
+    /// Wind in flight; zero if an aligned drone accepts all of it as drift.
     in_flight: WindPush,
     /// Slope of trim and heel.
     trim: f64,
-    /// Slope of the wind, trim and heel.
+    /// Slope of wind, trim and heel.
     bias: Vector2<f64>,
 }
 
 impl Slopes {
-    /// By a forecast, predicted and measured.
+    /// Predicted and measured slopes of a forecast.
     pub fn of(forecast: Option<&DeckForecast>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
         let slope = |s: &[i8; 2]| Vector2::new(f64::from(s[0]), f64::from(s[1])) * SLOPE_STEP;
@@ -282,8 +282,8 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// In a sea of which no single wave is predicted: the steepest slope of each window of [`SLOPE_WINDOW_S`], the newest
-    /// first, about the mean slope `mean` (NED).
+    /// Slopes in a sea without predicted waves: the steepest slope of each window of [`SLOPE_WINDOW_S`], newest first,
+    /// about the mean slope `mean` (NED).
     pub fn in_sea(steepest: impl IntoIterator<Item = f64>, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
         Slopes {
@@ -297,13 +297,13 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// That it stays within the edge: of the waves until it is at rest, and of those of the minute after, when it meets the deck
-    /// so far upwind.
+    /// Probability of staying within the edge with a touchdown this far upwind: through the waves until rest, and those
+    /// of the following minute.
     fn stays(&self, friction: f64, edge_m: f64, upwind_m: f64) -> f64 {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
         let along = self.bias.try_normalize(0.0).unwrap_or_default();
-        // Slopes are what holds a drone: it goes the other way.
+        // The slope points along the force on the drone's feet; the drone moves the other way.
         let waves = -(first + along * after);
         let blown = |gust_sds: f64| {
             let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, 1.0, friction);
@@ -313,36 +313,35 @@ impl Slopes {
         };
         let within = over_gusts(blown);
         let again = self.holds_as_just_now(friction);
-        // One that is no number stays none.
+        // NaN stays NaN.
         if again < within { again } else { within }
     }
-    /// Displacement by the waves until it is at rest, north and east, and its standard deviation, m.
+    /// Displacement by the waves until rest, north and east, and its standard deviation, m.
     fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
         let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
         if self.predicted.is_empty() {
-            // While no wave is known the next group of waves is taken to be like the last.
+            // Before waves are identified, the next wave group is assumed to be like the last.
             let (mean, sd) = match self.measured.as_slice() {
                 [] => (0.0, 0.0),
                 waves => moments(waves),
             };
             let along = self.bias.try_normalize(0.0).unwrap_or_default();
-            let (by, of) = self.wave(friction, mean, self.bias.norm(), sd);
+            let (displacement, displacement_sd) = self.wave(friction, mean, self.bias.norm(), sd);
             let waves = TIME_TO_REST_S / WAVE_S;
-            return (along * (by * waves), of * waves.sqrt());
+            return (along * (displacement * waves), displacement_sd * waves.sqrt());
         }
         for (slope, push, along, sd) in &self.predicted {
-            let (by, of) = self.wave(friction, *slope, *push, *sd);
-            moved += along * by;
-            variance += of * of;
+            let (displacement, displacement_sd) = self.wave(friction, *slope, *push, *sd);
+            moved += along * displacement;
+            variance += displacement_sd * displacement_sd;
         }
         (moved, variance.sqrt())
     }
-    /// Direction towards which a strong wind blows.
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }
-    /// Distance along it at which a drone that the plan leads to the centre comes to rest, in the mean of gusts and of
-    /// waves to either side, m.
+    /// Downwind distance at which a drone aimed at the centre comes to rest, averaged over gusts and over waves to
+    /// either side, m.
     fn blown(&self, friction: f64) -> f64 {
         let to = |side: f64, sds: f64| {
             let blown = self.blown_in(sds * self.in_flight.gust_sd, side, friction);
@@ -350,8 +349,8 @@ impl Slopes {
         };
         over_gusts(|sds| 0.5 * (to(1.0, sds) + to(-1.0, sds)))
     }
-    /// Distances along the wind in a gust of `gust` (m/s²): to where it meets the deck, and from there on, m; the waves
-    /// slope to leeward (`side` 1) or to windward (-1).
+    /// Downwind distances in a gust of `gust` (m/s²): to the contact, and from there to rest, m; the waves slope to
+    /// leeward (`side` 1) or to windward (-1).
     fn blown_in(&self, gust: f64, side: f64, friction: f64) -> [f64; 2] {
         let mean = self.in_flight.mean.norm();
         if mean == 0.0 {
@@ -372,11 +371,11 @@ impl Slopes {
         let braked = larger(GRAVITY * (friction - slope) - STANDING * wind, 0.0);
         let pressed = 0.5 * PRESS_S * (larger(met_mps, 0.0) + speed);
         let slid = (0.5 * speed * speed / braked).min(SLIDES_S * speed);
-        // Nothing slides: not a number where nothing brakes, either.
+        // No slide; the formula would give NaN if nothing brakes either.
         let slid = if speed == 0.0 { 0.0 } else { pressed + slid };
         [PLACE_PER_GUST_S2 * gust, slid]
     }
-    /// By how much a wave of this slope, which is known to `sd`, moves the drone, and how far that is off, m.
+    /// Displacement by a wave of this slope with standard deviation `sd`, and its standard deviation, m.
     fn wave(&self, friction: f64, slope: f64, push: f64, sd: f64) -> (f64, f64) {
         let sd = norm(&[sd, PEAK_SD * slope, self.gust, MIN_SD]);
         let moves = |k: f64| {
@@ -391,13 +390,13 @@ impl Slopes {
         }
         (mean, (square - mean * mean).max(0.0).sqrt())
     }
-    /// A slope that was measured so lately does not overcome the friction when it comes again.
+    /// Probability that a recently measured slope does not exceed the friction when it recurs.
     fn holds_as_just_now(&self, friction: f64) -> f64 {
         let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
         let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
         below((friction - again) / norm(&[self.gust, MIN_SD]))
     }
-    /// By how much the waves of the minute after move it along the push, and how far that is off, m.
+    /// Displacement along the bias by the waves of the following minute, and its standard deviation, m.
     fn after(&self, friction: f64) -> (f64, f64) {
         let windows = STAY_S / SLOPE_WINDOW_S / self.measured.len().max(1) as f64;
         let (mut mean, mut square) = (0.0, 0.0);
@@ -414,7 +413,7 @@ impl Slopes {
     }
 }
 
-/// A strong wind; none of another.
+/// The wind if it is strong, otherwise zero.
 fn strong(wind: &WindPush) -> WindPush {
     if beyond_aligned(&wind.mean) > 0.0 {
         *wind
@@ -423,19 +422,19 @@ fn strong(wind: &WindPush) -> WindPush {
     }
 }
 
-/// The mean of what follows from a normal figure, which is given in standard deviations.
-fn over_gusts(of: impl Fn(f64) -> f64) -> f64 {
+/// Mean of a function of a standard normal variable.
+fn over_gusts(value: impl Fn(f64) -> f64) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for k in -GUSTS..=GUSTS {
         let sds = GUST_STEP * f64::from(k);
         let weight = (-0.5 * sds * sds).exp();
-        sum += weight * of(sds);
+        sum += weight * value(sds);
         weights += weight;
     }
     sum / weights
 }
 
-/// Standard deviation of the tilt so far ahead, rad; that of a prediction some seconds ahead without a forecast of it.
+/// Standard deviation of the tilt this far ahead, rad; without a forecast that of a prediction several seconds ahead.
 fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
     let stage = forecast.and_then(|f| {
         let at = (ahead_s / f.step.secs().max(1e-3)) as usize;
@@ -450,7 +449,7 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Peaks of a sea whose slope has this standard deviation (Rayleigh), an ordinary one the newest.
+    /// Peaks of a sea whose slope has this standard deviation (Rayleigh); the newest is a typical one.
     fn peaks(sd: f64) -> impl Iterator<Item = f64> {
         (0..60).map(move |k| {
             let p = (f64::from((k + 30) % 60) + 0.5) / 60.0;
@@ -475,11 +474,11 @@ mod tests {
         assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
         let steeper = (1..12).map(|k| p(0.02 * f64::from(k), 0.0));
         assert!(steeper.clone().zip(steeper.skip(1)).all(|(a, b)| a >= b - 1e-9));
-        // A wind that adds to it.
+        // Wind increases the slope.
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
     }
 
-    /// The final displacement by waves and wind adds to the slide, and a list to leeward makes that longer.
+    /// The final displacement by waves and wind adds to the slide, and a list to leeward increases it.
     #[test]
     fn slide_and_drift_to_leeward() {
         let wind = WindPush {
@@ -494,12 +493,12 @@ mod tests {
             windward > centre && centre > leeward,
             "{windward} {centre} {leeward}"
         );
-        // The deck holds a drone to windward that lists to leeward.
+        // The deck pushes a drone to windward if it lists to leeward.
         assert!(slopes(-0.05).blown(0.4) > slopes(0.0).blown(0.4) + 0.02);
         assert!(slopes(0.05).blown(0.4) < slopes(0.0).blown(0.4));
     }
 
-    /// On a level deck a strong wind moves a drone on where it meets the deck, and far on a slippery one and in gusts.
+    /// On a level deck a strong wind moves a drone from its contact point, and further on a slippery deck and in gusts.
     #[test]
     fn slide_in_a_strong_wind() {
         let slopes = |wind: f64, gust_sd: f64| {
@@ -515,19 +514,19 @@ mod tests {
         );
         assert!(blown(4.0, 0.0, 0.4) > 1.5 * blown(3.5, 0.0, 0.4));
         assert!(blown(3.0, 0.0, 0.2) > 2.0 * blown(3.0, 0.0, 0.4));
-        // As far in the mean as 12 m/s moves one, and upwind of the centre by that.
+        // Mean displacement in 12 m/s, compensated by an upwind target.
         let gusty = slopes(3.8, 1.1);
         assert!((0.05..0.2).contains(&gusty.blown(0.4)), "{}", gusty.blown(0.4));
         let stand = Stand {
             friction: 0.4,
             edge_m: 0.65,
         };
-        let of = Staying::of(&gusty, &stand);
+        let staying = Staying::of(&gusty, &stand);
         assert!(
-            (of.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
-            "{of:?}"
+            (staying.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
+            "{staying:?}"
         );
-        assert!(gusty.stays(0.4, 0.65, of.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
+        assert!(gusty.stays(0.4, 0.65, staying.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
         let narrow = Stand { edge_m: 0.1, ..stand };
         assert!((Staying::of(&gusty, &narrow).meets.norm() - 0.05).abs() < 1e-9);
         let [none, far] = [f64::NAN, f64::INFINITY].map(|w| Staying::of(&slopes(w, 1.0), &stand));

@@ -1,4 +1,4 @@
-//! The wind over the deck as it pushes a drone.
+//! Acceleration of a drone by the wind over the deck.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
@@ -6,23 +6,26 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::msg::DroneState;
 
-/// A drag per mass that is taken before any is learnt, 1/m: a multirotor of 3.5 kg that leans by 16 deg in 10 m/s.
+/// Default drag per mass before identification, 1/m: a multirotor of 3.5 kg that banks by 16 deg in 10 m/s.
 pub const DRAG_PER_M: f64 = 0.03;
-/// Below this speed through the air drag is linear, m/s.
+/// Airspeed below which drag is linear, m/s.
 pub const LINEAR_MPS: f64 = 1.0;
 /// Intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
 pub const TURBULENCE: f64 = 0.19;
-/// Wind up to this acceleration blows an aligned drone along, m/s²: an alignment lasts about 0.3 s, so that each m/s² costs
-/// 0.3 m/s along the deck, and each that is compensated by tilt 6 deg. At 5 m/s (0.7 m/s²) aligning is cheap ...
+/// Maximum wind acceleration that an aligned drone accepts entirely as drift, m/s². An alignment lasts about 0.3 s, so
+/// each m/s² costs 0.3 m/s along the deck, or a tilt of 6 deg if compensated. At 5 m/s (0.7 m/s²) aligning costs
+/// little.
 const ALIGNED_MPS2: f64 = 1.2;
-/// ... and at 8 m/s (1.8 m/s²) it is divided: so much of what is beyond; for the rest the drone keeps its tilt.
+/// Fraction of the excess over [`ALIGNED_MPS2`] that the drone accepts as drift, e.g. at 8 m/s (1.8 m/s²); it
+/// compensates the rest by tilt.
 const ALIGNED_FRACTION: f64 = 0.6;
 
-/// Speed along the deck at the contact, m/s, of a gust of 1 m/s²: landings begun at random moments in 8 to 14 m/s of wind.
+/// Speed along the deck at the contact, m/s, per gust of 1 m/s²: landings begun at random moments in 8 to 14 m/s of
+/// wind.
 pub const ALONG_PER_GUST_S: f64 = 0.15;
-/// Tilt at the contact, a part of the bank that holds against the gust; the same landings.
+/// Tilt at the contact as a fraction of the bank that compensates the gust; same landings.
 pub const TILT_PER_GUST: f64 = 0.25;
-/// Place of the contact, m, of a gust of 1 m/s²; the same landings.
+/// Displacement of the contact point, m, per gust of 1 m/s²; same landings.
 pub const PLACE_PER_GUST_S2: f64 = 0.15;
 
 /// Effect of the wind over the deck on a drone that follows the vessel.
@@ -30,20 +33,20 @@ pub const PLACE_PER_GUST_S2: f64 = 0.15;
 pub struct WindPush {
     /// Mean acceleration, NED, m/s².
     pub mean: Vector2<f64>,
-    /// Gusts: standard deviation of one axis, m/s².
+    /// Standard deviation of gusts on one axis, m/s².
     pub gust_sd: f64,
 }
 
 impl WindPush {
-    /// Effect of the wind over the deck that the drone's odometry has measured.
+    /// Wind measured by the drone's odometry.
     pub fn of(drone: &DroneState) -> WindPush {
         WindPush {
             mean: drone.wind_push.into(),
             gust_sd: drone.gust_sd,
         }
     }
-    /// Effect of a true wind towards `wind` (NED, m/s) over a vessel that makes `way` (NED, m/s), on a drone of usual
-    /// drag: the way adds to the mean, and the gusts are the wind's alone.
+    /// Effect of the wind on a drone with usual drag above a moving vessel. `wind` is the velocity of the true wind and
+    /// `way` that of the vessel, NED, m/s. The vessel's speed contributes to the mean, but not to the gusts.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {
         let (mean, slope) = drag(DRAG_PER_M, &(way - wind));
         WindPush {
@@ -53,8 +56,8 @@ impl WindPush {
     }
 }
 
-/// Acceleration by drag at `u` through the air (m/s²), and how it grows with the wind, 1/s: `-k s u` with
-/// `s = sqrt(|u|² + u0²)`, quadratic, and linear below `u0`, where the rotors' drag rules (Faessler et al. 2018). `k` in 1/m.
+/// Drag acceleration at airspeed `u` (m/s²) and its derivative by the wind, 1/s: `-k s u` with `s = sqrt(|u|² + u0²)`,
+/// quadratic, and linear below `u0`, where rotor drag dominates (Faessler et al. 2018). `k` in 1/m.
 pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     let s = u.norm().hypot(LINEAR_MPS);
     (
@@ -63,7 +66,7 @@ pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     )
 }
 
-/// The part of the acceleration `wind` (m/s²) that an aligned drone is to be blown along with; against the rest it tilts.
+/// Part of the acceleration `wind` (m/s²) that an aligned drone accepts as drift; it compensates the rest by tilt.
 pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     let whole = wind.norm();
     if whole <= ALIGNED_MPS2 {
@@ -72,8 +75,8 @@ pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
-/// By how much `wind` (m/s²) is stronger than what an aligned drone is wholly blown along with, m/s²: in such a wind tilted and
-/// aligned attitudes differ much.
+/// Excess of `wind` (m/s²) over the acceleration that an aligned drone accepts entirely as drift, m/s². In a wind with
+/// an excess, the tilted and aligned attitudes differ significantly.
 pub fn beyond_aligned(wind: &Vector2<f64>) -> f64 {
     (wind.norm() - ALIGNED_MPS2).max(0.0)
 }
@@ -84,24 +87,24 @@ mod tests {
 
     #[test]
     fn drift_and_tilt_in_strong_wind() {
-        let of = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
-        assert_eq!((of(0.7), of(-1.2)), (0.7, -1.2));
-        assert!((of(1.201) - 1.2006).abs() < 1e-9 && (of(3.2) - 2.4).abs() < 1e-9);
+        let accepted = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
+        assert_eq!((accepted(0.7), accepted(-1.2)), (0.7, -1.2));
+        assert!((accepted(1.201) - 1.2006).abs() < 1e-9 && (accepted(3.2) - 2.4).abs() < 1e-9);
         let beyond = |d: f64| beyond_aligned(&Vector2::new(0.0, d));
         assert!(beyond(-1.2) == 0.0 && (beyond(-3.2) - 2.0).abs() < 1e-9);
     }
 
     #[test]
     fn wind_over_a_vessel_under_way() {
-        let of = |wind: [f64; 2], way: [f64; 2]| WindPush::over(wind.into(), way.into());
-        // Her own way at 5 m/s blows from ahead, without gusts; a wind that goes along takes it away.
-        let own = of([0.0, 0.0], [5.0, 0.0]);
+        let wind_over = |wind: [f64; 2], way: [f64; 2]| WindPush::over(wind.into(), way.into());
+        // The vessel's speed of 5 m/s causes a headwind without gusts; an equal following wind cancels it.
+        let own = wind_over([0.0, 0.0], [5.0, 0.0]);
         assert!(
             own.mean.x < -0.7 && own.mean.x > -0.8 && own.gust_sd == 0.0,
             "{own:?}"
         );
-        let along = of([5.0, 0.0], [5.0, 0.0]);
+        let along = wind_over([5.0, 0.0], [5.0, 0.0]);
         assert!(along.mean.norm() < 1e-12 && along.gust_sd > 0.0);
-        assert!(of([-5.0, 0.0], [5.0, 0.0]).mean.x < -2.5);
+        assert!(wind_over([-5.0, 0.0], [5.0, 0.0]).mean.x < -2.5);
     }
 }

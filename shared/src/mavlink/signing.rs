@@ -1,4 +1,4 @@
-//! Signing of MAVLink 2 frames (<https://mavlink.io/en/guide/message_signing.html>): one key, and times that only grow.
+//! Signing of MAVLink 2 frames (<https://mavlink.io/en/guide/message_signing.html>): one key, and monotonic timestamps.
 
 use core::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,38 +9,39 @@ use serde::{Deserialize, Serialize};
 
 use crate::msg::Seq;
 
-/// `RADIO_STATUS`: telemetry radios insert it themselves, unsigned, into a link that is signed.
+/// `RADIO_STATUS`: telemetry radios insert it unsigned into a signed link.
 const RADIO_STATUS: u32 = 109;
 /// Incompatibility flag of a signed frame.
 const SIGNED: u8 = 1;
 
-/// A stream that is new may be so much older than the latest time, 10 us: a minute.
+/// Maximum age of the first frame of a new stream relative to the latest time, in 10 us: one minute.
 const NEW_STREAM: u64 = 60 * 100_000;
-/// Streams whose times are known, at most: of more of them the oldest is forgotten.
+/// Maximum number of streams with stored times; the oldest is dropped for a new one.
 pub const MAX_STREAMS: usize = 16;
 
-/// The newest time of a stream of signed frames.
+/// Newest timestamp in a stream of signed frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct StreamTime {
-    /// Link, component and system of its sender.
+    /// Link, component and system of the sender.
     pub from: [u32; 3],
-    /// 10 us since 2015.
+    /// Timestamp, 10 us since 2015.
     pub newest: u64,
 }
 
-/// Times that a signed link knows, for the next start of its process: a frame that was sent before is never taken again.
+/// Timestamps of a signed link, saved for the next start of its process so that earlier frames are never accepted
+/// again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SigningTimes {
-    /// The latest of all, our own among them, 10 us since 2015.
+    /// Latest timestamp of all, including our own, 10 us since 2015.
     pub latest: u64,
-    /// Newest time of each stream.
+    /// Newest timestamp of each stream.
     pub streams: Seq<StreamTime, MAX_STREAMS>,
 }
 
 impl SigningTimes {
-    /// Whether a frame of this stream and time is later than those before it; then it is one of those.
+    /// Whether a frame of this stream is newer than its predecessors; if so, its time is stored.
     fn admit(&mut self, from: [u32; 3], at: u64) -> bool {
         let known = self.streams.iter_mut().find(|s| s.from == from);
         let later = match &known {
@@ -64,9 +65,9 @@ impl SigningTimes {
     }
 }
 
-/// Signing of MAVLink 2 frames with one key: ours are signed, and of others only those are taken that the same key signed,
-/// later than the ones before. Timestamps are this computer's time or the latest that was received, whichever is later, so that
-/// a computer whose clock is behind speaks to an autopilot whose clock is right.
+/// Signing of MAVLink 2 frames with one key. Our frames are signed; received ones are accepted if signed with the same
+/// key and newer than their predecessors. Timestamps are the later of this computer's time and the latest received, so
+/// that an autopilot with the right time accepts frames from a computer whose clock is behind.
 #[derive(Clone)]
 pub struct Signing {
     key: [u8; 32],
@@ -82,11 +83,11 @@ impl fmt::Debug for Signing {
 }
 
 impl Signing {
-    /// With this key, and no clock but the times of the frames.
+    /// Signing with this key and without a clock other than the frames' timestamps.
     pub fn new(key: [u8; 32]) -> Signing {
         Signing::with_clock(key, || 0)
     }
-    /// With this key and a computer's time, 10 us since 2015.
+    /// Signing with this key and the computer's time, 10 us since 2015.
     pub fn with_clock(key: [u8; 32], clock: fn() -> u64) -> Signing {
         Signing {
             key,
@@ -95,7 +96,7 @@ impl Signing {
             any_time: false,
         }
     }
-    /// This key, for frames stamped at whatever time: of an autopilot that learns the time from our answers.
+    /// This key for frames with any timestamp, for an autopilot that learns the time from our replies.
     #[must_use]
     pub fn at_any_time(&self) -> Signing {
         Signing {
@@ -103,29 +104,28 @@ impl Signing {
             ..self.clone()
         }
     }
-    /// Times that the next start is to know.
+    /// Timestamps to save for the next start.
     pub fn times(&self) -> SigningTimes {
         *self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Adds the times that the start before this one knew.
+    /// Adds the timestamps saved at the previous start.
     pub fn recall(&self, before: &SigningTimes) {
         let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
         times.latest = times.latest.max(before.latest);
         for stream in before.streams.iter() {
             match times.streams.iter_mut().find(|s| s.from == stream.from) {
                 Some(known) => known.newest = known.newest.max(stream.newest),
-                // There are no more of them than fit, unless as many new ones came at once.
+                // The list is full only if that many new streams have appeared at once.
                 None => drop(times.streams.push(*stream)),
             }
         }
     }
-    /// Whether the key signed it, at whatever time.
+    /// Whether the frame was signed with the key, at any time.
     fn is_signature(&self, frame: &MAVLinkV2MessageRaw) -> bool {
         let mut signature = [0; 6];
         frame.calculate_signature(&self.key, &mut signature);
         frame.signature_value() == signature
     }
-    /// Whether it is later than those before it.
     fn is_later(&self, frame: &MAVLinkV2MessageRaw) -> bool {
         let from = [
             frame.signature_link_id().into(),
@@ -136,7 +136,6 @@ impl Signing {
         times.latest = times.latest.max((self.clock)());
         times.admit(from, frame.signature_timestamp())
     }
-    /// Signs a frame of ours.
     pub(super) fn sign(&self, frame: &mut MAVLinkV2MessageRaw) {
         let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
         times.latest = times.latest.max((self.clock)());
@@ -154,21 +153,21 @@ impl Signing {
     }
 }
 
-/// Frames by their signatures.
+/// Counts of frames by signature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Signatures {
-    /// Left out because they were not signed, though a key is set.
+    /// Unsigned frames rejected while a key is set.
     pub unsigned: u64,
-    /// Left out because another key signed them.
+    /// Frames rejected because of another key.
     pub other_key: u64,
-    /// Left out because they were sent before, or stamped more than a minute before our time.
+    /// Frames rejected because of a repeated timestamp, or one more than a minute before our time.
     pub old: u64,
-    /// Taken without looking at the signature, because no key is set.
+    /// Frames accepted without a signature check because no key is set.
     pub unchecked: u64,
 }
 
 impl Signatures {
-    /// The sum of both.
+    /// Sum of both counts.
     #[must_use]
     pub fn plus(self, other: Signatures) -> Signatures {
         Signatures {
@@ -178,39 +177,39 @@ impl Signatures {
             unchecked: self.unchecked + other.unchecked,
         }
     }
-    /// Fault of a link's signatures, and its remedy; None where all are as configured. Those left out on a link on which the
-    /// autopilot's are `admitted` were of others, or from before it had the key.
+    /// Fault of a link's signatures and its remedy; None if all are as configured. On a link with `admitted` autopilot
+    /// frames, rejected ones came from others or from before the autopilot had the key.
     pub fn finding(&self, admitted: bool) -> Option<(String, &'static str)> {
         let left_out = |count| if admitted { 0 } else { count };
         let [other_key, old, unsigned] = [self.other_key, self.old, self.unsigned].map(left_out);
         let (count, found, remedy) = if other_key > 0 {
             (
                 other_key,
-                "left out: another key than signing_key's signed them",
+                "rejected: signed with another key than signing_key's",
                 "give the autopilot and signing_key's file the same passphrase",
             )
         } else if old > 0 {
             (
                 old,
-                "left out: sent before, or stamped over a minute before our time",
+                "rejected: repeated timestamp, or one over a minute before our time",
                 "set this computer's clock, and let the autopilot have a GNSS fix",
             )
         } else if unsigned > 0 {
             (
                 unsigned,
-                "left out: not signed, and signing_key demands it",
+                "rejected: not signed, as signing_key requires",
                 "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
             )
         } else {
             (
                 self.unchecked,
-                "signed, and neither checked nor answered with a signature",
+                "signed, but neither checked nor answered with a signature",
                 "set signing_key to a file with the autopilot's passphrase",
             )
         };
         (count > 0).then(|| (format!("{count} MAVLink frames {found}"), remedy))
     }
-    /// Whether this frame is taken; `whenever`: at whatever time it was signed.
+    /// Whether this frame is accepted; `whenever` accepts any timestamp.
     pub(super) fn admit(
         &mut self,
         raw: &MAVLinkMessageRaw,
@@ -255,7 +254,7 @@ mod tests {
             signing,
         )
     }
-    /// Number of these frames that a link with this key takes, and the counts of the others.
+    /// Number of frames accepted on a link with this key, and the counts of the others.
     fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
         let mut reader = FrameReader::signed(signing);
         frames.iter().for_each(|bytes| reader.push(bytes));
@@ -268,7 +267,7 @@ mod tests {
         let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
         let [signed, later] = [(); 2].map(|()| heartbeat(Some(&ours)));
         let mut changed = heartbeat(Some(&ours));
-        // The signature alone, which the checksum does not cover.
+        // Changes only the signature, which the checksum does not cover.
         *changed.last_mut().unwrap() ^= 1;
         let frames = [
             signed.clone(),
@@ -298,7 +297,7 @@ mod tests {
         assert_eq!(taken(Some(Signing::new([1; 32])), &[status]).0, 1);
     }
 
-    /// Computed outside, by the specification: SHA-256 of key, frame, link and timestamp, its first six bytes.
+    /// Independent computation from the specification: SHA-256 of key, frame, link and timestamp, first six bytes.
     #[test]
     fn signature_by_the_specification() {
         let frame = "fd 09 01 00 00 01 01 00 00 00 03 00 00 00 02 0c 51 04 03 95 f8 00 00 00 00 00 00 80 b3 8d 25 8d 8d ca";
@@ -312,11 +311,11 @@ mod tests {
         );
     }
 
-    /// A computer whose clock is behind: its frames are stamped after those that it received.
+    /// A computer whose clock is behind stamps its frames after those it received.
     #[test]
     fn timestamp_after_the_latest_received() {
         let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
-        // Ahead of every clock.
+        // This frame's timestamp is ahead of every clock.
         let mut ahead = MAVLinkV2MessageRaw::new();
         let message = Outgoing::new(0, 50, vec![3; 9]);
         ahead
@@ -336,12 +335,11 @@ mod tests {
         };
         let before = of_ours();
         assert_eq!(taken(Some(ours.clone()), core::slice::from_ref(&ahead)).0, 1);
-        // The autopilot has stamped as late, and takes nothing that is older by a minute.
+        // The autopilot has used the same timestamp, and rejects frames that are more than a minute older.
         let frames = [ahead, before, of_ours()];
         assert_eq!(taken(Some(autopilot), &frames).0, 2);
     }
 
-    /// A frame of a ground station, stamped at this time.
     fn stamped(at: u64) -> Vec<u8> {
         let station = Signing::new([1; 32]);
         station.recall(&SigningTimes {
@@ -351,7 +349,7 @@ mod tests {
         heartbeat(Some(&station))
     }
 
-    /// Frames sent before a restart do not count any more, and later ones do.
+    /// After a restart, frames sent before it are rejected and later ones accepted.
     #[test]
     fn times_of_a_signed_link_over_a_restart() {
         const AT: u64 = 1_000_000_000;
@@ -365,7 +363,7 @@ mod tests {
         assert_eq!((count, signatures.old), (1, 2));
     }
 
-    /// A clock that was ahead, and was set back: what may come whenever it was signed is taken, if the key signed it.
+    /// After the clock was set back, a message exempt from the time check is accepted if it is signed with the key.
     #[test]
     fn message_that_no_clock_stops() {
         const AT: u64 = 1_000_000_000;

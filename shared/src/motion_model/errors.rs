@@ -1,4 +1,4 @@
-//! Measured prediction error: each prediction is kept until its time has come.
+//! Prediction errors measured by keeping each prediction until it is due.
 
 use std::collections::VecDeque;
 
@@ -7,29 +7,29 @@ use crate::vessel_model::{DOFS, Motion, PITCH, ROLL, SURGE, SWAY};
 
 use super::{MotionSample, SAMPLE_S};
 
-/// Times ahead at which errors are measured, s.
+/// Prediction horizons at which errors are measured, s.
 pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
-/// Memory of the mean squares, comparisons: half a minute, and at first a fifth of all, because the first models are
-/// the worst.
+/// Memory of the mean squares, in comparisons: half a minute. At first it is a fifth of all comparisons so far, because
+/// the first models are the worst.
 const MEMORY: f64 = 300.0;
-const SHARE: f64 = 0.2;
-/// Comparisons before which the deviation of the motion itself stands in.
+const INITIAL_FRACTION: f64 = 0.2;
+/// Number of comparisons before measured errors replace the deviation of the motion itself.
 const FIRST: f64 = 15.0;
-/// Memory of the recent mean squares, comparisons: two seconds.
+/// Memory of the recent mean squares, in comparisons: two seconds.
 const RECENT: f64 = 20.0;
-/// The two identifications are weighed by their errors one second ahead, the third of [`SPREAD_AT_S`].
+/// Index in [`SPREAD_AT_S`] of the horizon (1 s) whose errors weight the two identifications.
 const WEIGHED_AT: usize = 2;
-/// Most predictions that wait: those of all horizons.
+/// Maximum number of pending predictions: those of all horizons.
 const MAX_WAITING: usize = 96;
 /// Number of the shortest horizons whose errors also widen the longer ones.
 const SOON: usize = 2;
-/// Compared quantities: the degrees of freedom, and acceleration north and east, in which a manoeuvre shows first.
+/// Number of compared quantities: the degrees of freedom, and acceleration north and east, which show a manoeuvre
+/// first.
 const COMPARED: usize = DOFS + 2;
-/// Chance alone makes a mean square of so few waves this many times the usual (95 % of chi squared / 8 with 8 degrees of
-/// freedom).
+/// Ratio by which a mean square over a few waves exceeds the usual one by chance (95 % of chi squared / 8 with 8
+/// degrees of freedom).
 const BY_CHANCE: f64 = 1.94;
 
-/// A prediction that waits for its time.
 #[derive(Clone, Copy, Debug)]
 struct Waiting<const N: usize, C: Clock> {
     due: Time<C>,
@@ -37,12 +37,12 @@ struct Waiting<const N: usize, C: Clock> {
     value: [f64; N],
 }
 
-/// Mean squares of the errors of predictions of `N` quantities, each kept until its time has come.
+/// Mean squares of prediction errors of `N` quantities.
 #[derive(Clone, Debug)]
 pub struct MeasuredErrors<const N: usize, C: Clock> {
     waiting: VecDeque<Waiting<N, C>>,
     squares: [[f64; N]; SPREAD_AT_S.len()],
-    /// Mean squares of the last seconds.
+    /// Mean squares over the last seconds.
     recent: [[f64; N]; SPREAD_AT_S.len()],
     count: [f64; SPREAD_AT_S.len()],
 }
@@ -59,7 +59,7 @@ impl<const N: usize, C: Clock> Default for MeasuredErrors<N, C> {
 }
 
 impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
-    /// Keeps what is predicted at `now` for each of [`SPREAD_AT_S`], by seconds ahead.
+    /// Stores the predictions made at `now` for each of [`SPREAD_AT_S`]; `predicted` maps seconds ahead to values.
     pub fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> [f64; N]) {
         for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
             if self.waiting.len() < MAX_WAITING {
@@ -71,7 +71,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             }
         }
     }
-    /// Compares what is due with the values at `now`.
+    /// Compares due predictions with the values at `now`.
     pub fn compare(&mut self, now: Time<C>, values: [f64; N]) {
         let near = Span::from_secs(0.51 * SAMPLE_S);
         let MeasuredErrors {
@@ -87,7 +87,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             if now - w.due < near {
                 let compared = count[w.horizon] + 1.0;
                 count[w.horizon] = compared;
-                let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
+                let n = (INITIAL_FRACTION * compared).clamp(compared.min(FIRST), MEMORY);
                 for (d, (measured, predicted)) in values.into_iter().zip(w.value).enumerate() {
                     let e = measured - predicted;
                     let sum = &mut squares[w.horizon][d];
@@ -99,14 +99,14 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             false
         });
     }
-    /// Mean square errors at one of [`SPREAD_AT_S`], of the last half a minute or the last seconds, whichever is more;
-    /// None until measured.
+    /// Mean square errors at one of [`SPREAD_AT_S`], the larger of the last half minute's and the last seconds'; None
+    /// until measured.
     fn mean_squares(&self, horizon: usize) -> Option<[f64; N]> {
         (self.count[horizon] >= FIRST)
             .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
     }
-    /// Standard deviations `ahead` seconds on: zero now, between [`SPREAD_AT_S`] in proportion, held after the last;
-    /// None until measured.
+    /// Standard deviations `ahead` seconds on: zero now, linear between [`SPREAD_AT_S`], constant after the last; None
+    /// until measured.
     pub fn deviation(&self, ahead: f64) -> Option<[f64; N]> {
         let mut knots = [[0.0; N]; SPREAD_AT_S.len()];
         for (horizon, knot) in knots.iter_mut().enumerate() {
@@ -116,7 +116,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
     }
 }
 
-/// Values `ahead` seconds on: zero now, `knots` at [`SPREAD_AT_S`], between them in proportion, held after the last.
+/// Linear interpolation `ahead` seconds on: zero now, `knots` at [`SPREAD_AT_S`], constant after the last.
 fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) -> [f64; N] {
     let (mut before, mut from) = ([0.0; N], 0.0);
     for (&knot, to) in knots.iter().zip(SPREAD_AT_S) {
@@ -129,12 +129,12 @@ fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) ->
     before
 }
 
-/// Errors of the motion: the degrees of freedom, and acceleration north and east.
+/// Errors of the motion: degrees of freedom, and acceleration north and east.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ForecastErrors<C: Clock>(MeasuredErrors<COMPARED, C>);
 
 impl<C: Clock> ForecastErrors<C> {
-    /// Keeps the motion predicted at `now`, by seconds ahead.
+    /// Stores the motion predicted at `now`; `predicted` maps seconds ahead to motion.
     pub(super) fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> Motion) {
         self.0.push(now, |ahead| {
             let motion = predicted(ahead);
@@ -144,7 +144,6 @@ impl<C: Clock> ForecastErrors<C> {
             })
         });
     }
-    /// Compares what is due.
     pub(super) fn compare(&mut self, now: &MotionSample<C>) {
         let [_, _, _, north, east] = now.rate;
         let values = core::array::from_fn(|d| match now.value.get(d) {
@@ -153,7 +152,8 @@ impl<C: Clock> ForecastErrors<C> {
         });
         self.0.compare(now.at, values);
     }
-    /// One over the mean square errors a second ahead, 1 until measured. Degrees of freedom that a turn mixes share theirs.
+    /// Inverse mean square errors one second ahead, 1 until measured. Degrees of freedom that a turn mixes have a
+    /// common weight.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         let squares = &self.0.squares[WEIGHED_AT];
         core::array::from_fn(|d| match d {
@@ -163,10 +163,10 @@ impl<C: Clock> ForecastErrors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// By how much the mean squares of late exceed the usual at the shortest horizons, at least 1: a change shows
-    /// there long before predictions of the longer horizons are due. An acceleration that was not foreseen is in the
-    /// past from which all else is predicted.
-    fn surprise(&self) -> [f64; DOFS] {
+    /// Ratio of the recent mean squares to the usual ones at the shortest horizons, at least 1. A change is visible
+    /// there long before predictions at longer horizons are due. It also affects these, because an unforeseen
+    /// acceleration is part of the past from which all horizons are predicted.
+    fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);
             if self.0.count[h] < FIRST {
@@ -178,22 +178,22 @@ impl<C: Clock> ForecastErrors<C> {
         let pushed = (DOFS..COMPARED).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
         core::array::from_fn(|d| (0..SOON).map(|h| ratio(h, d)).fold(pushed.max(1.0), f64::max))
     }
-    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] and at least `floor` there,
-    /// between them in proportion, held after the last. Until errors are measured the `deviation` of the motion itself
-    /// stands in; a surprise widens them up to that of two motions that know nothing of each other.
+    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] but at least `floor`, linear in
+    /// between, constant after the last. Until errors are measured, the `deviation` of the motion replaces them; a
+    /// recent increase widens them up to the deviation between two independent motions.
     pub(super) fn spread(
         &self,
         deviation: [f64; DOFS],
         floor: &[[f64; DOFS]; SPREAD_AT_S.len()],
         ahead: f64,
     ) -> [f64; DOFS] {
-        let surprise = self.surprise();
+        let recent_increase = self.recent_increase();
         let knots = core::array::from_fn(|h| {
             self.0.mean_squares(h).map_or(deviation, |squares| {
                 core::array::from_fn(|d| {
                     let unknown = 2.0 * deviation[d] * deviation[d];
-                    let surprised = (self.0.squares[h][d] * surprise[d]).min(unknown);
-                    squares[d].max(surprised).sqrt().max(floor[h][d])
+                    let widened = (self.0.squares[h][d] * recent_increase[d]).min(unknown);
+                    squares[d].max(widened).sqrt().max(floor[h][d])
                 })
             })
         });

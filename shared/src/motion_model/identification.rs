@@ -1,4 +1,4 @@
-//! The motion identified in one pair of horizontal axes.
+//! Identification of the motion in one pair of horizontal axes.
 
 use std::collections::VecDeque;
 
@@ -10,24 +10,23 @@ use super::errors::ForecastErrors;
 use super::regression::{self, PAST, REACH, Regression};
 use super::subspace::{Fit, FitProgress, Model};
 
-/// A longer gap between two samples empties the record, s: the past of a regression has no holes.
+/// Gap between two samples that empties the record, s: the past of a regression must be continuous.
 const MAX_GAP_S: f64 = 0.15;
-/// Samples between two identifications: five seconds, within which no sea changes.
+/// Samples between two identifications: five seconds, within which the sea does not change.
 const REFIT: u32 = 50;
-/// Rows before the first identification.
+/// Number of rows required for the first identification.
 const FIRST_FIT: f64 = 100.0;
 
-/// Which way the horizontal axes point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Axes {
     /// North and east.
     Earth,
-    /// Along the vessel's mean heading and to starboard of it.
+    /// Along the vessel's mean heading and to starboard.
     Vessel,
 }
 
 impl Axes {
-    /// By how much they are turned from NED, rad.
+    /// Rotation of the axes from NED, rad.
     fn angle(self, mean_heading: f64) -> f64 {
         match self {
             Axes::Earth => 0.0,
@@ -40,12 +39,12 @@ impl Axes {
 #[derive(Clone, Debug)]
 pub(super) struct Identification<C: Clock> {
     axes: Axes,
-    /// In these axes, newest last.
+    /// Samples in these axes, newest last.
     record: VecDeque<MotionSample<C>>,
     regression: Regression,
     fit: Option<Fit>,
     model: Option<Model>,
-    /// Parallel to NED, by the newest sample.
+    /// Modes at the newest sample, in axes parallel to NED.
     modes: Option<Modes<C>>,
     since_fit: u32,
     errors: ForecastErrors<C>,
@@ -65,7 +64,7 @@ impl<C: Clock> Identification<C> {
         }
     }
 
-    /// Takes a sample in axes parallel to NED.
+    /// Adds a sample in axes parallel to NED.
     pub(super) fn push(&mut self, sample: &MotionSample<C>) {
         let gap = |last: &MotionSample<C>| (sample.at - last.at).secs() > MAX_GAP_S || sample.at <= last.at;
         if self.record.back().is_some_and(gap) {
@@ -95,7 +94,8 @@ impl<C: Clock> Identification<C> {
         }
     }
 
-    /// Does one bounded part of an identification under way, or begins one that is due; false when there was none.
+    /// Performs one bounded part of a pending identification, or begins one that is due. Returns false if there was
+    /// none.
     pub(super) fn work(&mut self) -> bool {
         self.fit = match self.fit.take() {
             Some(fit) => match fit.advance() {
@@ -116,27 +116,25 @@ impl<C: Clock> Identification<C> {
         true
     }
 
-    /// The modes by the newest sample, the strongest first; None before the first identification, and after a gap until
-    /// the past is whole again.
+    /// Modes at the newest sample, strongest first; None before the first identification, and after a gap until the
+    /// past is complete again.
     pub(super) fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
-    /// Variance that the error of the level leaves in the slow heave of its modes, m².
+    /// Variance of the slow heave in the modes that is caused by the level's error, m².
     pub(super) fn slow_variance(&self) -> f64 {
         self.model.as_ref().map_or(0.0, |m| m.slow_variance)
     }
-    /// Weights of the predictions.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         self.errors.weights()
     }
-    /// Mean of each degree of freedom of late, in these axes.
+    /// Recent mean of each degree of freedom in these axes.
     pub(super) fn mean(&self) -> [f64; DOFS] {
         self.regression.mean()
     }
-    /// Standard deviation of the motion.
     pub(super) fn deviation(&self) -> [f64; DOFS] {
         self.regression.deviation()
     }

@@ -1,24 +1,23 @@
-//! Identification of the vessel's motion: frequencies, damping, mode shapes and what they leave unexplained, found in
-//! the motion itself. No parameter of the hull or of the sea enters.
+//! Identification of the vessel's motion: frequencies, damping, mode shapes and the residual, found in the motion
+//! itself without parameters of the hull or the sea.
 //!
-//! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) on ten samples a
-//! second of heave, tilt, their rates and horizontal acceleration: the future of the six degrees of freedom over three
-//! seconds is regressed on their past of six ([`regression`]); the best low-rank part of that regression is the state
-//! of a linear system, whose transition follows from the shift of the future by one step, and whose eigenvectors are
-//! the modes ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles,
-//! `C_wave` the shapes, and the hull's own response is part of both, because the measured motion has passed
-//! through it.
+//! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) at 10 Hz on heave,
+//! tilt, their rates and horizontal acceleration. The future of the six degrees of freedom over three seconds is
+//! regressed on their past of six seconds ([`regression`]). The best low-rank part of that regression is the state of a
+//! linear system. Its transition follows from the shift of the future by one step, and its eigenvectors are the modes
+//! ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles and
+//! `C_wave` the shapes. Both include the hull's response, because the measured motion has passed through it.
 //!
-//! It is identified twice side by side, in axes parallel to NED and in axes that turn with the vessel: a small hull
-//! follows the slope of the water, whose waves keep their direction when she turns; a long one swings in her own roll
-//! and pitch. Both predictions are weighted by the inverse of their mean square errors of late (Bates and Granger
-//! 1969), so that a hull between the two, and one that turns, is predicted by what holds for it.
+//! The motion is identified twice: in axes parallel to NED and in axes that turn with the vessel. A small hull follows
+//! the slope of the water, whose waves keep their direction when the vessel turns; a long hull swings in its own roll
+//! and pitch. Both predictions are weighted by the inverse of their recent mean square errors (Bates and Granger 1969),
+//! which suits hulls between the two, and turns.
 //!
-//! A prediction begins at the estimate: what the modes leave of it now goes on. Of heave it fades, for the slow part of it
-//! is an error of the mean water level; of the tilt the slow part is heel and trim, which a turn, speed, wind and load change
-//! within seconds and which turn with her, and it stays.
+//! A prediction starts at the estimate and continues the present residual of the modes. In heave the residual fades,
+//! because its slow part is an error of the mean water level. In tilt it stays, because its slow part is heel and trim,
+//! which turn with the vessel and change within seconds with turn, speed, wind and load.
 //!
-//! The error of the predictions is measured, not assumed: each is kept until it is due ([`errors`]).
+//! The error of the predictions is measured, not assumed: each prediction is kept until it is due ([`errors`]).
 
 mod errors;
 mod identification;
@@ -35,32 +34,32 @@ use errors::{ForecastErrors, SPREAD_AT_S};
 use identification::{Axes, Identification};
 use regression::OBSERVED;
 
-/// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
+/// Sampling interval, s: eight samples per period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// Motion outside the modes fades in this time, s: a quarter of a wave.
+/// Time within which motion outside the modes fades, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
-/// Heel and trim change within this time, s: that of a helm.
+/// Time within which heel and trim change, s: that of a helm manoeuvre.
 const HEEL_S: f64 = 2.0;
 
-/// The vessel's motion at an instant, in axes parallel to NED.
+/// The vessel's motion at one time, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionSample<C: Clock> {
     /// Time of validity.
     pub at: Time<C>,
     /// Mean heading, rad.
     pub mean_heading: f64,
-    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about
-    /// its mean (rad).
+    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about its
+    /// mean (rad).
     pub value: [f64; DOFS],
-    /// Rates of heave (m/s), of the tilt about north and about east (rad/s) and of the velocity along north and east as
-    /// the vessel's mean course turns (m/s²).
+    /// Rates of heave (m/s) and of the tilt about north and about east (rad/s), and acceleration north and east caused
+    /// by the turn of the mean course (m/s²).
     pub rate: [f64; 5],
-    /// Variance of heave's error, m²: slow, the level of the water that heave is about.
+    /// Variance of the slow heave error, m²: the mean water level that heave refers to.
     pub level_variance: f64,
 }
 
 impl<C: Clock> MotionSample<C> {
-    /// The sample in axes turned by `angle` (rad) about down.
+    /// This sample in axes rotated by `angle` (rad) about down.
     fn turned(&self, angle: f64) -> MotionSample<C> {
         let turn = |v| turned(v, angle);
         let [north, east, heave, about_north, about_east, yaw] = self.value;
@@ -79,17 +78,16 @@ impl<C: Clock> MotionSample<C> {
 #[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
-    /// Samples since the start.
     samples: f64,
-    /// Heel and trim: the slow part of the tilt that the modes leave, in the vessel's axes, rad.
+    /// Heel and trim: slow residual of the tilt, in the vessel's axes, rad.
     heel: [f64; 2],
-    /// In axes parallel to NED, and in axes that turn with the vessel.
+    /// Identifications in axes parallel to NED, and in axes that turn with the vessel.
     identified: [Identification<C>; 2],
-    /// The modes of both with their weights, by the newest sample.
+    /// Weighted modes of both identifications at the newest sample.
     modes: Option<Modes<C>>,
-    /// Difference of both predictions, per degree of freedom, at [`SPREAD_AT_S`].
+    /// Difference between both predictions, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
-    /// Errors of the modes, which the drone rolls on.
+    /// Errors of the modes as propagated by the drone.
     errors: ForecastErrors<C>,
 }
 
@@ -108,11 +106,11 @@ impl<C: Clock> Default for MotionModel<C> {
 }
 
 impl<C: Clock> MotionModel<C> {
-    /// The newest sample; None before the first.
+    /// Newest sample; None before the first.
     pub fn newest(&self) -> Option<&MotionSample<C>> {
         self.newest.as_ref()
     }
-    /// Time over which the motion was observed, s.
+    /// Observation time of the motion, s.
     pub fn observed_s(&self) -> f64 {
         self.samples * SAMPLE_S
     }
@@ -122,7 +120,7 @@ impl<C: Clock> MotionModel<C> {
             .is_none_or(|last| at - last.at > Span::from_secs(SAMPLE_S - 1e-3))
     }
 
-    /// Takes the motion of an instant. Samples that are not finite are left out.
+    /// Adds the motion at one time. Non-finite samples are dropped.
     pub fn push(&mut self, sample: MotionSample<C>) {
         let numbers = sample.value.iter().chain(&sample.rate);
         let more = [&sample.mean_heading, &sample.level_variance];
@@ -136,14 +134,14 @@ impl<C: Clock> MotionModel<C> {
         self.errors.compare(&sample);
         self.mix(&sample);
         self.follow_heel(&sample);
-        // As the drone rolls the modes on, about the mean.
+        // The drone propagates the modes about the mean in the same way.
         let (mean_tilt, modes) = (self.mean_tilt(sample.mean_heading), self.modes.as_ref());
         let modal = |ahead| modes.map_or_else(Motion::default, |m| m.motion(ahead));
         self.errors
             .push(sample.at, |ahead| about(mean_tilt, modal(ahead)));
     }
 
-    /// The slow part of the tilt that the modes leave: at first a mean of all so far.
+    /// Updates heel and trim, at first as the mean of all samples.
     fn follow_heel(&mut self, sample: &MotionSample<C>) {
         self.samples += 1.0;
         let left = left_of_tilt(sample, &self.modal_motion(0.0));
@@ -153,21 +151,22 @@ impl<C: Clock> MotionModel<C> {
         }
     }
 
-    /// The modes of both, weighted, and how far they are apart; before the first identification a motion that fades.
+    /// Weights the modes of both identifications and stores their difference; before the first identification, a fading
+    /// motion.
     fn mix(&mut self, newest: &MotionSample<C>) {
         let [earth, vessel] = &self.identified;
         self.apart = Default::default();
         let modes = match (earth.modes(), vessel.modes()) {
             (Some(a), Some(b)) => {
                 let (of_a, of_b) = (earth.weights(), vessel.weights());
-                let share: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
+                let weight: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
                 for (apart, ahead) in self.apart.iter_mut().zip(SPREAD_AT_S) {
                     let (p, q) = (a.motion(ahead), b.motion(ahead));
-                    let both = |d: usize| (share[d] * (1.0 - share[d])).sqrt();
+                    let both = |d: usize| (weight[d] * (1.0 - weight[d])).sqrt();
                     *apart = core::array::from_fn(|d| both(d) * (p[d][0] - q[d][0]).abs());
                 }
-                let rest = share.map(|s| 1.0 - s);
-                [(a, share), (b, rest)]
+                let rest = weight.map(|s| 1.0 - s);
+                [(a, weight), (b, rest)]
                     .into_iter()
                     .flat_map(|(m, by)| m.modes.iter().take(MAX_MODES / 2).map(move |m| m.scaled(&by)))
                     .collect()
@@ -186,7 +185,7 @@ impl<C: Clock> MotionModel<C> {
         self.modes = Some(Modes { at: newest.at, modes });
     }
 
-    /// Does one bounded part of an identification under way, or begins one that is due.
+    /// Performs one bounded part of a pending identification, or begins one that is due.
     pub fn work(&mut self) {
         for i in &mut self.identified {
             if i.work() {
@@ -195,25 +194,26 @@ impl<C: Clock> MotionModel<C> {
         }
     }
 
-    /// The modes with their present shapes, valid at the newest sample; None before the first.
+    /// Modes with their present shapes, valid at the newest sample; None before the first.
     pub fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
-    /// The modes `t` seconds after the newest sample; zero before the first.
+    /// Motion of the modes `t` seconds after the newest sample; zero before the first.
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
-    /// Mean tilt about north and about east of late of a vessel on this mean heading, rad: it turns with her.
+    /// Recent mean tilt about north and about east of a vessel on this mean heading, rad; it turns with the vessel.
     fn mean_tilt(&self, mean_heading: f64) -> [f64; 2] {
         let [_, vessel] = &self.identified;
         let mean = vessel.mean();
         turned([mean[ROLL], mean[PITCH]], -mean_heading)
     }
-    /// Heel and trim now as tilt about north and about east of a vessel on this mean heading, rad: they turn with her.
+    /// Present heel and trim as tilt about north and about east of a vessel on this mean heading, rad; they turn with
+    /// the vessel.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
         turned(self.heel, -mean_heading)
     }
-    /// The motion about heel and trim: that of the modes with what they leave of heave and tilt now, which fades.
+    /// Motion about heel and trim: the modes plus the present residual of heave and tilt, which fades.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = self.modal_motion(t);
         let Some(newest) = &self.newest else { return out };
@@ -230,16 +230,16 @@ impl<C: Clock> MotionModel<C> {
         }
         out
     }
-    /// The waves' part of each degree of freedom at time `at`; None before the first identification.
+    /// Wave component of each degree of freedom at time `at`; None before the first identification.
     pub fn waves(&self, at: Time<C>) -> Option<[f64; DOFS]> {
         let modes = self.modes().filter(|_| self.is_identified())?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
-    /// Whether its motion has been identified, be it that of a vessel in a calm that no model predicts.
+    /// Whether the motion has been identified, including calm water, where no model predicts the motion.
     pub fn is_identified(&self) -> bool {
         self.identified.iter().any(Identification::is_identified)
     }
-    /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
+    /// Fraction of the variance of heave and tilt that is predicted one second ahead, 0 to 1; 0 before the first
     /// identification.
     pub fn confidence(&self) -> f64 {
         if !self.is_identified() {
@@ -252,42 +252,41 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on: as measured,
-    /// and at least how far the two identifications predict apart now.
+    /// Standard deviation per degree of freedom of the modes' prediction error `ahead` seconds on: as measured, but at
+    /// least the present difference between the two identifications.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)
     }
-    /// Variance of the modes' slow heave by the error of the level, m²: it is in the motion as it is estimated, too, so that
-    /// no comparison with that shows it.
+    /// Variance of the modes' slow heave caused by the level's error, m². Comparison with the estimated motion does not
+    /// reveal it, because that contains the same error.
     pub fn slow_heave_variance(&self) -> f64 {
         let [earth, vessel] = &self.identified;
         earth.slow_variance().max(vessel.slow_variance())
     }
-    /// Standard deviation of each degree of freedom of late.
+    /// Recent standard deviation of each degree of freedom.
     pub fn deviation(&self) -> [f64; DOFS] {
         self.identified[0].deviation()
     }
 }
 
-/// Remainder of the tilt about north and about east without this motion, rad.
 fn left_of_tilt<C: Clock>(sample: &MotionSample<C>, motion: &Motion) -> [f64; 2] {
     [ROLL, PITCH].map(|d| sample.value[d] - motion[d][0])
 }
 
-/// A motion about this mean tilt, rad.
+/// Adds this mean tilt, rad, to a motion.
 fn about([roll, pitch]: [f64; 2], mut motion: Motion) -> Motion {
     motion[ROLL][0] += roll;
     motion[PITCH][0] += pitch;
     motion
 }
 
-/// A horizontal vector in axes turned by `angle` (rad) about down.
+/// Rotates a horizontal vector into axes turned by `angle` (rad) about down.
 fn turned([x, y]: [f64; 2], angle: f64) -> [f64; 2] {
     let (s, c) = angle.sin_cos();
     [c * x + s * y, c * y - s * x]
 }
 
-/// A motion that fades, by its value now in each degree of freedom.
+/// Fading motion with the value `now` in each degree of freedom.
 fn fading(now: impl Fn(usize) -> f64) -> Mode {
     Mode {
         pole: Complex::from(-1.0 / FADE_S),

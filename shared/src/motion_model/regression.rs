@@ -8,41 +8,37 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
 
-/// Quantities of a sample that the past is made of: heave, tilt, their rates, and horizontal
-/// acceleration, for a velocity is mostly the helmsman's.
+/// Number of channels of a past sample: heave, tilt, their rates, and horizontal acceleration. Velocity is left out
+/// because it depends mostly on the helm.
 pub(super) const CHANNELS: usize = 8;
-/// Number of past samples that are read.
+/// Number of past samples used.
 pub(super) const LAGS: usize = 24;
-/// Lags, samples: dense over a second, then each fourth over six (ours: denser or longer gains
-/// less than a hundredth on the three hulls).
+/// Lags, samples: dense over one second, then every fourth over six. Denser or longer lags gain less than 1 % on the
+/// three hulls.
 pub(super) const LAG: [usize; LAGS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
-/// Length of the past, samples.
 pub(super) const PAST: usize = 57;
-/// Samples between two instants of the future.
+/// Samples between two steps of the future.
 pub(super) const STRIDE: usize = 2;
-/// Instants of the future.
+/// Number of steps of the future.
 pub(super) const AHEAD: usize = 15;
-/// Length of the future, samples.
 pub(super) const REACH: usize = STRIDE * AHEAD;
-/// Sizes of past and future.
 pub(super) const INPUTS: usize = CHANNELS * LAGS;
 pub(super) const OUTPUTS: usize = DOFS * AHEAD;
 
-/// Memory, samples: 100 s, some twenty waves (ours: 60 to 150 s differ by less than 3 % on the three hulls).
+/// Memory, samples: 100 s, some twenty waves. 60 to 150 s differ by less than 3 % on the three hulls.
 const MEMORY: f64 = 1000.0;
 
-/// Sums over rows of past `z` and future `f`, newer ones counting more.
+/// Exponentially weighted sums over rows of past `z` and future `f`.
 #[derive(Clone, Debug)]
 pub(super) struct Regression {
-    /// Sum of `[z; f] z'`, inputs first: of their square the lower triangle, which is its mirror image too.
+    /// Sum of `[z; f] z'`, inputs first; of the symmetric square only the lower triangle is stored.
     pub(super) products: DMatrix<f64>,
     /// Sum of the squares of `f`.
     pub(super) squares: DVector<f64>,
     /// Sum of `[z; f]`.
     pub(super) sums: DVector<f64>,
-    /// Sum of the weights.
     pub(super) weight: f64,
     rows: f64,
 }
@@ -59,14 +55,13 @@ impl Default for Regression {
     }
 }
 
-/// The quantities of the past.
 fn channels<C: Clock>(s: &MotionSample<C>) -> [f64; CHANNELS] {
     let [_, _, heave, roll, pitch, _] = s.value;
     let [sinks, dr, dp, north, east] = s.rate;
     [heave, roll, pitch, sinks, dr, dp, north, east]
 }
 
-/// The channels that hold a degree of freedom and its rate.
+/// Channels of a degree of freedom and of its rate.
 pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
     match dof {
         HEAVE => (Some(0), Some(3)),
@@ -78,7 +73,7 @@ pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
     }
 }
 
-/// The past at sample `i` of the record; None where the record does not reach.
+/// Past at sample `i` of the record; None if the record is too short.
 pub(super) fn past<C: Clock>(record: &VecDeque<MotionSample<C>>, i: usize) -> Option<DVector<f64>> {
     let mut z = DVector::zeros(INPUTS);
     for (l, lag) in LAG.iter().enumerate() {
@@ -103,7 +98,7 @@ impl Regression {
                 row.rows_mut(INPUTS + DOFS * j, DOFS).copy_from_slice(&s.value);
             }
         }
-        // Of slices, so that the processor takes several at a time.
+        // Slices allow vectorisation.
         let columns = self.products.as_mut_slice().chunks_exact_mut(INPUTS + OUTPUTS);
         for (j, (column, z)) in columns.zip(z.iter()).enumerate() {
             for (sum, value) in column[j..].iter_mut().zip(&row.as_slice()[j..]) {
@@ -118,15 +113,13 @@ impl Regression {
         self.weight = keep * self.weight + 1.0;
         self.rows += 1.0;
     }
-    /// Rows since the start.
     pub(super) fn rows(&self) -> f64 {
         self.rows
     }
-    /// Mean of a degree of freedom over the first instant of the future.
+    /// Mean of each degree of freedom over the first step of the future.
     pub(super) fn mean(&self) -> [f64; DOFS] {
         core::array::from_fn(|d| self.sums[INPUTS + d] / self.weight.max(1.0))
     }
-    /// Standard deviation of the motion.
     pub(super) fn deviation(&self) -> [f64; DOFS] {
         let mean = self.mean();
         core::array::from_fn(|d| {
@@ -137,5 +130,5 @@ impl Regression {
     }
 }
 
-/// Degrees of freedom whose rates the past holds too.
+/// Degrees of freedom whose rates are also channels.
 pub(super) const OBSERVED: [usize; 3] = [HEAVE, ROLL, PITCH];

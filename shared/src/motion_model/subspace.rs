@@ -1,5 +1,4 @@
-//! Subspace identification: modes from the regression's sums, in parts that each take less than two
-//! milliseconds.
+//! Subspace identification: modes from the regression's sums, computed in parts of less than two milliseconds each.
 
 use crate::msg::MAX_MODES;
 use crate::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};
@@ -10,27 +9,24 @@ use nalgebra::{Complex, DVector};
 use super::SAMPLE_S;
 use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OUTPUTS, Regression, STRIDE, channels_of};
 
-/// States of the linear system.
 const ORDER: usize = 24;
-/// Ridge, as a share of each input's variance, of a full record.
+/// Ridge of a full record, as a fraction of each input's variance.
 const RIDGE: f64 = 3e-3;
-/// The ridge of a record of this many rows is twice that of a full one.
+/// Number of rows at which the ridge is twice that of a full record.
 const RIDGE_ROWS: f64 = 300.0;
-/// Minimum real part of a damping: a mode forgets its phase within two minutes, 1/s.
+/// Minimum decay rate, 1/s: a mode forgets its phase within two minutes.
 const MIN_DECAY: f64 = 0.004;
-/// Minimum size of an eigenvalue: the fraction left after a step.
+/// Minimum magnitude of an eigenvalue: the fraction left after one step.
 const DEAD: f64 = 0.37;
-/// Degrees of freedom whose slow modes are left out: they are a course.
+/// Degrees of freedom whose slow modes are dropped because they belong to the course.
 const WITHOUT_SLOW: [usize; 3] = [SURGE, SWAY, YAW];
-/// Time of a step of the system, s.
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
 
-/// Whether a mode is a wave, and no course, trim or level.
+/// Whether a mode is a wave rather than course, trim or level.
 fn wave(pole: Complex<f64>, shape: [Complex<f64>; DOFS]) -> bool {
     Mode { pole, shape }.is_wave()
 }
 
-/// An identification under way.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     stage: Stage,
@@ -42,14 +38,14 @@ pub(super) struct Fit {
     cross: Mat<f64>,
     variance: Vec<f64>,
     ridge: f64,
-    /// Variance of heave's slow error, m².
+    /// Variance of the slow heave error, m².
     level_variance: f64,
 }
 
 #[derive(Clone, Debug)]
 enum Stage {
     Solve,
-    /// Coefficients inputs x outputs.
+    /// Coefficients, inputs x outputs.
     Reduce(Mat<f64>),
     Modes {
         /// State from inputs.
@@ -59,22 +55,20 @@ enum Stage {
     },
 }
 
-/// Progress of an identification.
 pub(super) enum FitProgress {
-    /// There is more to do.
+    /// More parts remain.
     Working(Box<Fit>),
-    /// A model.
+    /// Complete model.
     Done(Box<Model>),
-    /// The sums hold no model: degenerate or not finite.
+    /// The sums are degenerate or not finite.
     Failed,
 }
 
-/// Identified modes.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     mean_in: DVector<f64>,
     modes: Vec<ModeFit>,
-    /// Variance of the slow heave in the modes that the error of the level leaves unknown, m².
+    /// Variance of the modes' slow heave caused by the level's error, m².
     pub(super) slow_variance: f64,
 }
 
@@ -88,7 +82,7 @@ struct ModeFit {
 }
 
 impl Model {
-    /// The modes' present shapes by the past.
+    /// Modes with their present shapes from the past.
     pub(super) fn modes(&self, past: &DVector<f64>) -> Vec<Mode> {
         let z = past - &self.mean_in;
         let mode = |m: &ModeFit| {
@@ -103,14 +97,13 @@ impl Model {
 }
 
 impl Fit {
-    /// Scaled covariances of the sums as they are now.
     pub(super) fn new(sums: &Regression, level_variance: f64) -> Fit {
         let w = sums.weight;
         let mean = &sums.sums / w;
         let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
         let mean_out: DVector<f64> = mean.rows(INPUTS, OUTPUTS).into_owned();
         let variance_in = |i: usize| sums.products[(i, i)] / w - mean_in[i] * mean_in[i];
-        // One scale per channel and per degree of freedom, so that the shift of the future keeps them.
+        // A common scale for each channel and each degree of freedom preserves the shift of the future.
         let channel: [f64; CHANNELS] = core::array::from_fn(|c| {
             let sum: f64 = (0..LAGS).map(|l| variance_in(CHANNELS * l + c)).sum();
             (sum / LAGS as f64).max(1e-12).sqrt()
@@ -144,7 +137,6 @@ impl Fit {
         }
     }
 
-    /// The next part.
     pub(super) fn advance(mut self) -> FitProgress {
         match core::mem::replace(&mut self.stage, Stage::Solve) {
             Stage::Solve => {
@@ -174,10 +166,10 @@ impl Fit {
         }
     }
 
-    /// The best low-rank part of the regression: the principal directions of the predicted future, each output
-    /// weighted by what is left of it (Larimore 1990).
+    /// Best low-rank part of the regression: principal directions of the predicted future, with each output weighted by
+    /// its residual (Larimore 1990).
     fn reduce(&self, b: &Mat<f64>) -> Option<Stage> {
-        // Covariance of the prediction, and variance of what it leaves; gram * b = cross - ridge * b.
+        // Covariance of the prediction and variance of the residual; gram * b = cross - ridge * b.
         let with_past = Mat::from_fn(INPUTS, OUTPUTS, |i, j| {
             self.cross[(i, j)] - self.ridge * b[(i, j)]
         });
@@ -192,7 +184,7 @@ impl Fit {
         let weighted = Mat::from_fn(OUTPUTS, OUTPUTS, |i, j| weight[i] * weight[j] * predicted[(i, j)]);
         let eigen = weighted.self_adjoint_eigen(Side::Lower).ok()?;
         let u = eigen.U();
-        // Eigenvalues rise.
+        // Eigenvalues are in ascending order.
         let v = Mat::from_fn(OUTPUTS, ORDER, |i, k| u[(i, OUTPUTS - 1 - k)]);
         let scaled = Mat::from_fn(OUTPUTS, ORDER, |i, k| weight[i] * v[(i, k)]);
         Some(Stage::Modes {
@@ -205,7 +197,7 @@ impl Fit {
     fn model(&self, state: &Mat<f64>, observe: &Mat<f64>) -> Option<Model> {
         let x = self.gram.as_ref() * state;
         let covariance = state.transpose() * &x;
-        // The present by the state: `E[y x'] E[x x']^-1` of the channels that the past holds.
+        // Present values from the state: `E[y x'] E[x x']^-1` of the channels.
         let damped = Mat::from_fn(ORDER, ORDER, |i, j| {
             covariance[(i, j)]
                 + if i == j {
@@ -233,8 +225,9 @@ impl Fit {
         for k in 0..ORDER {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
-            // One of each conjugate pair; a real negative value is half a sampling rate and no motion.
-            // What dies within a step is noise: next to nothing in place, but of any size in velocity.
+            // Keeps one of each conjugate pair. A negative real eigenvalue corresponds to half the sampling rate, not
+            // to a motion. A mode that decays within one step is noise: negligible in position, but of any size in
+            // velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }
@@ -279,7 +272,7 @@ impl Fit {
         self.strongest(modes)
     }
 
-    /// Shape of the mode with this pole, fitted to its responses in the present's channels and in the outputs ahead.
+    /// Shape of the mode with this pole, fitted to its responses in the present channels and in the future outputs.
     fn shape(
         &self,
         (pole, twice): (Complex<f64>, f64),
@@ -302,14 +295,14 @@ impl Fit {
                 add(pole * ratio, channel(c));
             }
             for j in 0..AHEAD {
-                let grown = (pole * ((j + 1) as f64 * STEP_S)).exp();
-                add(grown, output(DOFS * j + d));
+                let propagator = (pole * ((j + 1) as f64 * STEP_S)).exp();
+                add(propagator, output(DOFS * j + d));
             }
             sum / squares * (twice * self.scale_out[d])
         })
     }
 
-    /// Model of the strongest of these modes; None where one is not finite.
+    /// Model of the strongest modes; None if one is not finite.
     fn strongest(&self, mut modes: Vec<(f64, ModeFit)>) -> Option<Model> {
         let finite =
             |m: &ModeFit| m.pole.is_finite() && m.real.iter().chain(&m.imaginary).all(|v| v.is_finite());
@@ -319,34 +312,34 @@ impl Fit {
         modes.sort_by(|a, b| b.0.total_cmp(&a.0));
         modes.truncate(MAX_MODES);
         let mut modes: Vec<ModeFit> = modes.into_iter().map(|(_, m)| m).collect();
-        let share = self.share_slow_heave(&mut modes);
+        let fraction = self.keep_slow_heave(&mut modes);
         Some(Model {
             mean_in: self.mean_in.clone(),
             modes,
-            slow_variance: share * self.level_variance,
+            slow_variance: fraction * self.level_variance,
         })
     }
 
-    /// Part of the slow heave that the error of the level leaves (Wiener 1949): `1 - P / V` of its variance `V`, with
-    /// the variance `P` of the level that heave is about. A sea from astern is met slowly and keeps nearly all, that of a
-    /// drifting boat next to nothing. Returns the share; the kept part is off by a variance of `share P`.
-    fn share_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
+    /// Fraction of the slow heave that is not caused by the level's error (Wiener 1949): `1 - P / V` with the slow
+    /// heave's variance `V` and the level's variance `P`. A following sea, met slowly, keeps nearly all of it, a
+    /// drifting boat next to nothing. Returns the fraction `s`; the kept part has an error variance of `s P`.
+    fn keep_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
         let slow = |m: &&mut ModeFit| !wave(m.pole, m.shape);
-        // Slow heave by the past: Re c (r + i s)' z.
+        // Slow heave from the past: Re c (r + i s)' z.
         let mut gain = DVector::zeros(INPUTS);
         for m in modes.iter_mut().filter(slow) {
             gain += &m.real * m.shape[HEAVE].re - &m.imaginary * m.shape[HEAVE].im;
         }
         let scaled = Mat::from_fn(INPUTS, 1, |i, _| gain[i] * self.scale_in[i]);
         let variance = (scaled.transpose() * &self.gram * &scaled)[(0, 0)];
-        let share = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
+        let fraction = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
         for m in modes.iter_mut().filter(slow) {
-            m.shape[HEAVE] *= Complex::from(share);
+            m.shape[HEAVE] *= Complex::from(fraction);
         }
-        share
+        fraction
     }
 
-    /// Mean square of a mode's motion relative to the whole's, summed over the degrees of freedom: excited by this row's
+    /// Mean square of a mode's motion relative to the total, summed over the degrees of freedom; excited by this row's
     /// product with the state of this covariance.
     fn strength(&self, covariance: &Mat<f64>, row: &[c64; ORDER], shape: &[Complex<f64>; DOFS]) -> f64 {
         let square = |i: usize, j: usize| row[i].re * row[j].re + row[i].im * row[j].im;

@@ -1,4 +1,4 @@
-//! The identification on motions whose modes are known.
+//! Identification of motions with known modes.
 
 use crate::vessel_model::{HEAVE, PITCH, ROLL};
 use rand::SeedableRng;
@@ -33,8 +33,8 @@ fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
     (value, rate)
 }
 
-/// Waves that only roll the vessel, by her own axes, or that tilt the water the same way whichever way she heads: the
-/// error of the tilt predicted a second ahead over the motion, on a course that turns by 90 deg every 25 s.
+/// Relative error of the tilt predicted one second ahead, on a course that turns by 90 deg every 25 s. The waves either
+/// roll the vessel about its own axes, or tilt the water in a fixed direction.
 fn error_on_a_square(turns_with_vessel: bool) -> f64 {
     let mut model = MotionModel::<VesselClock>::default();
     let (mut waiting, mut squares, mut motion) = (std::collections::VecDeque::new(), 0.0, 0.0);
@@ -83,8 +83,8 @@ fn motion_model_of_both_hulls_in_turns() {
     }
 }
 
-/// A boat that turns and heels by `heel` (rad) from 120 s on, in waves: the error of the tilt predicted a second ahead,
-/// rms over the two minutes that follow, and the maximum distance of a prediction's beginning from the estimate, m, rad.
+/// A boat in waves that turns and heels by `heel` (rad) from 120 s on: rms error of the tilt predicted one second ahead
+/// over the following two minutes, and maximum distance between the start of a prediction and the estimate, m, rad.
 fn error_with_heel(heel: f64) -> (f64, f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut model = MotionModel::<VesselClock>::default();
@@ -126,7 +126,7 @@ fn error_with_heel(heel: f64) -> (f64, f64) {
     ((squares / 1190.0).sqrt(), apart)
 }
 
-/// A turn heels her by 3 deg: about the mean of the last hundred seconds she would be 2 deg off for a minute.
+/// A turn heels the boat by 3 deg; a prediction about the mean of the last 100 s would be 2 deg off for a minute.
 #[test]
 fn heel_of_a_turn_within_seconds() {
     let (upright, _) = error_with_heel(0.0);
@@ -135,7 +135,7 @@ fn heel_of_a_turn_within_seconds() {
     assert!(apart < 1e-9, "a prediction begins {apart} off the estimate");
 }
 
-/// The model after `seconds` of these waves with white noise of this size on every quantity.
+/// Model after `seconds` of these waves with white noise of this size on every quantity.
 fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut model = MotionModel::default();
@@ -196,11 +196,11 @@ fn motion_model_after_a_gap_and_nan() {
     let fading = &model.modes().unwrap().modes;
     assert!(
         matches!(&fading[..], [m] if m.pole.im == 0.0),
-        "the past has a hole"
+        "the past has a gap"
     );
 }
 
-/// Ahead of the newest sample the modes that a drone has are those of the vessel, of which most messages hold a factor each.
+/// Between two messages a drone propagates the same modes as the vessel; most messages carry one factor per mode.
 #[test]
 fn wave_models_over_the_radio() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);

@@ -1,4 +1,4 @@
-//! Messages between the processes of the vessel's computer: its deck, its sensors, the crew's orders.
+//! Messages between the processes of the vessel's computer: state of the deck, sensor data, crew orders.
 
 use core::fmt;
 
@@ -10,76 +10,77 @@ use super::{
 };
 use crate::time::VesselClock;
 
-/// Real sensors of a vessel, at most: each source of bytes may be two of measurements ([`super::MAX_SOURCES`]).
+/// Maximum number of real sensors on a vessel. One byte source can carry two measurement sources
+/// ([`super::MAX_SOURCES`]).
 pub const MAX_DEVICES: usize = super::MAX_SOURCES / 2;
-/// Drones that a status names, at most.
+/// Maximum number of drones named in one status.
 pub const MAX_NAMED: usize = 16;
-/// The crew's newest orders that a status names.
+/// Number of newest crew orders listed in a status.
 pub const MAX_ORDERS: usize = 8;
-/// A text for the crew in a status.
+/// Text for the crew in a status.
 pub type Line = Text<240>;
 
-/// A clearance for a take-off lasts so long, s: its checks, the countdown and the wait for the moment.
+/// Validity of a take-off clearance, s. Covers the checks, the countdown and the wait for a good moment.
 pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
-/// A standing one lasts for so long of each stay of its drone on a deck at which neither a switch nor a sensor shows who comes, s: who
-/// gave it still has it in mind. Chosen.
+/// Validity of a standing clearance during each stay of its drone on the deck, s, if neither a switch nor a sensor
+/// shows that somebody comes near. Chosen: the crew still remembers the clearance.
 pub const TAKE_OFF_STANDING_S: f64 = 600.0;
-/// No standing one lasts longer, s: a watch on board.
+/// Maximum validity of a standing clearance, s: one watch on board.
 pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
 
-/// The crew's order about the deck, or about the vessel's course under a drone.
+/// Crew order about the deck, or about the vessel's course while a drone is near.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(C, u8)]
 pub enum DeckOrder {
-    /// No drone descends.
+    /// No drone may descend.
     Closed,
-    /// Nothing lies on it: it is free except for drones that report from it now, or may be coming down in silence.
+    /// The deck is clear and open, except for drones that report from it or may be descending in silence.
     Open,
-    /// Nothing lies on it, and this drone is neither there nor above it.
+    /// The deck is clear, and this drone is neither on it nor above it.
     Clear(u32),
-    /// No crew and nothing else is near this drone on the deck, nor tied to it: it may take off within
+    /// The crew and all objects are clear of this drone on the deck, and it is not tied down: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// Clearance for each take-off of this drone, until somebody has been at the deck, and for [`TAKE_OFF_WATCH_S`] at
-    /// most: whoever gives it sees to it for so long.
+    /// Clears every take-off of this drone until somebody steps on the deck, for at most [`TAKE_OFF_WATCH_S`]. The crew
+    /// keeps the deck clear during this time.
     TakeOffStanding(u32),
-    /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
+    /// The vessel keeps course and speed for this number of seconds; 0 withdraws the statement.
     Steady(u32),
-    /// The vessel turns or may turn, until another order about her course.
+    /// The vessel turns or may turn until the next order about the course.
     Turning,
 }
 
-/// Why the deck is closed.
+/// Reason why the deck is closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
 pub enum Closure {
     /// The crew closed it.
     Crew,
-    /// The deck's checkpoint is damaged: who stands on it is not known.
+    /// The deck's checkpoint is damaged, so its occupants are unknown.
     CheckpointDamaged,
-    /// The crew's switch is closed, or cannot be read.
+    /// The crew's switch is closed or cannot be read.
     Switch,
-    /// By its sensor something lies on it that is no drone, or the sensor cannot be read.
+    /// The deck sensor detects an object other than a drone, or cannot be read.
     Sensor,
-    /// There is no checkpoint: who stands on it is not known.
+    /// The deck has no checkpoint, so its occupants are unknown.
     CheckpointMissing,
-    /// The deck's checkpoint cannot be written, so that what was found may be older than what happened.
+    /// The deck's checkpoint cannot be written, so the file may be out of date.
     CheckpointUnwritable,
 }
 
-/// The owner is silent for longer than a landing takes while another drone waits for the deck with a low battery.
+/// The owner has been silent for longer than a landing takes while another drone with a low battery waits for the deck.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Starved {
-    /// The owner.
+    /// Number of the owner.
     pub owner: u32,
-    /// Since its newest status, s.
+    /// Time since the owner's newest status, s.
     pub silent_s: f64,
-    /// The one that waits; of several the one with the lowest battery.
+    /// Number of the waiting drone; if several wait, the one with the lowest battery.
     pub waiting: u32,
-    /// Battery of that drone, 0 to 1.
+    /// Battery of the waiting drone, 0 to 1.
     pub battery: f64,
 }
 
@@ -87,7 +88,7 @@ impl fmt::Display for Starved {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "drone {} has the deck and is silent for {:.0} s, and drone {} waits for it with {:.0} % of its battery",
+            "drone {} has the deck and has been silent for {:.0} s, and drone {} waits for it with a battery of {:.0} %",
             self.owner,
             self.silent_s,
             self.waiting,
@@ -96,15 +97,15 @@ impl fmt::Display for Starved {
     }
 }
 
-/// A silent drone that may be on its way down.
+/// Silent drone that may be descending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Unheard {
     /// Number of the drone.
     pub drone: u32,
-    /// Since its newest status, s.
+    /// Time since its newest status, s.
     pub silent_s: f64,
-    /// After so long whatever it had begun has ended, s.
+    /// Time until any descent that it had begun has ended, s.
     pub remaining_s: f64,
 }
 
@@ -118,21 +119,21 @@ impl fmt::Display for Unheard {
     }
 }
 
-/// A drone that listens to another computer with this vessel's identity.
+/// Drone that follows another computer with this vessel's identity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct FollowsAnother {
     /// Number of the drone.
     pub drone: u32,
-    /// The other computer's boot id.
+    /// Boot id of the other computer.
     pub boot: u32,
 }
 
-/// An order of the crew under way to the vessel's process. Its boot id is the order's: repetitions bear the same.
+/// Crew order on its way to the vessel's process. All repetitions carry the boot id of the first.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CrewOrder {
-    /// Identity, and when it was given.
+    /// Identity and time of the order.
     pub header: Header<VesselClock>,
     /// The order.
     pub order: DeckOrder,
@@ -142,7 +143,7 @@ pub struct CrewOrder {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SensorReadings {
-    /// Identity, and when they were passed on.
+    /// Identity and time of forwarding.
     pub header: Header<VesselClock>,
     /// Inertial samples.
     pub imu: Seq<ImuSample, 4>,
@@ -158,23 +159,24 @@ pub struct SensorReadings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Decoded {
-    /// Whole messages of a kind that is used.
+    /// Complete messages of a supported kind.
     pub good: u64,
-    /// Damaged: a checksum, a length, a number that is NaN.
+    /// Damaged messages: wrong checksum, wrong length or NaN.
     pub corrupted: u64,
-    /// Whole messages of other kinds.
+    /// Complete messages of other kinds.
     pub ignored: u64,
-    /// Whole messages of a kind that is used, without a measurement: no fix, simulated, empty, of another system.
+    /// Complete messages of a supported kind without a usable measurement: no fix, simulated, empty, or of another
+    /// system.
     pub left_out: u64,
-    /// Measurements without a time of their source.
+    /// Measurements without a time stamp from their source.
     pub undated: u64,
-    /// Measurements whose time is their arrival, because their source gives them none.
+    /// Measurements stamped on arrival because their source gives no time.
     pub by_arrival: u64,
-    /// Measurements of a recording that are spread evenly between two times of their source.
+    /// Recorded measurements spread evenly between two times of their source.
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Fixes of those, at a time that cannot be the next pulse's after the last fix: another time base.
+    /// Announced pulses whose time does not match that of their fix, because the two use different time bases.
     pub mismatched_pulses: u64,
 }
 
@@ -182,37 +184,37 @@ pub struct Decoded {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceStatus {
-    /// Messages, as its decoder counts them.
+    /// Counts of the decoder.
     pub decoded: Decoded,
-    /// Measurements passed on: inertial samples, fixes, headings, attitudes.
+    /// Forwarded measurements: inertial samples, fixes, headings, attitudes.
     pub given: [u64; 4],
-    /// Measurements of the same time as the last of their kind.
+    /// Measurements with the same time as the previous one of their kind.
     pub duplicated: u64,
-    /// Older than the last of their kind.
+    /// Measurements older than the previous one of their kind.
     pub out_of_order: u64,
-    /// Measurements of an implausible time.
+    /// Measurements with an implausible time.
     pub implausible_time: u64,
-    /// Restarts and steps of its clock, and by how much it changed at the newest, s, forward positive.
+    /// Restarts and steps of the source's clock.
     pub restarts: u64,
-    /// See `restarts`.
+    /// Newest step of the source's clock, s, positive forward.
     pub step_s: f64,
-    /// Bytes lost because too many came at once.
+    /// Bytes lost because too many arrived at once.
     pub lost_bytes: u64,
-    /// Newest measurement, s of the vessel's clock.
+    /// Time of the newest measurement on the vessel's clock, s.
     pub newest_s: Option<f64>,
 }
 
-/// Remarks on a source's bytes for the crew, in addition to the counts.
+/// Remark for the crew on a source's bytes, in addition to the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceRemark {
-    /// The finding, with its values.
+    /// Finding with its values.
     pub text: Line,
-    /// Remedy; None: the finding is as it should be.
+    /// Remedy; None: no action is needed.
     pub remedy: Option<Line>,
 }
 
-/// A real sensor, by the process that reads its bytes.
+/// Report on a real sensor by the process that reads its bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceReport {
@@ -222,118 +224,119 @@ pub struct SourceReport {
     pub number: u32,
     /// Counts of its bytes and messages.
     pub status: SourceStatus,
-    /// Why its link is down, if it is.
+    /// Reason why the link is down; None: it is up.
     pub why: Option<Line>,
     /// Further remarks on its bytes.
     pub remarks: Seq<SourceRemark, 6>,
 }
 
-/// Use that the estimator made of a real sensor's measurements.
+/// Use of a real sensor's measurements by the estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceUse {
-    /// Given to the filter.
+    /// Measurements passed to the filter.
     pub used: u64,
-    /// Measurements of those outside the gates.
+    /// Passed measurements outside the chi-square gates.
     pub gated: u64,
-    /// Older than the one before.
+    /// Measurements older than the previous one.
     pub out_of_order: u64,
-    /// Rejected before the gates: too old, from the future, absurd.
+    /// Measurements rejected before the gates: too old, from the future, or absurd.
     pub rejected: u64,
-    /// Samples of those of an inertial sensor that repeats one for ever.
+    /// Samples rejected because the inertial sensor repeats one value.
     pub stuck: u64,
-    /// It does so now.
+    /// The sensor repeats one value now.
     pub is_stuck: bool,
-    /// Used and refused (rejected or gated) since some seconds ago.
+    /// Measurements used, and measurements rejected (before or by the gates), during the last seconds.
     pub lately: [u64; 2],
 }
 
-/// The estimator's health.
+/// State of the estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct EstimatorStatus {
-    /// Since the newest sample of inertial or attitude sensor, GNSS and heading, s; None before the first.
+    /// Age of the newest inertial or attitude sample, of the newest GNSS fix and of the newest heading, s; None before
+    /// the first.
     pub sensor_age_s: [Option<f64>; 3],
-    /// Since the newest estimate that it published, s; None before the first.
+    /// Age of the newest published estimate, s; None before the first.
     pub estimate_age_s: Option<f64>,
     /// Standard deviations of that estimate: horizontal position (m), height (m), tilt (rad), heading (rad).
     pub sd: [f64; 4],
-    /// Roll, pitch (rad) and height (m, upwards) since the status before, at about 10 Hz, oldest first.
+    /// Roll, pitch (rad) and height (m, upwards) since the previous status, at about 10 Hz, oldest first.
     pub motion: Seq<[f64; 3], 16>,
-    /// Course and speed over ground without the waves' motion: velocity to north and east, m/s; None before the first estimate.
+    /// Course and speed over ground without wave motion: velocity north and east, m/s; None before the first estimate.
     pub mean_velocity: Option<[f64; 2]>,
-    /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
+    /// Significant wave height, m, and confidence in the identified waves, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Advice for the helm, where the waves' directions are known.
+    /// Advice for the helm, once the wave directions are known.
     pub advice: Option<CourseAdvice>,
-    /// Measurements outside its chi-square gates: inertial, GNSS, heading.
+    /// Measurements outside their chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
-    /// Starts from scratch.
+    /// Restarts from scratch.
     pub restarts: u64,
-    /// Inputs rejected before its gates.
+    /// Inputs rejected before the gates.
     pub rejected: u64,
 }
 
-/// The deck, and the commands that concern it.
+/// State of the deck and of the commands about it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckStatus {
-    /// Why it is closed, if it is.
+    /// Reason why the deck is closed; None: it is open.
     pub closed: Option<Closure>,
-    /// Since the owner's newest status, s.
+    /// Time since the owner's newest status, s.
     pub owner_age_s: Option<f64>,
-    /// Numbers that two drones have.
+    /// Drone numbers used by two drones.
     pub doubles: Seq<u32, MAX_NAMED>,
-    /// Drones that were switched on without a position.
+    /// Drones switched on without a position.
     pub unplaced: Seq<u32, MAX_NAMED>,
-    /// A drone with a low battery waits for a silent owner.
+    /// Drone with a low battery that waits for a silent owner.
     pub starved: Option<Starved>,
-    /// Silent drones that may be on their way down.
+    /// Silent drones that may be descending.
     pub unheard: Seq<Unheard, MAX_NAMED>,
-    /// A drone that listens to another computer with this vessel's identity.
+    /// Drone that follows another computer with this vessel's identity.
     pub follows_another: Option<FollowsAnother>,
     /// Drones that have not acknowledged an abort.
     pub aborts: Seq<u32, MAX_NAMED>,
-    /// Why its state would not outlive the process, if it would not.
+    /// Reason why the deck's state would be lost with the process; None: it is saved.
     pub file_error: Option<Line>,
-    /// Digital inputs that cannot be read, and why.
+    /// Digital inputs that cannot be read, with the reason.
     pub input_errors: Seq<Line, 3>,
-    /// Why the lamp at the helm cannot be driven, if it cannot.
+    /// Reason why the lamp at the helm cannot be driven; None: it works.
     pub lamp_error: Option<Line>,
     /// Course that the helm intends.
     pub course: Course,
-    /// A drone wants the vessel to keep course and speed.
+    /// A drone asks the vessel to keep course and speed.
     pub wants_steady: bool,
 }
 
-/// A drone that was received.
+/// Drone that has been received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneContact {
-    /// Since its newest status, s.
+    /// Time since its newest status, s.
     pub age_s: f64,
-    /// That status.
+    /// Newest status.
     pub status: DroneStatus,
 }
 
-/// State of the vessel's process, for the crew and for its supervisor.
+/// State of the vessel's process, for the crew and for the supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct VesselStatus {
     /// Identity.
     pub header: Header<VesselClock>,
-    /// The drone that the deck is reserved for.
+    /// Drone that has reserved the deck.
     pub deck_owner: Option<u32>,
-    /// A drone stands on it, or its sensor reports something.
+    /// A drone stands on the deck, or the deck sensor detects an object.
     pub occupied: bool,
     /// Further state of the deck.
     pub deck: DeckStatus,
-    /// Boot ids of the crew's newest orders that were taken.
+    /// Boot ids of the newest accepted crew orders.
     pub orders: Seq<u32, MAX_ORDERS>,
-    /// Drones that were received.
+    /// Drones that have been received.
     pub drones: Seq<DroneContact, MAX_NAMED>,
-    /// The estimator.
+    /// State of the estimator.
     pub estimator: EstimatorStatus,
-    /// Use that it made of each real sensor's measurements, in the order of the configuration.
+    /// Use of each real sensor's measurements by the estimator, in the order of the configuration.
     pub uses: [SourceUse; MAX_DEVICES],
 }

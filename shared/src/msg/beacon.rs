@@ -1,5 +1,5 @@
-//! Position of a vessel by what boats and people have: a second MAVLink system, a phone, an operator. It leads a drone to
-//! where it looks for the deck's tags, and to no landing without them: it is not authenticated.
+//! Position of a vessel from common equipment: a second MAVLink system, a phone or an operator. A beacon is not
+//! authenticated: it leads a drone to a search for the deck's tags and never permits a landing without them.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
@@ -9,19 +9,19 @@ use super::{Header, within};
 use crate::geodesy::Datum;
 use crate::time::DroneClock;
 
-/// A beacon states its place no better than this, standard deviation of each axis, m: a receiver without corrections.
+/// Minimum standard deviation of a beacon's position on each axis, m: a receiver without corrections.
 pub const MIN_BEACON_SD_M: f64 = 1.0;
-/// The fastest vessel of which a beacon is believed, m/s.
+/// Maximum plausible speed of a vessel with a beacon, m/s.
 pub const MAX_BEACON_MPS: f64 = 20.0;
-/// A beacon is good for so long, at most, s.
+/// Maximum validity of a beacon, s.
 pub const MAX_BEACON_LASTS_S: f64 = 3600.0;
 
-/// Source of a beacon's place.
+/// Source of a beacon's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BeaconSource {
-    /// An operator: `alight command deck-at`.
+    /// Operator: `alight command deck-at`.
     #[default]
     Operator,
     /// `GLOBAL_POSITION_INT` of the vessel's own MAVLink system.
@@ -30,7 +30,7 @@ pub enum BeaconSource {
     FollowTarget,
     /// The vessel's AIS transponder.
     Ais,
-    /// The vessel itself, as radio and camera had it when it was known last.
+    /// The vessel itself, at its last position known by radio and camera.
     Vessel,
 }
 
@@ -42,39 +42,39 @@ impl BeaconSource {
             BeaconSource::GlobalPosition => "GLOBAL_POSITION_INT",
             BeaconSource::FollowTarget => "FOLLOW_TARGET",
             BeaconSource::Ais => "AIS",
-            BeaconSource::Vessel => "the vessel when it was known last",
+            BeaconSource::Vessel => "the last known place of the vessel",
         }
     }
 }
 
-/// A vessel's place and velocity by a beacon.
+/// Position and velocity of a vessel from a beacon.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckBeacon {
-    /// Identity; `at` is the time of the place.
+    /// Identity; `at` is the time of the position.
     pub header: Header<DroneClock>,
-    /// Source of the place.
+    /// Source of the position.
     pub source: BeaconSource,
-    /// WGS 84, deg, north positive.
+    /// Latitude on WGS 84, deg, north positive.
     pub latitude_deg: f64,
-    /// WGS 84, deg, east positive.
+    /// Longitude on WGS 84, deg, east positive.
     pub longitude_deg: f64,
-    /// Velocity over ground towards north and east, m/s.
+    /// Velocity over ground, north and east, m/s.
     pub velocity: [f64; 2],
-    /// Standard deviation of the place, each horizontal axis, m.
+    /// Standard deviation of the position on each horizontal axis, m.
     pub place_sd_m: f64,
-    /// Standard deviation of the velocity, each horizontal axis, m/s.
+    /// Standard deviation of the velocity on each horizontal axis, m/s.
     pub velocity_sd_mps: f64,
-    /// It is good for so long, s.
+    /// Validity after `at`, s.
     pub lasts_s: f64,
 }
 
 impl DeckBeacon {
-    /// The beacon's place on the ellipsoid: a beacon's height is not used.
+    /// Position on the ellipsoid. The beacon's height is not used.
     pub fn place(&self) -> Datum {
         Datum::new(self.latitude_deg, self.longitude_deg, 0.0)
     }
-    /// Velocity towards north and east, m/s.
+    /// Velocity over ground, north and east, m/s.
     pub fn velocity(&self) -> Vector2<f64> {
         Vector2::from(self.velocity)
     }

@@ -1,4 +1,4 @@
-//! Commands of an operator, and their receipts.
+//! Operator commands and their receipts.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,36 +6,36 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Station};
 use crate::time::{Clock, DroneClock, Time, VesselClock};
 
-/// Command of an operator.
+/// Kind of an operator command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CommandKind {
     /// Land on the vessel.
     #[default]
     Land,
-    /// Stop landing, climb and hold; always wins. Where a climb would meet the deck harder
-    /// than the landing does, that is completed.
+    /// Abort the landing, climb and hold; overrides every other command. If a climb would meet the deck harder than the
+    /// landing, the landing is completed.
     Abort,
-    /// Hold where you are (not below the tracking height over the deck).
+    /// Hold here, but not below the tracking height over the deck.
     Hold,
-    /// Take off from the deck, climb to the height of the approach and hold there.
+    /// Take off from the deck, climb to approach height and hold.
     TakeOff,
-    /// In unattended cycles: the drone is ready for its next sortie.
+    /// Confirm that the drone is ready for its next sortie (unattended cycles).
     Ready,
-    /// Keep this place next to the vessel for a while.
+    /// Keep this position next to the vessel for a limited time.
     Station(Station),
 }
 
-/// A command to the mission.
+/// Command to the mission.
 pub type Command = OperatorCommand<DroneClock>;
 
-/// A command for the drone that its header names: from an operator to the vessel, from the vessel to the drone, and to
-/// the mission.
+/// Command for the drone named in its header: from an operator to the vessel, from the vessel to the drone, and to the
+/// mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct OperatorCommand<C: Clock> {
-    /// Identity, and time it was given.
+    /// Identity and time of the command.
     pub header: Header<C>,
     /// Kind of the command.
     pub kind: CommandKind,
@@ -46,33 +46,33 @@ message!(@C OperatorCommand<C>, C, |m| {
 });
 restamped!(OperatorCommand { kind });
 
-/// Progress of an operator's command at the vessel.
+/// Progress of an operator command at the vessel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandProgress {
-    /// Repeated to the drone, which has not shown that it has taken it: an abort for as long as that takes.
+    /// Repeated until the drone acknowledges it; an abort is repeated without limit.
     #[default]
     Pending,
-    /// The drone's status echoes it, and does not reject it.
+    /// Acknowledged and accepted by the drone.
     Taken,
-    /// The drone rejects it, or did not take it in time.
+    /// Rejected by the drone, or not acknowledged in time.
     GivenUp,
-    /// Not passed on: an abort that the operator may not know of was pending, or given just before.
+    /// Not forwarded: an abort, possibly unknown to this operator, was pending or had just been given.
     Forbidden,
-    /// A newer command for the drone came.
+    /// Replaced by a newer command for the drone.
     Replaced,
-    /// Known from before a restart of the vessel, and not repeated any more.
+    /// Known from before a restart of the vessel, and no longer repeated.
     Unknown,
 }
 
-/// Receipt of one command of an operator.
+/// Receipt for one operator command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CommandReceipt {
-    /// Identity of the vessel, the drone that the command is for, and the time of this progress.
+    /// Identity of the vessel, the addressed drone, and the time of this progress.
     pub header: Header<VesselClock>,
-    /// Boot and sequence of the operator's message: the vessel's own repetitions have others.
+    /// Boot and sequence of the operator's message. The vessel's own repetitions have others.
     pub operator: [u32; 2],
     /// Kind of the command.
     pub kind: CommandKind,
@@ -83,7 +83,6 @@ pub struct CommandReceipt {
 message!(CommandReceipt, VesselClock, |m| {});
 
 impl CommandKind {
-    /// Whether the station that it names is within bounds.
     fn is_sane(self) -> bool {
         match self {
             CommandKind::Station(station) => station.is_sane(),

@@ -1,4 +1,4 @@
-//! Report of a computer about itself: the facts by which its processes run.
+//! Report of a computer about its own configuration and processes.
 
 use core::fmt;
 
@@ -9,34 +9,34 @@ use super::{DeckDimensions, Header, Line, MAX_DEVICES, Seq, Text};
 use crate::process::ProcessKind;
 use crate::time::{SteadyClock, Time, VesselClock};
 
-/// Processes of one computer, at most.
+/// Maximum number of processes on one computer.
 pub const MAX_PROCESSES: usize = 16;
-/// Endpoints of a kind that a report names.
+/// Maximum number of endpoints of one kind in a report.
 pub const MAX_ENDPOINTS: usize = 8;
-/// Peers that a radio admits by their names, at most.
+/// Maximum number of peers that a radio admits by name.
 pub const MAX_PEERS: usize = 64;
-/// A name for people.
+/// Human-readable name.
 pub type Name = Text<96>;
 
-/// Names for people, and how many more there are than find a place.
+/// Human-readable names, and the number of names left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Names<const N: usize> {
-    /// The first of them.
+    /// First names of the list.
     pub names: Seq<Name, N>,
-    /// So many more are left out.
+    /// Number of names left out.
     pub left_out: u32,
 }
 
 impl<const N: usize> Names<N> {
-    /// As many of these as find a place.
+    /// Takes the first names that fit.
     pub fn of(all: &[String]) -> Names<N> {
         Names {
             names: Seq::filled(all.iter().map(|name| Name::from(name.as_str()))),
             left_out: u32::try_from(all.len().saturating_sub(N)).unwrap_or(u32::MAX),
         }
     }
-    /// Those that found a place.
+    /// Iterator over the names that fit.
     pub fn iter(&self) -> impl Iterator<Item = &str> + Clone {
         self.names.iter().map(|name| name.as_str())
     }
@@ -55,17 +55,17 @@ impl<const N: usize> fmt::Display for Names<N> {
     }
 }
 
-/// A certificate's file.
+/// File of a certificate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Certificate {
-    /// Path of the record.
+    /// Path of the file.
     pub path: Line,
-    /// Days until it expires, negative when it has.
+    /// Days until expiry, negative when expired.
     pub days_left: i64,
-    /// It holds from a time that the computer's clock has not reached.
+    /// The certificate is not valid yet by the computer's clock.
     pub in_future: bool,
-    /// The name in it.
+    /// Name in the certificate.
     pub name: Name,
 }
 
@@ -73,17 +73,17 @@ pub struct Certificate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C, u8)]
 pub enum CertificateState {
-    /// The radio has none.
+    /// The radio has no certificate.
     #[default]
     Absent,
-    /// Content of the certificate's file.
+    /// Content of the certificate file.
     Read(Certificate),
-    /// Why its file cannot be read.
+    /// Reason why the file cannot be read.
     Unreadable(Line),
 }
 
 impl CertificateState {
-    /// The certificate, where it can be read.
+    /// The certificate, if it could be read.
     pub fn read(&self) -> Option<&Certificate> {
         match self {
             CertificateState::Read(certificate) => Some(certificate),
@@ -92,45 +92,46 @@ impl CertificateState {
     }
 }
 
-/// The part of a vessel's computer.
+/// Additional report of a vessel's computer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct VesselReport {
-    /// The vessel's clock when this was written.
+    /// The vessel's clock at the time of the report.
     pub clock: Time<VesselClock>,
-    /// Endpoints that its radio listens on.
+    /// Endpoints on which the radio listens.
     pub listen: Names<MAX_ENDPOINTS>,
-    /// Endpoints that its radio connects to.
+    /// Endpoints to which the radio connects.
     pub connect: Names<MAX_ENDPOINTS>,
-    /// Names that are admitted.
+    /// Names of admitted peers.
     pub peers: Names<MAX_PEERS>,
     /// Names of the real sensors, in the order of the configuration.
     pub sources: Seq<Name, MAX_DEVICES>,
-    /// The radio's certificate; its file is read once a minute.
+    /// Certificate of the radio; its file is read once a minute.
     pub certificate: CertificateState,
 }
 
-/// Report of a computer about itself, by the configuration with which its processes began: who looks on reads no file.
+/// Report of a computer about itself, with the configuration its processes started with. Observers read it instead of
+/// files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ComputerReport {
-    /// Identity, and when this was written.
+    /// Identity and time of the report.
     pub header: Header<SteadyClock>,
-    /// Whose computer it is.
+    /// Name of the drone or vessel.
     pub title: Line,
-    /// Number of the drone whose computer it is; None: a vessel's.
+    /// Number of the drone; None: a vessel's computer.
     pub drone_id: Option<u32>,
-    /// Dimensions of the deck by a drone's configuration; None: not known.
+    /// Deck dimensions in a drone's configuration; None: unknown.
     pub deck: Option<DeckDimensions>,
-    /// The longest time that a disarm on the deck takes, s; None: not known.
+    /// Maximum duration of a disarm on the deck, s; None: unknown.
     pub disarm_s: Option<f64>,
-    /// Processes that report while it runs.
+    /// Processes that run and report.
     pub processes: Seq<ProcessKind, MAX_PROCESSES>,
-    /// Remark on a configuration that was edited since the start.
+    /// Remark that the configuration was edited after the start.
     pub edited: Option<Line>,
-    /// People read winds and the vessel's speed in knots.
+    /// Wind and vessel speed are displayed in knots.
     pub knots: bool,
-    /// Report of a vessel's computer.
+    /// Additional report of a vessel's computer.
     pub vessel: Option<VesselReport>,
 }
 

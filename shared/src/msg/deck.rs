@@ -1,4 +1,4 @@
-//! The deck as the drone knows it: detections, link, forecast.
+//! The deck as observed by the drone: detections, link and forecast.
 
 use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
@@ -12,15 +12,15 @@ use super::{
 use crate::surroundings::Surroundings;
 use crate::time::{DroneClock, Span};
 
-/// Stages of a deck forecast.
+/// Number of stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;
 
-/// Stages of [`DeckForecast::predicted_slopes`].
+/// Number of stages of [`DeckForecast::predicted_slopes`].
 pub const PREDICTED_SLOPES: usize = 48;
-/// Time between two of them, s; together twelve seconds.
+/// Interval between stages of [`DeckForecast::predicted_slopes`], s; they cover 12 s.
 pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;
 
-/// A 6-DOF detection of the deck by those of its fiducial tags that an image shows.
+/// 6-DOF detection of the deck from the fiducial tags in one image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct TagPose {
@@ -28,13 +28,13 @@ pub struct TagPose {
     pub header: Header<DroneClock>,
     /// Deck's centre in the camera frame, m.
     pub position: [f64; 3],
-    /// Rotation camera from deck, unit quaternion (w, x, y, z).
+    /// Rotation of the deck relative to the camera, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
     /// Variances: position x, y, z (m²) and rotation about the camera's x, y, z (rad²).
     pub variance: [f64; 6],
 }
 
-/// A detection of the deck's blinking UV markers: coarser, from further away.
+/// Detection of the deck's blinking UV markers: less accurate than tags, at longer range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct UvdarFix {
@@ -46,29 +46,29 @@ pub struct UvdarFix {
     pub variance: [f64; 3],
 }
 
-/// The light in the belly camera's newest image.
+/// Brightness of the belly camera's newest image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CameraLight {
     /// Identity; `at` is the time of exposure.
     pub header: Header<DroneClock>,
-    /// Mean of the image, grey levels of 255.
+    /// Mean grey level of the image, 0 to 255.
     pub mean: f64,
-    /// Exposure, s; None where the drone does not set it.
+    /// Exposure, s; None: not set by the drone.
     pub exposure_s: Option<f64>,
-    /// No tag can be decoded in it: nothing is bright enough, and exposure and gain, where they are the drone's, are at their
-    /// limits.
+    /// The image is too dark to decode a tag. Exposure and gain are at their limits if the drone sets them.
     pub dark: bool,
-    /// A light blinds the camera: the part of the image that is at its brightest, 0 to 1, where no tag is decoded and it is more
-    /// than [`MIN_GLARE`]; else None.
+    /// Saturated fraction of the image, 0 to 1, when a light blinds the camera: no tag is decoded and the fraction
+    /// exceeds [`MIN_GLARE`]. Otherwise None.
     pub glare: Option<f64>,
 }
 
-/// A part of the image, 0 to 1, that glints on water or a wet deck do not bring to the limit: 0.1 % by day in rendered images.
+/// Saturated fraction of the image, 0 to 1, above which a light blinds the camera. Glints on water or a wet deck
+/// saturate 0.1 % by day in rendered images.
 pub const MIN_GLARE: f64 = 0.003;
 
 impl CameraLight {
-    /// Why a camera in this light detects no tag, where it is the light.
+    /// Reason why the light hides the tags, if it does.
     pub fn hides_tags(&self) -> Option<Reason> {
         let dark = Reason::new(ReasonCode::TooDark, self.mean, self.exposure_s.unwrap_or(0.0));
         let glare = |part: f64| Reason::new(ReasonCode::Glare, 100.0 * part, 100.0 * MIN_GLARE);
@@ -76,7 +76,7 @@ impl CameraLight {
     }
 }
 
-/// A reading of the belly rangefinder.
+/// Measurement of the belly rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RangeSample {
@@ -88,7 +88,7 @@ pub struct RangeSample {
     pub variance: f64,
 }
 
-/// State of the link and of the clocks, as the bridge has it.
+/// State of the link and of the clocks, as measured by the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkState {
@@ -96,40 +96,40 @@ pub struct LinkState {
     pub header: Header<DroneClock>,
     /// Drone clock minus vessel clock, s.
     pub clock_offset_s: f64,
-    /// Standard deviation of the offset, path asymmetry included, s; infinite until known.
+    /// Standard deviation of the offset including path asymmetry, s; infinite until known.
     pub clock_offset_sd_s: f64,
     /// Age of the newest admitted vessel estimate, s.
     pub age_s: f64,
-    /// Fraction of vessel estimates lost over the last seconds.
+    /// Fraction of vessel estimates lost during the last seconds.
     pub loss: f64,
-    /// Fraction of them that came after a newer one, and were not used.
+    /// Fraction of vessel estimates that arrived after a newer one and were discarded.
     pub out_of_order: f64,
     /// Median latency of vessel estimates, s.
     pub latency_p50_s: f64,
     /// 99th percentile of the latency, s.
     pub latency_p99_s: f64,
-    /// Vessel messages rejected since start.
+    /// Vessel messages rejected since the start.
     pub rejected: u32,
     /// Boot of a second computer with the vessel's identity that is received in addition to the one in use.
     pub second_sender: Option<u32>,
 }
 
-/// Source of the forecast's knowledge.
+/// Information source of the forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Source {
-    /// Nothing yet.
+    /// No information yet.
     #[default]
     None,
-    /// The vessel's messages only.
+    /// Vessel messages only.
     Radio,
     /// The drone's own vision only.
     Vision,
-    /// Both.
+    /// Vessel messages and vision.
     Both,
 }
 
-/// The deck at one instant of the forecast, in the drone's NED.
+/// State of the deck at one time of the forecast, in the drone's NED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckStage {
@@ -156,26 +156,26 @@ pub struct DeckStage {
 }
 
 impl DeckStage {
-    /// Upward unit normal of the deck in NED (its third component is negative on a level deck).
+    /// Upward unit normal of the deck in NED; its third component is negative on a level deck.
     pub fn normal(&self) -> Vector3<f64> {
         let [r, p, y] = self.euler;
         let q = nalgebra::UnitQuaternion::from_euler_angles(r, p, y);
         q * -Vector3::z()
     }
-    /// Height of `point` (NED, m) over the deck's plane, along its normal, m.
+    /// Height of `point` (NED, m) above the deck plane along its normal, m.
     pub fn height_of(&self, point: &Vector3<f64>) -> f64 {
         (point - Vector3::from(self.position)).dot(&self.normal())
     }
-    /// Speed of `velocity` (NED, m/s) away from the deck, along its normal, m/s.
+    /// Velocity (NED, m/s) away from the deck along its normal, m/s.
     pub fn speed_away(&self, velocity: &Vector3<f64>) -> f64 {
         (velocity - Vector3::from(self.velocity)).dot(&self.normal())
     }
-    /// Rotation matrix NED from deck.
+    /// Rotation from the deck frame to NED.
     pub fn rotation(&self) -> Matrix3<f64> {
         let [r, p, y] = self.euler;
         nalgebra::Rotation3::from_euler_angles(r, p, y).into_inner()
     }
-    /// Linear blend `(1 - s) self + s other`; angles along the shorter way.
+    /// Linear blend `(1 - s) self + s other`; angles take the shorter way.
     pub fn blend(&self, other: &DeckStage, s: f64) -> DeckStage {
         let mix = |a: [f64; 3], b: [f64; 3]| core::array::from_fn(|i| a[i] + s * (b[i] - a[i]));
         let turn = |a: [f64; 3], b: [f64; 3]| {
@@ -196,7 +196,7 @@ impl DeckStage {
     }
 }
 
-/// The deck's predicted motion, in the drone's NED and on the drone's clock.
+/// Predicted motion of the deck, in the drone's NED and on the drone's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckForecast {
@@ -204,62 +204,63 @@ pub struct DeckForecast {
     pub header: Header<DroneClock>,
     /// Time between stages.
     pub step: Span,
-    /// Present source of the knowledge.
+    /// Present information source.
     pub source: Source,
-    /// Age of the newest vessel estimate that was used, s; infinite when there was none.
+    /// Age of the newest vessel estimate used, s; infinite before the first.
     pub radio_age_s: f64,
-    /// Age of the newest vision measurement (tag or UVDAR) that was used, s; infinite when there was none.
+    /// Age of the newest vision measurement (tag or UVDAR) used, s; infinite before the first.
     pub vision_age_s: f64,
-    /// Age of the newest tag detection that was used, s; infinite when there was none.
+    /// Age of the newest tag detection used, s; infinite before the first.
     pub tag_age_s: f64,
-    /// The beacon that is known, if there is one: the standard deviation of its place now, each horizontal axis, m, and its age, s.
+    /// Beacon in use: standard deviation of its predicted position on each horizontal axis, m, and its age, s.
     pub beacon: Option<[f64; 2]>,
-    /// The relative place by moving base, where a receiver measures it.
+    /// Relative position by moving base, if a receiver measures it.
     pub relative: Option<RelativeState>,
-    /// Decks with the tags of this one that are in sight while it is not known which is its own; 0: none, or it is known.
+    /// Number of decks in view with the tags of this one while the drone's own is not identified; otherwise 0.
     pub decks_in_sight: u32,
-    /// The deck's height by the rangefinder against the camera's: mean of the normalised innovation squared over 3 s, the largest
-    /// of late, 1 where both err as they state; None while one of them is missing.
+    /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged over 3 s,
+    /// recent maximum. 1 if both match their stated errors; None if either is missing.
     pub height_nis: Option<f64>,
-    /// The deck's place by vision less its place by radio, horizontal, and the most that it may be by the spread of both,
+    /// Horizontal distance between the deck's position by vision and by radio, and its bound from both uncertainties,
     /// m; None without a detection.
     pub place_apart_m: Option<[f64; 2]>,
-    /// Confidence in the wave model, 0 (broad default, or a calm) to 1.
+    /// Confidence in the wave model, 0 (broad default, or calm water) to 1.
     pub wave_confidence: f64,
-    /// The deck's mean heading without the waves' share, rad.
+    /// Mean heading of the deck without wave motion, rad.
     pub mean_heading: f64,
     /// Rate of the mean heading, rad/s.
     pub mean_heading_rate: f64,
-    /// The deck's mean level, drone's NED z, m: low-pass of its mean height over each forecast; None without a stage.
+    /// Mean level of the deck, drone's NED z, m: low-pass of its mean height in each forecast; None before the first
+    /// stage.
     pub mean_z: Option<f64>,
-    /// The trajectory.
+    /// Stages at intervals of `step`.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
-    /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
-    /// nothing recent is known.
+    /// Apparent slopes of the deck over the last two minutes, reported by the vessel ([`super::WaveModel::slopes`]);
+    /// empty without recent data.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
-    /// Obstacles around the deck, as the vessel reported it last.
+    /// Obstacles around the deck, in the vessel's newest report.
     pub surroundings: Surroundings,
-    /// The apparent slope that is predicted for a drone on the deck, towards north and east, every
-    /// [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of [`super::SLOPE_STEP`]: the direction in which the deck has to hold
-    /// it. Empty while the vessel has not identified its motion.
+    /// Predicted apparent slope for a drone on the deck, north and east, every [`PREDICTED_SLOPE_STEP_S`] from now on,
+    /// in steps of [`super::SLOPE_STEP`]. It points in the direction of the force that the deck exerts on the drone.
+    /// Empty until the vessel has identified its motion.
     pub predicted_slopes: Seq<[i8; 2], PREDICTED_SLOPES>,
 }
 
-/// A vessel that was not received for so long is known by its tags alone, s: broadcast modes are rolled on until then.
+/// Silence of the vessel after which it is known by its tags alone, s. Until then the broadcast modes are propagated.
 pub const SILENT_S: f64 = 5.0;
 
 impl DeckForecast {
-    /// By what the vessel is known now.
+    /// Present knowledge of the vessel.
     pub fn vessel_level(&self) -> VesselLevel {
         match self.beacon {
             _ if self.radio_age_s <= SILENT_S => VesselLevel::Computer,
-            // Vision of a moment ago is the better measurement.
+            // A recent vision measurement is more accurate than the beacon.
             Some(_) if self.vision_age_s > SILENT_S => VesselLevel::Beacon,
             Some(_) | None => VesselLevel::Tag,
         }
     }
-    /// The deck at time `t`, by linear interpolation; None before the first or after the last
-    /// stage, and while the forecast is empty.
+    /// State of the deck at time `t` by linear interpolation; None before the first stage, after the last, and in an
+    /// empty forecast.
     pub fn at(&self, t: crate::time::Time<DroneClock>) -> Option<DeckStage> {
         let step = self.step.secs();
         if !(step > 0.0) {
@@ -299,7 +300,7 @@ message!(RangeSample, DroneClock, |m| {
     positive([&m.variance], 1e6) => "variance",
 });
 message!(LinkState, DroneClock, |m| {
-    // The offset's spread and the age are infinite before the first exchange.
+    // Offset spread and age are infinite before the first exchange.
     m.clock_offset_s.is_finite() && m.clock_offset_sd_s >= 0.0 => "clock_offset",
     m.age_s >= 0.0 && (0.0..=1.0).contains(&m.loss) => "statistics",
 });

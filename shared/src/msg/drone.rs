@@ -1,4 +1,4 @@
-//! The drone's own state, its plan and its set-point.
+//! The drone's state, plan and set-point.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use schemars::JsonSchema;
@@ -12,25 +12,25 @@ use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
 use crate::time::{DroneClock, Span, Time};
 
-/// Stages of a plan.
+/// Number of stages of a plan.
 pub const PLAN_STAGES: usize = 41;
 
-/// The drone's odometry as its autopilot gives it.
+/// Odometry of the drone's autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
-    /// Counts the frames of `position` (another autopilot, its restart, an origin that moved): with each, what was known in
-    /// the one before is void. A jump of the estimate alone makes none (`datum_offset`).
+    /// Number of the frame of `position`. It increases with another autopilot, its restart or a moved origin, and
+    /// invalidates data of the previous frame. A jump of the estimate alone does not change it (`datum_offset`).
     pub frames: u8,
-    /// Origin of the drone's NED: that of its autopilot.
+    /// Origin of the drone's NED: the autopilot's origin.
     pub datum: Datum,
-    /// Position of `datum` in the frame of `position` now, NED, m. That frame goes on where the autopilot's estimate of its
-    /// position jumps, and this takes up the jump: detections stay where they were, what is known by latitude and longitude
-    /// (the vessel by radio) moves by it. 0 until the first jump.
+    /// Position of `datum` in the frame of `position`, NED, m; 0 until the first jump of the autopilot's position
+    /// estimate. `position` stays continuous across a jump, and this offset absorbs it: detections keep their
+    /// coordinates, and positions known by latitude and longitude (the vessel by radio) move with the offset.
     pub datum_offset: [f64; 3],
-    /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad: `attitude` has them.
+    /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad; included in `attitude`.
     pub heading_jumps: f64,
     /// Centre of mass in the drone's NED, m.
     pub position: [f64; 3],
@@ -40,19 +40,19 @@ pub struct DroneState {
     pub attitude: [f64; 4],
     /// Body rates, rad/s.
     pub rates: [f64; 3],
-    /// Specific force in the body frame (what accelerometers measure), m/s².
+    /// Specific force in the body frame (accelerometer measurement), m/s².
     pub specific_force: [f64; 3],
-    /// Horizontal acceleration that is not the rotors', NED, m/s²: wind, and the errors of attitude and accelerometers.
+    /// Horizontal acceleration not caused by the rotors, NED, m/s²: wind, and errors of attitude and accelerometers.
     pub disturbance: [f64; 2],
-    /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
+    /// True wind, separated from airspeed, north and east, m/s; None until it is known to 3 m/s.
     pub wind: Option<[f64; 2]>,
-    /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
+    /// Standard deviation of the wind on its less certain axis, m/s; None until the wind is known.
     pub wind_sd_mps: Option<f64>,
-    /// Mean disturbance of the drone while it followed the deck, NED, m/s²: that of the wind and the vessel's way; 0 before.
+    /// Mean disturbance while the drone followed the deck, NED, m/s², from wind and the vessel's speed; 0 before.
     pub wind_push: [f64; 2],
-    /// Gusts about it: standard deviation of one axis, m/s²; 0 before.
+    /// Standard deviation of gusts about `wind_push` on one axis, m/s²; 0 before.
     pub gust_sd: f64,
-    /// Standard deviations of `position` (without the common GNSS offset), m.
+    /// Standard deviations of `position` without the common GNSS offset, m.
     pub position_sd: [f64; 3],
     /// Standard deviations of `velocity`, m/s.
     pub velocity_sd: [f64; 3],
@@ -90,7 +90,7 @@ impl DroneState {
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.position)
     }
-    /// Position of `datum` in the frame of the position now, m.
+    /// Position of `datum` in the frame of `position`, m.
     pub fn datum_offset(&self) -> Vector3<f64> {
         Vector3::from(self.datum_offset)
     }
@@ -102,11 +102,11 @@ impl DroneState {
     pub fn attitude(&self) -> UnitQuaternion<f64> {
         quaternion(&self.attitude)
     }
-    /// Horizontal acceleration that is not the rotors', NED, m/s².
+    /// Horizontal acceleration not caused by the rotors, NED, m/s².
     pub fn disturbance(&self) -> Vector2<f64> {
         Vector2::from(self.disturbance)
     }
-    /// Distance of the origin from that of the state `before`, m; None: both are in the same frame.
+    /// Distance between the origins of this state and of `before`, m; None: both are in the same frame.
     pub fn origin_moved_m(&self, before: &DroneState) -> Option<f64> {
         let same = (self.frames, self.datum) == (before.frames, before.datum);
         (!same).then(|| before.datum.distance_m(&self.datum))
@@ -118,29 +118,29 @@ impl DroneState {
     }
 }
 
-/// The unit quaternion of (w, x, y, z); the identity when its norm is useless.
+/// Unit quaternion from (w, x, y, z); the identity if its norm is invalid.
 pub(crate) fn quaternion(q: &[f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::try_new(Quaternion::new(q[0], q[1], q[2], q[3]), 1e-9).unwrap_or_default()
 }
 
-/// Mode of the autopilot, reduced to what matters for landing.
+/// Mode of the autopilot, reduced to what a landing depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AutopilotMode {
-    /// A person flies, or a mode of the autopilot's own: Alight does not command.
+    /// Flown by a pilot or by another autopilot mode: Alight sends no commands.
     #[default]
     Other,
-    /// PX4 OFFBOARD, ArduCopter GUIDED: set-points are followed.
+    /// PX4 OFFBOARD or ArduCopter GUIDED: set-points are followed.
     Offboard,
-    /// The autopilot's own hold, after set-points were lost or by command.
+    /// The autopilot's hold, by command or after set-point loss.
     Hold,
-    /// The autopilot lands by itself (its failsafe).
+    /// The autopilot lands by itself (failsafe).
     Land,
     /// The autopilot returns home by itself.
     Return,
 }
 
-/// The autopilot's own opinion of where it is.
+/// State by the autopilot's land detector.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum LandedState {
@@ -158,31 +158,31 @@ pub enum LandedState {
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum OwnMission {
-    /// It flies none.
+    /// No mission in progress.
     #[default]
     None,
-    /// It flies it.
+    /// Mission in progress.
     Flies,
-    /// It has flown all of it, and no other mode was chosen since.
+    /// Mission completed, and no other mode chosen since.
     Done,
 }
 
-/// The autopilot's state.
+/// State of the autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AutopilotState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
-    /// Motors may turn.
+    /// The motors may turn.
     pub armed: bool,
     /// Mode of the autopilot.
     pub mode: AutopilotMode,
-    /// It holds by itself because our set-points ceased, and follows them again as soon as they come; or it held when the link
-    /// began, and nothing has shown yet that a pilot chose that. In any other hold it is a pilot's.
+    /// The autopilot holds because of set-point loss and follows set-points as soon as they return, or it was in hold
+    /// when the link started and nothing shows that a pilot chose it. Any other hold belongs to a pilot.
     pub lapsed: bool,
     /// State by the autopilot's land detector.
     pub landed: LandedState,
-    /// Height of the origin of its NED above mean sea level, as it reports it, m; None: not reported.
+    /// Height of the NED origin above mean sea level, as reported, m; None: not reported.
     pub origin_sea_m: Option<f64>,
     /// Remaining battery, 0 to 1; None: not reported.
     pub battery: Option<f64>,
@@ -190,72 +190,71 @@ pub struct AutopilotState {
     pub battery_v: Option<f64>,
     /// Current of the battery, A; None: not reported.
     pub battery_a: Option<f64>,
-    /// Collective thrust that it applies now, 0 to 1 of the maximum; None: not reported lately.
+    /// Collective thrust applied now, 0 to 1 of the maximum; None: not reported recently.
     pub thrust: Option<f64>,
-    /// The autopilot's estimate of the collective thrust that hovers, 0 to 1.
+    /// Collective thrust at hover by the autopilot's estimate, 0 to 1.
     pub hover_thrust: f64,
-    /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
+    /// Reason why the autopilot's state permits no landing (no origin, a parameter); code None: it permits one.
     pub rejection: Reason,
-    /// A parameter that does not suit, but forbids no landing; without a code: all suit.
+    /// Unsuitable parameter that does not prevent a landing; code None: all are suitable.
     pub warning: Reason,
-    /// While a pilot flies and nothing is commanded: what would have been.
+    /// Set-point that would be commanded, compared with the pilot's flight in shadow mode.
     pub shadow: Option<ShadowComparison>,
-    /// Whether it flies its own mission.
+    /// Progress of the autopilot's own mission.
     pub own_mission: OwnMission,
-    /// Destination of its return mode, height above mean sea level; None: not reported.
+    /// Destination of the return mode, height above mean sea level; None: not reported.
     pub home: Option<Datum>,
 }
 
-/// Command of a landing that only looks on, compared with what the pilot does.
+/// Computed set-point of a landing in shadow mode, compared with the pilot's flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ShadowComparison {
-    /// Roll and pitch that would be commanded, rad.
+    /// Computed roll and pitch, rad.
     pub tilt: [f64; 2],
-    /// Collective thrust, 0 to 1 of the maximum.
+    /// Computed collective thrust, 0 to 1 of the maximum.
     pub thrust: f64,
-    /// Velocity, NED, m/s.
+    /// Computed velocity, NED, m/s.
     pub velocity: [f64; 3],
-    /// It would stop the motors.
+    /// A landing would stop the motors now.
     pub stops: bool,
-    /// Between the thrust axes that would be commanded and are flown, rad.
+    /// Angle between the computed and the actual thrust axis, rad.
     pub apart_rad: f64,
-    /// Between the velocities, m/s.
+    /// Difference between the computed and the actual velocity, m/s.
     pub apart_mps: f64,
 }
 
-/// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not
-/// find again where the deck is too near to be detected.
+/// Checkpoint of the predictor: offset between the deck's pose by camera and by radio. A restarted process cannot
+/// measure it again when the deck is too close for the camera.
 ///
-/// It is published with every forecast once the camera has detected the deck, and validated by the successor before it
-/// counts.
+/// Published with every forecast once the camera has detected the deck. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PredictorCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: no checkpoint.
+    /// Identity and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
-    /// Boot of the vessel whose radio it is: another start of it has another error.
+    /// Boot of the vessel on the radio. After its restart the radio's error differs.
     pub vessel_boot: u32,
-    /// Newest vision that was fused.
+    /// Newest fused vision measurement.
     pub vision_at: Time<DroneClock>,
-    /// Newest tag that was fused.
+    /// Newest fused tag detection.
     pub tag_at: Option<Time<DroneClock>>,
-    /// Vision's slow error less the radio's: north, east, down (m), tilt about the vessel's pitch and roll axes at
-    /// heading north, heading (rad).
+    /// Slowly varying error of vision minus that of the radio: north, east, down (m), tilt about the vessel's pitch and
+    /// roll axes at heading north, heading (rad).
     pub offset: [f64; 6],
     /// Standard deviations of the offset.
     pub offset_sd: [f64; 6],
-    /// Origin of the drone's NED then: about another place the offset is void.
+    /// Origin of the drone's NED; another origin invalidates the offset.
     pub datum: Datum,
-    /// Jumps of the autopilot's estimate until then, as in [`DroneState`]: after another the offset is void.
+    /// Accumulated jumps of the autopilot's estimate, as in [`DroneState`]; a further jump invalidates the offset.
     pub datum_offset: [f64; 3],
-    /// Sum of the jumps of its heading, rad.
+    /// Sum of the heading jumps, rad.
     pub heading_jumps: f64,
-    /// Place of the drone by its odometry, NED, m: an origin that moves since makes the offset void.
+    /// Position of the drone by odometry, NED, m. A moved origin shows as a jump and invalidates the offset.
     pub position: [f64; 3],
     /// Velocity of the drone, m/s.
     pub velocity: [f64; 3],
-    /// When it was there.
+    /// Time of this odometry.
     pub odometry_at: Time<DroneClock>,
 }
 
@@ -266,13 +265,13 @@ pub enum Solve {
     /// Optimal to the solver's tolerance.
     #[default]
     Optimal,
-    /// Stopped by the bound on iterations; the iterate is usable.
+    /// Stopped at the iteration limit; the iterate is usable.
     IterationLimit,
     /// No input satisfies the hard limits; the plan is the previous one or a hold.
     Infeasible,
 }
 
-/// One instant of a plan.
+/// State of the drone at one time of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PlanStage {
@@ -288,7 +287,7 @@ pub struct PlanStage {
     pub euler_rates: [f64; 3],
 }
 
-/// A trajectory that the pilot samples at its own rate.
+/// Trajectory that the pilot samples at its own rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Plan {
@@ -298,22 +297,21 @@ pub struct Plan {
     pub step: Span,
     /// Outcome of the solve.
     pub solve: Solve,
-    /// Iterations of the solver; 0 when the unconstrained optimum was feasible.
+    /// Iterations of the solver; 0 if the unconstrained optimum was feasible.
     pub iterations: u32,
-    /// The planner expects the feet on the deck at this time; None when it does not mean to touch.
+    /// Predicted time at which the feet meet the deck; None: no touchdown is planned.
     pub touchdown_at: Option<Time<DroneClock>>,
-    /// Weight of attitude alignment at the first stage (FAA), for display.
+    /// Weight of Forcing Attitude Alignment at the first stage, for display.
     pub alignment: f64,
-    /// Horizontal acceleration by other than thrust (wind) that the attitudes allow for, NED, m/s².
+    /// Horizontal disturbance acceleration (wind) compensated by the attitudes, NED, m/s².
     pub disturbance: [f64; 2],
-    /// The trajectory.
+    /// Stages at intervals of `step`.
     pub stages: Seq<PlanStage, PLAN_STAGES>,
 }
 
 impl Plan {
-    /// The plan at time `t`: position by cubic Hermite, the rest by linear interpolation. After
-    /// the last stage that stage is rolled on at constant velocity; None before the first stage or
-    /// with fewer than two stages.
+    /// State of the plan at time `t`: position by cubic Hermite interpolation, the rest by linear interpolation. Beyond
+    /// the last stage it extrapolates at constant velocity. None before the first stage or with fewer than two stages.
     pub fn sample(&self, t: Time<DroneClock>) -> Option<PlanStage> {
         let h = self.step.secs();
         let n = self.stages.len();
@@ -360,7 +358,7 @@ impl Plan {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum SetPointKind {
-    /// Nothing: the autopilot's own behaviour.
+    /// No set-point: the autopilot flies its own mode.
     #[default]
     None,
     /// Position, velocity, acceleration and yaw.
@@ -369,11 +367,11 @@ pub enum SetPointKind {
     Attitude,
 }
 
-/// State of the motors that a set-point asks for.
+/// Commanded state of the motors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Motors {
-    /// Turn.
+    /// Motors turn.
     #[default]
     Run,
     /// Stop now: touchdown is confirmed.
@@ -384,13 +382,13 @@ pub enum Motors {
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeResponse {
-    /// The dead time `tau` from a set-point to the first answer, its way to the autopilot included, s.
+    /// Dead time `tau` from a set-point to the first response, including transport to the autopilot, s.
     pub dead_time_s: f64,
-    /// The time constants `T` of roll and pitch, s.
+    /// Time constants `T` of roll and pitch, s.
     pub lag_s: [f64; 2],
-    /// The lag `T_r` of the rate loop, s.
+    /// Time constant `T_r` of the rate loop, s.
     pub rate_lag_s: f64,
-    /// It was identified in flight; otherwise it is the configured value.
+    /// Identified in flight; otherwise the configured values.
     pub identified: bool,
 }
 
@@ -405,15 +403,15 @@ impl Default for AttitudeResponse {
     }
 }
 
-/// The pilot's set-point to the autopilot.
+/// Set-point from the pilot node to the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SetPoint {
-    /// Identity and time it is meant for.
+    /// Identity and time at which it applies.
     pub header: Header<DroneClock>,
-    /// Which of the fields below are to be used.
+    /// Kind of set-point: selects the fields below.
     pub kind: SetPointKind,
-    /// Motors on or off.
+    /// Commanded state of the motors.
     pub motors: Motors,
     /// Position in the drone's NED, m.
     pub position: [f64; 3],
@@ -431,10 +429,10 @@ pub struct SetPoint {
     pub rates: [f64; 3],
     /// Collective thrust, 0 to 1 of the maximum.
     pub thrust: f64,
-    /// The response that the pilot counts on.
+    /// Attitude response that the pilot node assumes.
     pub response: AttitudeResponse,
-    /// The hardest contact that was noticed since the motors were last stopped for good, along the deck's normal, m/s;
-    /// None: none that was hard.
+    /// Speed of the hardest contact since the motors were last stopped after a landing, along the deck's normal, m/s;
+    /// None: no hard contact.
     pub hard_contact_mps: Option<f64>,
 }
 
@@ -464,7 +462,6 @@ impl SetPoint {
     }
 }
 
-/// Whether the norm is 1.
 pub(super) fn is_unit(q: &[f64; 4]) -> bool {
     (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-3
 }

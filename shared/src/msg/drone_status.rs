@@ -1,13 +1,13 @@
-//! The status of a drone for its vessel, put together of what each process of the drone reported, by its own time.
+//! Status of a drone for its vessel, assembled from the newest reports of the drone's processes.
 
 use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState, State};
 use crate::time::{DroneClock, Time};
 use crate::topics;
 
 impl DroneStatus {
-    /// The status that a drone sends at the time of `header`: of the mission's and the autopilot's newest state, each by
-    /// its own time. What the autopilot reported longer ago than its topic allows is not known any more; the motors of
-    /// a landed drone count as armed until it reports otherwise ([`DroneStatus::still_armed_s`]).
+    /// Status at the time of `header` from the newest mission and autopilot states. An autopilot report older than its
+    /// topic allows counts as unknown; then the motors of a landed drone count as armed
+    /// ([`DroneStatus::still_armed_s`]).
     pub fn of(
         header: Header<DroneClock>,
         mission: &MissionState,
@@ -23,7 +23,7 @@ impl DroneStatus {
             waiting: mission.waiting,
             rejected: mission.rejected,
             attempts: mission.attempts,
-            // A gauge that sticks shows more than counts.
+            // A stuck gauge shows more charge than is left.
             battery: (autopilot.and_then(|a| a.battery))
                 .map(|b| mission.battery.map_or(b, |counts| b.min(counts))),
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
@@ -37,24 +37,24 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// Condition that the mission waits for, as text; a moment after an order that is not carried out, why.
+    /// Text of the condition that the mission waits for, or briefly the reason why an order was rejected.
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether it reports the mission's state as it was when this was sent. A status with an older one shows where the
-    /// drone is, and as little of what it does as silence.
+    /// Whether the status carries a current mission state. A status with an older mission state shows the drone's
+    /// position but, like silence, does not show its actions.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()
     }
 }
 
-/// A drone whose take-off was stopped is disarmed by then, s: the heartbeats that show the arming, the thrust that has come
-/// down, and some commands with their answers.
+/// Time within which a drone is disarmed after a stopped take-off, s: heartbeats that show the arming, decay of the
+/// thrust, and several commands with their answers.
 const STANDS_DOWN_S: f64 = 5.0;
 
-/// Since the landing or since the take-off was stopped, s, of a drone that is on the deck and armed for longer than the disarm
-/// takes (`disarm_s`): the commands were denied, what they need is missing, or `disarm.on_deck` is off. A mission leaves `Landed`
-/// when the drone, disarmed in between, is armed again.
+/// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a disarm
+/// takes (`disarm_s`), otherwise None. Possible causes: the commands were denied, their conditions are not met, or
+/// `disarm.on_deck` is off. A mission leaves `Landed` when the drone is armed again after a disarm.
 pub fn still_armed_s(
     now: Time<DroneClock>,
     mission: &MissionState,
@@ -90,16 +90,12 @@ mod tests {
         let fresh = sent(10.1);
         assert!(fresh.is_current() && fresh.armed && fresh.landed == LandedState::InAir);
         assert_eq!((fresh.state, fresh.battery), (State::Descent, Some(0.57)));
-        // Both are silent since: what was is not reported under a fresh time.
+        // Both processes have been silent since: a fresh header must not hide the age of the content.
         let old = sent(20.0);
         assert!(!old.is_current() && !old.armed);
         assert!((old.mission_age_s - 10.0).abs() < 1e-6);
         assert_eq!((old.landed, old.battery), (LandedState::Unknown, None));
-        assert_eq!(
-            old.deck_distance_m,
-            Some(1.0),
-            "whose age its own function looks at"
-        );
+        assert_eq!(old.deck_distance_m, Some(1.0), "deck_distance_m checks its age");
         let unlinked = DroneStatus::of(header(10.1), &mission, None, None);
         assert!(unlinked.is_current() && unlinked.battery.is_none());
     }

@@ -1,4 +1,4 @@
-//! Reservation of the deck: its owner, and where drones wait.
+//! Reservation of the deck and waiting places of drones.
 
 use core::f64::consts::TAU;
 
@@ -8,33 +8,34 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Reason, ReasonCode, within};
 use crate::time::{Clock, Time};
 
-/// In the place of a drone's number: the deck is closed to all.
+/// Value in place of a drone's number: the deck is closed to all drones.
 pub const DECK_CLOSED: u32 = u32::MAX;
 
-/// Places at which drones wait for the deck.
+/// Number of waiting places.
 pub const PLACES: usize = 8;
-/// Drones wait so far from the deck's centre, m: a vessel's length and what the GNSS of both is off.
+/// Horizontal distance of the waiting places from the deck's centre, m: the vessel's length plus the GNSS errors of
+/// both.
 pub const WAITING_DISTANCE_M: f64 = 25.0;
-/// Within this distance of the deck's centre there is its owner and no other drone, m.
+/// Radius around the deck's centre in which only the owner may fly, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
-/// A station keeps so far from the height of another drone's waiting place or station, m: what two heights by GNSS differ by, three
-/// times, and a drone.
+/// Minimum height difference between a station and another drone's waiting place or station, m: three times the
+/// difference of two GNSS heights, plus the height of a drone.
 pub const STATION_APART_M: f64 = 5.0;
-/// Each place is so much higher than the one before, m: the heights of two drones by GNSS differ by 1.4 m (rms) when each
-/// is off by 1 m; five times that, and a drone.
+/// Height difference between successive waiting places, m. GNSS heights of two drones differ by 1.4 m rms if each has
+/// an error of 1 m rms. The layer is five times that difference plus the height of a drone.
 const LAYER_M: f64 = 8.0;
 
-/// Waiting place of a drone: no other drone has this height, nor this bearing.
+/// Waiting place of a drone, with a height and bearing of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaitingPlace {
-    /// Above the height of the approach, m.
+    /// Height above the approach height, m.
     pub above_m: f64,
-    /// From the deck's centre, from north towards east, rad.
+    /// Bearing from the deck's centre, from north towards east, rad.
     pub bearing_rad: f64,
 }
 
 impl WaitingPlace {
-    /// The place of this number: the lowest first, bearings as far apart as they can be (van der Corput's sequence).
+    /// Waiting place of this number: lowest first, bearings as far apart as possible (van der Corput sequence).
     pub fn of(number: u8) -> WaitingPlace {
         WaitingPlace {
             above_m: LAYER_M * f64::from(number),
@@ -43,23 +44,23 @@ impl WaitingPlace {
     }
 }
 
-/// Longest time for which a vessel states a steady course, s.
+/// Maximum time for which a vessel may state a steady course, s.
 pub const MAX_STEADY_S: f32 = 3600.0;
 
 /// Course and speed that the helm intends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 pub enum Course {
-    /// Nothing is stated, or what was has expired.
+    /// Nothing stated, or the statement has expired.
     #[default]
     Unknown,
-    /// Course and speed are kept for so long from the message's time of validity on, s.
+    /// Course and speed are kept for this time after the message's time of validity, s.
     Steady(f32),
-    /// The vessel turns or changes her speed, or may at any moment.
+    /// The vessel turns or changes speed, or may do so at any moment.
     Turning,
 }
 
 impl Course {
-    /// This course `age_s` later, s: a promise expires by itself.
+    /// This course `age_s` seconds later; a steady course expires.
     pub fn after(self, age_s: f64) -> Course {
         match self {
             Course::Unknown | Course::Turning => self,
@@ -75,27 +76,27 @@ impl Course {
     }
 }
 
-/// Dimensions of a deck in two files that are apart by more than this are of different decks, m: more than a tape measure errs.
+/// Tolerance between deck dimensions in two files for the same deck, m: larger than the error of a tape measure.
 const SAME_DECK_M: f64 = 0.05;
 
-/// Dimensions of the vessel's deck by a configuration.
+/// Dimensions of the vessel's deck from a configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckDimensions {
     /// Centre of the deck's surface in the vessel's body frame, m.
     pub centre: [f32; 3],
-    /// Length along the vessel and width across her, m.
+    /// Length along the vessel and width across it, m.
     pub size: [f32; 2],
 }
 
 impl DeckDimensions {
-    /// Coordinates of the centre, length and width, m, to the millimetre.
+    /// Coordinates of the centre, length and width, m, rounded to the millimetre.
     pub fn all_m(&self) -> [f64; 5] {
         let ([x, y, z], [length, width]) = (self.centre, self.size);
         [x, y, z, length, width].map(|v| (f64::from(v) * 1e3).round() / 1e3)
     }
-    /// Why no drone whose configuration has these dimensions descends to a deck with those of `vessel`: the two that differ
-    /// most, m. None: they are alike.
+    /// Reason why a drone configured with these dimensions must not descend to the deck of `vessel`: the pair that
+    /// differs most, m. None if they match.
     pub fn differs_from(&self, vessel: &DeckDimensions) -> Option<Reason> {
         let apart = |(own, other): &(f64, f64)| (own - other).abs();
         let pairs = self.all_m().into_iter().zip(vessel.all_m());
@@ -108,35 +109,35 @@ impl DeckDimensions {
     }
 }
 
-/// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
-/// on a fresh grant that names it, and breaks a descent off on one that names another.
+/// Grant that states which drone may descend to the deck. It is repeated: a drone descends only with a fresh grant that
+/// names it, and breaks off when a grant names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct DeckGrant<C: Clock> {
-    /// Identity; `at` is when it was granted.
+    /// Identity; `at` is the time of the grant.
     pub header: Header<C>,
-    /// The drone that has the deck; 0 when it is free, [`DECK_CLOSED`] when no drone may.
+    /// Number of the deck owner; 0: the deck is free, [`DECK_CLOSED`]: no drone may descend.
     pub owner: u32,
-    /// It stands on it, or the vessel's sensor reports something there.
+    /// The owner stands on the deck, or the deck sensor detects an object.
     pub occupied: bool,
-    /// The drones that have the waiting places, from the lowest on; 0: free.
+    /// Drones at the waiting places, lowest place first; 0: free.
     pub places: [u32; PLACES],
-    /// The heights over the deck's mean level of the stations that these drones keep, m; 0: none. One that came later, at the height
-    /// of another, is not among them.
+    /// Heights above the deck's mean level of the stations of these drones, m; 0: none. A station requested later at
+    /// the height of another is left out.
     pub stations: [u8; PLACES],
     /// Course that the helm intends.
     pub course: Course,
-    /// Somebody aboard has cleared the deck for a take-off of its owner.
+    /// The crew has cleared the deck for a take-off of its owner.
     pub take_off: bool,
-    /// Another drone asks for the deck on which its owner stands.
+    /// Another drone requests the deck while the owner stands on it.
     pub wanted: bool,
-    /// Dimensions of the deck by the vessel's configuration; None: she does not state them.
+    /// Deck dimensions in the vessel's configuration; None: not stated.
     pub dimensions: Option<DeckDimensions>,
 }
 
 impl<C: Clock> DeckGrant<C> {
-    /// Waiting place of this drone.
+    /// Waiting place of this drone, if it has one.
     pub fn place(&self, drone: u32) -> Option<WaitingPlace> {
         let number = self.places.iter().position(|d| *d == drone && drone != 0)?;
         u8::try_from(number).ok().map(WaitingPlace::of)

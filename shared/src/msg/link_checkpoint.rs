@@ -11,73 +11,74 @@ use crate::geodesy::Datum;
 use crate::mavlink::SigningTimes;
 use crate::time::DroneClock;
 
-/// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
+/// Checkpoint of the link to the autopilot: a restarted process resumes commanding before the autopilot's failsafe
+/// begins.
 ///
-/// It is published 50 times a second, and validated by the successor before it counts.
+/// Published at 50 Hz. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: no checkpoint.
+    /// Identity and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
-    /// The autopilot follows our set-points: armed, and in the mode that a pilot gave.
+    /// The autopilot follows our set-points: it is armed and in the mode chosen by a pilot.
     pub commanding: bool,
-    /// The vehicle's MAVLink system.
+    /// MAVLink system of the vehicle.
     pub vehicle: u8,
     /// `MAV_AUTOPILOT` of the autopilot.
     pub autopilot: u8,
-    /// Landing mode of the mission, by its newest state; None: no state was received.
+    /// Landing mode in the mission's newest state; None: no state received.
     pub mode: Option<LandingMode>,
     /// State by the autopilot's land detector.
     pub landed: LandedState,
-    /// Our clock less the autopilot's, ns.
+    /// Our clock minus the autopilot's, ns.
     pub clock_offset_ns: i64,
-    /// By how much that errs at most, s.
+    /// Error bound of `clock_offset_ns`, s.
     pub clock_error_s: f64,
-    /// Origin of its NED.
+    /// Origin of the autopilot's NED.
     pub datum: Datum,
-    /// Height of the sea above the ellipsoid by which it was found, m.
+    /// Geoid height above the ellipsoid used to determine `datum`, m.
     pub geoid_m: f64,
     /// [`DroneState::frames`](super::DroneState::frames).
     pub frames: u8,
-    /// Jumps of its estimate as it counts them, where it does.
+    /// Number of estimate jumps counted by the autopilot, if it reports one.
     pub reported_resets: Option<u8>,
-    /// Sum of the jumps of its estimate: [`DroneState::datum_offset`](super::DroneState::datum_offset), m, and ...
+    /// Sum of the position jumps of its estimate: [`DroneState::datum_offset`](super::DroneState::datum_offset), m.
     pub datum_offset: [f64; 3],
-    /// ... [`DroneState::heading_jumps`](super::DroneState::heading_jumps), rad.
+    /// Sum of the heading jumps: [`DroneState::heading_jumps`](super::DroneState::heading_jumps), rad.
     pub heading_jumps: f64,
-    /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; the bias of its acceleration, m/s²; and
-    /// the disturbance, m/s², its third component 0.
+    /// Smoothed minus reported odometry: position (m) and velocity (m/s), NED; bias of the acceleration, m/s²; and the
+    /// disturbance, m/s², with third component 0.
     pub smoothing: [[f64; 3]; 4],
-    /// The wind as it has learnt it.
+    /// Identified wind and drag.
     pub wind: WindCheckpoint,
-    /// Collective thrust that hovers, 0 to 1.
+    /// Collective thrust at hover, 0 to 1.
     pub hover_thrust: f64,
-    /// For so long it was identified, s.
+    /// Duration of the hover-thrust identification, s.
     pub hover_learned_s: f64,
-    /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
-    /// that again has it.
+    /// Reasons for which this process has ended the autopilot's mission in this flight: battery, completion, order. If
+    /// a pilot selects the mission again, it is not ended for the same reason.
     pub ended_missions: [bool; 3],
-    /// The times of its signed frames.
+    /// Times of the signed frames.
     pub signing: SigningTimes,
-    /// In this flight the autopilot has flown its own mission, and no other mode was chosen since.
+    /// The autopilot has flown its own mission in this flight, and no other mode was chosen since.
     pub own_mission: bool,
 }
 
-/// Wind and drag that odometry has shown.
+/// Wind and drag identified from odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct WindCheckpoint {
-    /// Logarithm of the drag per mass in 1/m; mean wind and gust, north and east, m/s; None before the first sample.
+    /// Logarithm of drag per mass in 1/m; mean wind and gust, north and east, m/s; None before the first sample.
     pub state: Option<[f64; 5]>,
-    /// Covariance of the state.
+    /// Covariance of `state`.
     pub covariance: [[f64; 5]; 5],
-    /// The drone has followed the deck for so long, s, ...
+    /// Time during which the drone has followed the deck, s.
     pub known_s: f64,
-    /// ... at this mean velocity, NED, m/s, ...
+    /// Mean velocity during `known_s`, NED, m/s.
     pub way: [f64; 2],
-    /// ... with this mean disturbance, NED, m/s², ...
+    /// Mean disturbance during `known_s`, NED, m/s².
     pub mean: [f64; 2],
-    /// ... whose variance along one axis is this, (m/s²)².
+    /// Variance of the disturbance on one axis, (m/s²)².
     pub variance: f64,
 }
 
@@ -94,7 +95,7 @@ impl WindCheckpoint {
 }
 
 impl LinkCheckpoint {
-    /// Part that outlives the computer's boot, and with that its clock; None: nothing.
+    /// Part that stays valid across a reboot, which resets the computer's clock; None: nothing.
     pub fn lasting(&self) -> Option<LinkCheckpoint> {
         let signed = self.signing != SigningTimes::default();
         let lasts = signed || self.own_mission || self.ended_missions.contains(&true);

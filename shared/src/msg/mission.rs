@@ -1,4 +1,4 @@
-//! The mission's state, its settings and checkpoint, and the drone's status for its vessel.
+//! State, settings and checkpoint of the mission, and the drone's status for its vessel.
 
 use core::fmt;
 
@@ -19,30 +19,30 @@ use crate::topics;
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BatteryPlace {
-    /// On the vessel's deck, within wider limits.
+    /// The vessel's deck, within wider limits.
     Deck,
     /// Destination of the autopilot's return mode.
     Home,
-    /// Present place: the autopilot's land mode.
+    /// Present position: the autopilot's land mode.
     Here,
 }
 
-/// Extent of a landing: the ladder to a first landing.
+/// Extent of a landing: the steps towards a first landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum LandingMode {
-    /// A person flies. Everything is computed and shown, nothing is commanded.
+    /// A pilot flies. Everything is computed and displayed, nothing is commanded.
     Shadow,
     /// Follows the deck down to the lowest clearance, holds there and climbs.
     Match,
-    /// Onto the deck.
+    /// Lands on the deck.
     #[default]
     Land,
 }
 
-/// Part of the mission's configuration that an operator changes from a ground station. Heights are of the drone's centre
-/// of mass above the deck's mean level.
+/// Mission settings that an operator changes from a ground station. Heights are those of the drone's centre of mass
+/// above the deck's mean level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionSettings {
@@ -50,14 +50,13 @@ pub struct MissionSettings {
     pub mode: LandingMode,
     /// Approach height, m.
     pub approach_height_m: f64,
-    /// Tracking height, m; shown, and not changed.
+    /// Tracking height, m; displayed only.
     pub tracking_height_m: f64,
-    /// With [`LandingMode::Match`] the feet come no nearer to the deck, m.
+    /// Minimum clearance between feet and deck with [`LandingMode::Match`], m.
     pub lowest_clearance_m: f64,
 }
 
 impl MissionSettings {
-    /// Each is a height over a deck.
     fn is_sane(&self) -> bool {
         let heights = [
             self.approach_height_m,
@@ -68,102 +67,103 @@ impl MissionSettings {
     }
 }
 
-/// A ground station changes the mission's settings.
+/// Change of the mission's settings by a ground station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SettingsOrder {
-    /// Identity, and the time at which it was given.
+    /// Identity and time of the order.
     pub header: Header<DroneClock>,
-    /// All of them, as they are to be.
+    /// New values of all settings.
     pub settings: MissionSettings,
 }
 
-/// Ways in which a drone knows its vessel, the weakest first.
+/// Level of knowledge about the vessel, weakest first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum VesselLevel {
-    /// By the tags on its deck alone.
+    /// Tags on its deck only.
     Tag,
-    /// By a beacon as well, which gives place and velocity to metres ([`super::DeckBeacon`]): it leads to a search for the tags.
+    /// A beacon in addition, with position and velocity to metres ([`super::DeckBeacon`]): it starts a search for the
+    /// tags.
     Beacon,
-    /// By the estimates and the waves that its computer broadcasts.
+    /// Estimates and wave model broadcast by the vessel's computer.
     #[default]
     Computer,
 }
 
-/// The mission's state and what it permits.
+/// State of the mission and the limits it sets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionState {
     /// Identity.
     pub header: Header<DroneClock>,
-    /// The state.
+    /// Present state.
     pub state: State,
-    /// The state before it.
+    /// Previous state.
     pub previous: State,
-    /// When the state was entered.
+    /// Time of entry into the state.
     pub since: Time<DroneClock>,
-    /// Why it was entered.
+    /// Reason for entering the state.
     pub entered: Reason,
-    /// Why the next state is not entered yet.
+    /// Reason why the next state is not entered yet.
     pub waiting: Reason,
-    /// Why an order that was given a moment ago is not carried out: for people, while `waiting` goes on.
+    /// Reason why a recent order is not carried out; displayed while `waiting` continues.
     pub rejected: Option<Reason>,
-    /// Descents begun so far.
+    /// Number of descents begun.
     pub attempts: u32,
-    /// Height of the drone's centre of mass above the deck's mean that the state asks for, m.
+    /// Commanded height of the drone's centre of mass above the deck's mean level, m.
     pub height_m: f64,
-    /// Permitted speed of descent relative to the deck, m/s; 0 when descent is not permitted.
+    /// Permitted descent speed relative to the deck, m/s; 0: no descent.
     pub descent_mps: f64,
-    /// The trajectory must stay above this height over the water (NED z is its negative), m.
+    /// Minimum height of the trajectory above the water (negative NED z), m.
     pub minimum_altitude_m: f64,
-    /// Place to hold in `Hold`, `GetAltitude` and `GaveUp`: drone's NED, m.
+    /// Hold position in `Hold`, `GetAltitude` and `GaveUp`: drone's NED, m.
     pub hold_position: [f64; 3],
-    /// Heading to hold there, rad.
+    /// Hold heading, rad.
     pub hold_yaw: f64,
-    /// Low over the deck: until it is as high as there, the drone climbs in place over the deck and moves with it.
+    /// The drone climbs in place over the deck and moves with it until it reaches the hold height.
     pub with_deck: bool,
-    /// Waiting place off the deck, from the deck's centre, north and east, m.
+    /// Waiting place relative to the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
-    /// The station that it keeps.
+    /// Station that the drone keeps.
     pub station: Option<KeptStation>,
-    /// Settings that an operator may have changed.
+    /// Settings, including changes by an operator.
     pub settings: MissionSettings,
-    /// They may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
+    /// Settings may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
     pub settable: bool,
-    /// Weakest knowledge of a vessel that permits a landing to begin.
+    /// Minimum knowledge of the vessel required to begin a landing.
     pub least_vessel: VesselLevel,
-    /// No plan leads lower over the deck, along its normal, m; None: onto it.
+    /// Minimum clearance of plans above the deck along its normal, m; None: down to the deck.
     pub lowest_clearance_m: Option<f64>,
-    /// Below this clearance only hard reasons break a landing off, m.
+    /// Clearance below which only hard reasons break a landing off, m.
     pub commit_clearance_m: f64,
-    /// Remaining battery that counts, 0 to 1: what has lasted, and what is reckoned where the gauge is silent or stuck; None while
-    /// that is not known.
+    /// Effective remaining battery, 0 to 1: persistent minimum of the gauge, or an estimate if the gauge is silent or
+    /// stuck; None while unknown.
     pub battery: Option<f64>,
-    /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
+    /// Battery reserve: charge for the way to the deck and one attempt, or the fixed minimum, 0 to 1.
     pub battery_reserve: f64,
-    /// Probability that a landing from here succeeds, 0 to 1; None while that is not known.
+    /// Probability that a landing from here succeeds, 0 to 1; None while unknown.
     pub likelihood: Option<f64>,
-    /// Probability that the contact of a landing from here is unsafe, 0 to 1; None while that is not known.
+    /// Probability that the contact of a landing from here is unsafe, 0 to 1; None while unknown.
     pub harm: Option<f64>,
-    /// Place at which the feet are to meet the deck, from its centre, NED, m: upwind in strong wind, which moves the drone.
+    /// Target of the feet on the deck relative to its centre, NED, m: upwind in strong wind, which displaces the drone.
     pub meets: [f64; 2],
     /// Landing place, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
-    /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
+    /// On a sortie from the deck: time until the drone must turn back to the vessel, s; None: no sortie, or unknown.
     pub turns_in_s: Option<f64>,
-    /// Sorties begun since the process began, and how many there are to be; the latter 0 where no unattended cycles go on.
+    /// Sorties begun since the process started, and their planned number; the latter is 0 outside unattended cycles.
     pub sorties: [u32; 2],
-    /// Boot and sequence of the newest abort that it has received ...
+    /// Boot and sequence of the newest abort received.
     pub abort: Option<[u32; 2]>,
-    /// ... and of the newest other order, whether it is carried out or rejected.
+    /// Boot and sequence of the newest other order received, accepted or rejected.
     pub order: Option<[u32; 2]>,
 }
 
 impl MissionState {
-    /// The state was entered for a cause that the crew has to know: an end without a landing or with a hard one, a hold
-    /// without a command, a descent that was broken off.
+    /// Whether the crew must know why the state was entered: a mission that ended without a landing or with a hard one,
+    /// a hold without a command, a descent that was broken off.
     pub fn was_entered_in_trouble(&self) -> bool {
         let broken_off = matches!(self.previous, State::Descent | State::Flare)
             && self.entered.code != ReasonCode::Matched;
@@ -198,7 +198,7 @@ impl MissionState {
             }
         }
     }
-    /// The next state waits for something that does not come by itself.
+    /// Whether the next state waits for a condition that somebody has to bring about.
     pub fn waits_in_trouble(&self) -> bool {
         matches!(
             self.waiting.code,
@@ -213,26 +213,26 @@ impl MissionState {
                 | ReasonCode::ArmingRejected
         )
     }
-    /// Place to hold, drone's NED, m.
+    /// Hold position, drone's NED, m.
     pub fn hold_position(&self) -> Vector3<f64> {
         Vector3::from(self.hold_position)
     }
 }
 
-/// The vessel when its deck was known last: what the way back is judged by out of radio range.
+/// Last known state of the vessel, used to plan the way back when out of radio range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LastVessel {
-    /// When.
+    /// Time of the state.
     pub at: Time<DroneClock>,
-    /// Place of its deck.
+    /// Position of the deck.
     pub place: Datum,
     /// Mean velocity of the deck, north and east, m/s.
     pub velocity: [f64; 2],
 }
 
 impl LastVessel {
-    /// To 20 m and 0.25 m/s.
+    /// Rounds to 20 m and 0.25 m/s.
     fn rounded(&self) -> LastVessel {
         let to = |v: f64, step: f64| (v / step).round() * step;
         let Datum {
@@ -252,19 +252,19 @@ impl LastVessel {
     }
 }
 
-/// A battery by its gauge, for a mission that goes on with it.
+/// State of the battery by its gauge, passed on to a restarted mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KnownBattery {
-    /// When the flight's last minimum of the gauge was ...
+    /// Time of the flight's last gauge minimum.
     pub at: Time<DroneClock>,
-    /// ... and that, 0 to 1: assumed of a gauge that has never reported.
+    /// The last minimum of the gauge, 0 to 1; assumed if the gauge has never reported.
     pub gauge: f64,
-    /// When the flight began ...
+    /// Start of the flight.
     pub start_at: Time<DroneClock>,
-    /// ... and with what charge, 0 to 1; None: the gauge has never reported.
+    /// Charge at the start, 0 to 1; None: the gauge has never reported.
     pub start: Option<f64>,
-    /// The power by the gauge, 1/s, as far as it is measured.
+    /// Measured power by the gauge, 1/s.
     pub power: Option<f64>,
 }
 
@@ -275,61 +275,62 @@ impl KnownBattery {
     }
 }
 
-/// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
+/// Checkpoint of the mission: a process restarted in flight continues from it.
 ///
-/// It is published with every [`MissionState`], and validated by the successor before it counts.
+/// Published with every [`MissionState`]. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: no checkpoint.
+    /// Identity and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
-    /// The state published last.
+    /// Newest published state.
     pub state: MissionState,
     /// The motors are armed.
     pub armed: bool,
-    /// A landing is wanted.
+    /// A landing is ordered.
     pub landing: bool,
-    /// When the landing was begun.
+    /// Start of the landing.
     pub started: Time<DroneClock>,
-    /// The operator asked for a landing below the battery's reserve: the deck is the first place.
+    /// The operator ordered a landing below the battery reserve: the deck has priority.
     pub deck_first: bool,
-    /// State of the battery in addition to the charge that counts.
+    /// Gauge history of the battery.
     pub battery: Option<KnownBattery>,
-    /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
+    /// An operator has stopped a landing caused by the low battery: the deck is not chosen again.
     pub deck_declined: bool,
-    /// An operator stopped what the mission did, and has commanded no landing since.
+    /// An operator has stopped the mission and has not ordered a landing since.
     pub stopped: bool,
     /// Below the commit clearance: only hard reasons break the flare off.
     pub committed: bool,
-    /// On the deck, and disarmed meanwhile.
+    /// The drone was disarmed on the deck.
     pub disarmed: bool,
-    /// The newest command that was accepted.
+    /// Newest accepted command.
     pub command: Option<Command>,
-    /// The newest abort that was accepted.
+    /// Newest accepted abort.
     pub abort: Option<Header<DroneClock>>,
-    /// The drone's frame: [`DroneState::frames`](super::DroneState::frames) ...
+    /// Number of the drone's frame: [`DroneState::frames`](super::DroneState::frames).
     pub frames: u8,
-    /// ... and where its NED begins.
+    /// Origin of the drone's NED.
     pub datum: Datum,
-    /// The deck's mean level, drone's NED z, m.
+    /// Mean level of the deck, drone's NED z, m.
     pub mean_deck_z: Option<f64>,
-    /// Without an order it has been away from the deck: it climbs when the vessel comes to it.
+    /// The drone has been away from the deck without an order: it climbs when the vessel approaches it.
     pub was_away: bool,
-    /// It has taken off from the deck, and not landed since.
+    /// The drone has taken off from the deck and not landed since.
     pub sortie: bool,
-    /// Unattended cycles go on.
+    /// Unattended cycles are in progress.
     pub cycling: bool,
-    /// The order that the drone is ready was given for the next sortie.
+    /// An operator has confirmed readiness for the next sortie.
     pub ready: bool,
-    /// Why the cycles have ended.
+    /// Reason why the cycles have ended.
     pub cycles_ended: Option<Reason>,
-    /// The vessel when it was known last.
+    /// Last known state of the vessel.
     pub last_vessel: Option<LastVessel>,
 }
 
 impl MissionCheckpoint {
-    /// Part that outlives the computer's boot, and with that its clock: the purpose of a flight; None: the motors are disarmed.
-    /// The vessel's place and the time on a station are rounded, so that a disk is written to every few seconds.
+    /// Part that stays valid across a reboot, which resets the computer's clock: the purpose of the flight. None if the
+    /// motors are disarmed. The vessel's position and the time on a station are rounded, so the file changes only every
+    /// few seconds.
     pub fn lasting(&self) -> Option<MissionCheckpoint> {
         let header = self.header.outdated();
         let last_vessel = self.last_vessel.map(|v| LastVessel {
@@ -361,16 +362,17 @@ impl MissionCheckpoint {
 /// Acknowledgement of the orders that a mission has received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OrderEcho {
-    /// Boot and sequence of the newest abort ...
+    /// Boot and sequence of the newest abort.
     abort: Option<[u32; 2]>,
-    /// ... and of the newest other order since.
+    /// Boot and sequence of the newest other order since.
     order: Option<[u32; 2]>,
-    /// The newest of all is not carried out.
+    /// The newest order is not carried out.
     rejected: bool,
 }
 
 impl OrderEcho {
-    /// Whether an order of this kind is carried out, by the echo that `is_own`; None: it has not been received, or a newer one has.
+    /// Whether an order of this kind, identified in the echo by `is_own`, is carried out; None: not received, or
+    /// superseded.
     pub fn answers(&self, kind: CommandKind, is_own: impl Fn([u32; 2]) -> bool) -> Option<bool> {
         let (echo, rejected) = match kind {
             CommandKind::Abort => (self.abort, self.rejected && self.order.is_none()),
@@ -405,60 +407,61 @@ impl DroneStatus {
     }
 }
 
-/// Status of the drone for the vessel, for the deck's operator.
+/// Status of the drone for the vessel and the deck's operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneStatus {
     /// Identity.
     pub header: Header<DroneClock>,
-    /// The mission's state.
+    /// State of the mission.
     pub state: State,
-    /// Why it was entered.
+    /// Reason for entering the state.
     pub entered: Reason,
-    /// Why the next state is not entered yet.
+    /// Reason why the next state is not entered yet.
     pub waiting: Reason,
-    /// Why an order that was given a moment ago is not carried out: for people, while `waiting` goes on.
+    /// Reason why a recent order is not carried out; displayed while `waiting` continues.
     pub rejected: Option<Reason>,
-    /// Descents begun so far.
+    /// Number of descents begun.
     pub attempts: u32,
     /// Remaining battery, 0 to 1; None when the autopilot does not report it.
     pub battery: Option<f64>,
-    /// The autopilot's own opinion of where it is.
+    /// State by the autopilot's land detector.
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
     pub deck_distance_m: Option<f32>,
-    /// Boot and sequence of the newest abort that the mission has received ...
+    /// Boot and sequence of the newest abort received by the mission.
     pub abort: Option<[u32; 2]>,
-    /// ... and of the newest other order, whether it is carried out or rejected.
+    /// Boot and sequence of the newest other order received, accepted or rejected.
     pub order: Option<[u32; 2]>,
-    /// The motors are armed, by the autopilot's newest report.
+    /// The motors are armed according to the autopilot's newest report.
     pub armed: bool,
-    /// On the deck and armed for longer than the disarm there takes: since the landing, or since the take-off was stopped, s.
+    /// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a
+    /// disarm takes; otherwise None.
     pub still_armed_s: Option<f32>,
-    /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
+    /// Age of the mission's state at sending, s: its process may have ended or hang.
     pub mission_age_s: f32,
-    /// The true wind, towards north and east, m/s, once the drone knows it to 3 m/s.
+    /// True wind, north and east, m/s, once known to 3 m/s.
     pub wind: Option<[f32; 2]>,
-    /// The station that it keeps, or flies to.
+    /// Station that the drone keeps or flies to.
     pub station: Option<Station>,
 }
 
-/// Remedy for a drone that is on the deck and armed, as text after its subject.
+/// Message that a drone stands armed on the deck, with the remedy; it follows the drone's name.
 pub fn still_armed(for_s: f32) -> String {
     format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
-/// A wind for people: how fast, and where from, clockwise from north.
+/// Wind for display: speed, and the direction that it comes from, clockwise from north.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wind {
-    /// m/s.
+    /// Speed, m/s.
     pub speed_mps: f64,
-    /// deg, 0 to 359.
+    /// Direction, deg, 0 to 359.
     pub from_deg: i64,
 }
 
 impl Wind {
-    /// Wind of a velocity towards north and east, m/s.
+    /// Wind from a velocity north and east, m/s.
     pub fn towards([north, east]: [f64; 2]) -> Wind {
         Wind {
             speed_mps: north.hypot(east),
@@ -476,7 +479,7 @@ impl fmt::Display for Wind {
     }
 }
 
-/// A battery's charge for people: per cent, or that it is not reported.
+/// Battery charge for display: per cent, or not reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Charge(pub Option<f64>);
 

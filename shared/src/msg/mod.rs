@@ -1,11 +1,10 @@
-//! Messages: fixed-size plain data, the same on the wire and in shared memory, but for the vessel's estimate and wave
-//! model, which travel over the radio in the forms of [`update`].
+//! Messages: fixed-size plain data with one layout on the wire and in shared memory. The vessel's estimate and wave
+//! model travel over the radio in the compact forms of [`update`].
 //!
-//! Every message begins with a [`Header`]: who, which boot, which sequence number and when the
-//! content was valid. `C` is the clock of that time: messages of the vessel carry `VesselClock`
-//! until the bridge has converted them to `DroneClock`.
+//! Every message begins with a [`Header`]: sender, boot, sequence number and time of validity. `C` is the clock of that
+//! time: messages of the vessel carry `VesselClock` until the bridge converts them to `DroneClock`.
 
-/// Implements [`Message`]: its clock, its header, and conditions in order, each with the field to blame.
+/// Implements [`Message`] from a clock, a header and ordered conditions, each with the name of the invalid field.
 macro_rules! message {
     ($(@$c:ident)? $name:ty, $clock:ty, |$m:ident| { $($sound:expr => $field:literal,)* }) => {
         impl$(<$c: $crate::time::Clock>)? $crate::msg::Message for $name {
@@ -22,7 +21,7 @@ macro_rules! message {
         }
     };
 }
-/// A message with its time of validity on another clock.
+/// Implements conversion of a message to another clock.
 macro_rules! restamped {
     ($name:ident { $($field:ident),* }) => {
         impl<C: Clock> $name<C> {
@@ -78,7 +77,7 @@ pub use grant::{
     Course, DECK_CLOSED, DeckDimensions, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M,
     WAITING_DISTANCE_M, WaitingPlace,
 };
-/// Numbers of which three digits suffice.
+/// Numbers for which three significant digits suffice.
 pub use half::f16;
 pub use link_checkpoint::{LinkCheckpoint, WindCheckpoint};
 pub use mission::{
@@ -103,7 +102,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::time::{Clock, Time};
 
-/// Version of every message's layout; a receiver rejects any other.
+/// Version of all message layouts; a receiver rejects any other.
 pub const MESSAGE_VERSION: u16 = 31;
 
 /// Identity, order and time of validity of a message.
@@ -113,20 +112,20 @@ pub const MESSAGE_VERSION: u16 = 31;
 pub struct Header<C: Clock> {
     /// Time of validity.
     pub at: Time<C>,
-    /// Random number of each start of the sender: distinguishes a restart from a late message.
+    /// Random number drawn at each start of the sender, to distinguish a restart from a late message.
     pub boot: u32,
-    /// Counts up by one with each message of this kind since boot.
+    /// Number of this message among those of its kind since boot.
     pub sequence: u32,
-    /// Which vessel it is about.
+    /// Number of the vessel concerned.
     pub vessel: u32,
-    /// Which drone it is about; 0 when the message is for any drone.
+    /// Number of the drone concerned; 0: any drone.
     pub drone: u32,
     /// [`MESSAGE_VERSION`] of the sender.
     pub version: u16,
 }
 
 impl<C: Clock> Header<C> {
-    /// A header of this version.
+    /// Header with the current version.
     pub const fn new(vessel: u32, drone: u32, boot: u32, sequence: u32, at: Time<C>) -> Self {
         Header {
             at,
@@ -137,7 +136,7 @@ impl<C: Clock> Header<C> {
             version: MESSAGE_VERSION,
         }
     }
-    /// It comes after `last` of the same sender: a higher sequence number, or another boot.
+    /// Whether it follows `last` of the same sender: a higher sequence number, or another boot.
     pub fn follows(&self, last: &Header<C>) -> bool {
         self.boot != last.boot || self.sequence > last.sequence
     }
@@ -152,7 +151,7 @@ impl<C: Clock> Header<C> {
             version: self.version,
         }
     }
-    /// A header of this sender, at a time older than any that counts: a day before its clock began.
+    /// Header of this sender with a time that counts as outdated: one day before its clock began.
     pub const fn outdated(&self) -> Header<C> {
         let at = Time::from_nanos(-86_400_000_000_000);
         Header::new(self.vessel, self.drone, self.boot, 0, at)
@@ -168,18 +167,16 @@ impl<C: Clock> Default for Header<C> {
 pub trait Message {
     /// The clock of its time of validity.
     type Clock: Clock;
-    /// The message's header.
+    /// Header of the message.
     fn header(&self) -> &Header<Self::Clock>;
-    /// Every number in it is finite and inside what physics allows; else the name of the first
-    /// field that is not.
+    /// Checks that every number is finite and physically plausible; `Err` names the first invalid field.
     fn check(&self) -> Result<(), &'static str>;
 }
 
-/// `Err(field)` unless `sound`.
 pub(crate) fn ensure(sound: bool, field: &'static str) -> Result<(), &'static str> {
     if sound { Ok(()) } else { Err(field) }
 }
-/// All components finite and no larger than `limit`.
+/// Whether all components are finite and at most `limit` in magnitude.
 pub(crate) fn within<'a, T: Copy + Into<f64> + 'a>(
     values: impl IntoIterator<Item = &'a T>,
     limit: f64,
@@ -188,27 +185,27 @@ pub(crate) fn within<'a, T: Copy + Into<f64> + 'a>(
     values.into_iter().all(|v| (*v).into().abs() <= limit)
 }
 
-/// Every one of these lists is not negative and at most `limit`: standard deviations.
+/// Whether all standard deviations are within 0 and `limit`.
 pub(crate) fn deviations<const N: usize>(lists: [&[f64]; N], limit: f64) -> bool {
     lists
         .iter()
         .all(|list| list.iter().all(|v| (0.0..=limit).contains(v)))
 }
-/// Every one is above zero and below `limit`.
+/// Whether all values are above zero and below `limit`.
 pub(crate) fn positive<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
     values.into_iter().all(|v| *v > 0.0 && *v < limit)
 }
-/// A charge or a thrust as autopilots report it: rounding and a boost allowed.
+/// Charge or thrust as autopilots report it, with tolerance for rounding and boost.
 pub(crate) const FRACTION: core::ops::RangeInclusive<f64> = -0.01..=1.5;
-/// Largest angle that a message may carry, rad.
+/// Maximum angle in a message, rad.
 pub(crate) const MAX_ANGLE_RAD: f64 = 7.0;
-/// Largest tilt that a surface vessel's message may carry, rad: beyond it, it has capsized.
+/// Maximum tilt in a surface vessel's message, rad; beyond it, the vessel has capsized.
 pub(crate) const MAX_TILT_RAD: f64 = 1.3;
-/// Largest coordinate that a message may carry, m: a tangent plane is meaningless further out.
+/// Maximum coordinate in a message, m; further out a tangent plane is meaningless.
 pub const MAX_POSITION_M: f64 = 1.0e5;
-/// Largest speed that a message may carry, m/s.
+/// Maximum speed in a message, m/s.
 pub const MAX_SPEED_MPS: f64 = 100.0;
-/// Largest acceleration that a message may carry, m/s².
+/// Maximum acceleration in a message, m/s².
 pub const MAX_ACCELERATION_MPS2: f64 = 200.0;
-/// Largest angular rate that a message may carry, rad/s.
+/// Maximum angular rate in a message, rad/s.
 pub const MAX_RATE_RPS: f64 = 50.0;

@@ -1,4 +1,4 @@
-//! Moving base: RTCM 3 of the vessel's receiver on its way to the drone's, and the relative place that comes of it.
+//! Moving base: RTCM 3 frames of the vessel's receiver for the drone's, and the resulting relative position.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,16 +7,17 @@ use super::{Header, MAX_POSITION_M, Seq, positive, within};
 use crate::rtcm::MAX_FRAME_BYTES;
 use crate::time::{Clock, DroneClock, Time};
 
-/// Frames of RTCM 3 of the vessel's receiver, passed on as they are: as many of one time as fit, so that an epoch is whole or lost.
+/// RTCM 3 frames of the vessel's receiver, unchanged. One message holds as many frames of one time as fit, so an epoch
+/// arrives whole or is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct RtcmFrames<C: Clock> {
-    /// Identity; `at` is the time of its arrival at the vessel's computer.
+    /// Identity; `at` is the arrival time at the vessel's computer.
     pub header: Header<C>,
-    /// Antenna of the receiver from the deck's centre, in the vessel's body frame, m.
+    /// Antenna of the receiver relative to the deck's centre, in the vessel's body frame, m.
     pub antenna_m: [f32; 3],
-    /// One frame or several, each from its preamble to its checksum.
+    /// One or several frames, each from its preamble to its checksum.
     pub bytes: Seq<u8, MAX_FRAME_BYTES>,
 }
 
@@ -26,32 +27,32 @@ message!(@C RtcmFrames<C>, C, |m| {
     crate::rtcm::frames(&m.bytes).is_some() => "bytes",
 });
 
-/// Solution of the carrier phases' ambiguities.
+/// Carrier-phase ambiguity solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CarrierSolution {
-    /// None: the place is by code alone, to a metre or more.
+    /// No solution: code position only, to a metre or more.
     #[default]
     None,
-    /// Float: to some decimetres, with errors that last.
+    /// Float solution: to some decimetres, with persistent errors.
     Float,
-    /// Fixed: to centimetres, where it is the right one.
+    /// Fixed solution: to centimetres if the ambiguities are correct.
     Fixed,
 }
 
-/// Place of the drone's antenna relative to the vessel's, by a receiver that uses the vessel's as its moving base.
+/// Position of the drone's antenna relative to the vessel's, from a receiver that uses the vessel's as moving base.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RelativePlace {
     /// Identity; `at` is the time of the measurement.
     pub header: Header<DroneClock>,
-    /// From the vessel's antenna to the drone's, NED, m.
+    /// Baseline from the vessel's antenna to the drone's, NED, m.
     pub baseline_m: [f64; 3],
     /// Standard deviation of each component, m.
     pub baseline_sd_m: [f64; 3],
-    /// Solution of the ambiguities.
+    /// Ambiguity solution.
     pub solution: CarrierSolution,
-    /// Antenna of the vessel's receiver from the deck's centre, in the vessel's body frame, m.
+    /// Antenna of the vessel's receiver relative to the deck's centre, in the vessel's body frame, m.
     pub antenna_m: [f32; 3],
 }
 
@@ -61,26 +62,26 @@ message!(RelativePlace, DroneClock, |m| {
     within(&m.antenna_m, 100.0) => "antenna_m",
 });
 
-/// State of the relative place in a forecast.
+/// State of the relative position in a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RelativeState {
     /// Newest solution.
     pub solution: CarrierSolution,
-    /// Standard deviation of each horizontal axis, as the receiver states it, m.
+    /// Standard deviation on each horizontal axis as stated by the receiver, m.
     pub sd_m: f64,
     /// Age of the newest measurement, s.
     pub age_s: f64,
-    /// Age of the newest that was used, s; infinite when there was none since it is trusted.
+    /// Age of the newest measurement used, s; infinite if none was used since it became trusted.
     pub used_age_s: f64,
     /// The tags have confirmed this solution.
     pub confirmed: bool,
-    /// The tags have contradicted it, by so much, m: it is not used until it has been solved again.
+    /// Distance by which the tags have contradicted the solution, m. It is not used until it has been solved again.
     pub contradicted_m: Option<f64>,
 }
 
 impl RelativeState {
-    /// Age of a measurement that may stand in for a detection of the deck, s: of a fixed solution that the tags have confirmed;
+    /// Age of a measurement that may replace a detection of the deck, s: a fixed solution confirmed by the tags;
     /// infinite without one.
     pub fn stands_in_age_s(&self) -> f64 {
         if self.confirmed && self.contradicted_m.is_none() {

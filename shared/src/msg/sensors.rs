@@ -1,5 +1,5 @@
-//! Measurements of the vessel's sensors, on the vessel's clock, in the sensor's own axes turned to
-//! the vessel's FRD. Lever arms are configuration.
+//! Measurements of the vessel's sensors, on the vessel's clock, in the sensor's axes rotated to the vessel's FRD. Lever
+//! arms are configured.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,13 +8,12 @@ use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, p
 use crate::geodesy::Datum;
 use crate::time::VesselClock;
 
-/// Most sources of one kind of measurement on a vessel.
+/// Maximum number of sources of one kind of measurement on a vessel.
 pub const MAX_SOURCES: usize = 8;
-/// Standard deviation of a component that its source does not measure (m, m/s): the filter learns
-/// nothing from it.
+/// Standard deviation of a component that its source does not measure (m, m/s): the filter ignores it.
 pub const NOT_MEASURED_SD: f64 = 5e3;
 
-/// An inertial measurement.
+/// Measurement of an inertial sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ImuSample {
@@ -24,13 +23,13 @@ pub struct ImuSample {
     pub gyro: [f64; 3],
     /// Specific force, m/s².
     pub accelerometer: [f64; 3],
-    /// Which of the vessel's inertial sensors.
+    /// Number of the inertial sensor.
     pub source: u8,
-    /// Place of the sensor in the vessel's body frame, m; none: where the configuration has it.
+    /// Position of the sensor in the vessel's body frame, m; None: as configured.
     pub lever_arm: Option<[f64; 3]>,
 }
 
-/// A GNSS fix of the antenna.
+/// GNSS fix of an antenna.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct GnssFix {
@@ -42,20 +41,20 @@ pub struct GnssFix {
     pub position: [f64; 3],
     /// Antenna velocity, NED, m/s.
     pub velocity: [f64; 3],
-    /// Standard deviation of each component of `position`, without slow bias, m.
+    /// Standard deviation of each component of `position` without slow bias, m.
     pub position_sd: [f64; 3],
     /// Standard deviation of each component of `velocity`, m/s.
     pub velocity_sd: [f64; 3],
-    /// Standard deviation of the height's reference surface, m: one error for all fixes of a receiver, which does not
-    /// average out. Zero where the receiver itself states its height above the ellipsoid.
+    /// Standard deviation of the height's reference surface, m: one error common to all fixes of a receiver, which does
+    /// not average out. Zero if the receiver states its height above the ellipsoid.
     pub height_spread: f64,
-    /// Which of the vessel's receivers.
+    /// Number of the receiver.
     pub source: u8,
-    /// Place of the antenna in the vessel's body frame, m; none: where the configuration has it.
+    /// Position of the antenna in the vessel's body frame, m; None: as configured.
     pub lever_arm: Option<[f64; 3]>,
 }
 
-/// A heading, from a compass or from two GNSS antennas.
+/// Heading from a compass or from two GNSS antennas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct HeadingFix {
@@ -65,14 +64,13 @@ pub struct HeadingFix {
     pub heading: f64,
     /// Standard deviation, rad.
     pub heading_sd: f64,
-    /// Rate of turn, rad/s, where it is reported.
+    /// Rate of turn, rad/s, if reported.
     pub rate: Option<f64>,
-    /// Which of the vessel's heading sensors.
+    /// Number of the heading sensor.
     pub source: u8,
 }
 
-/// An attitude, and what comes with it, as a motion sensor or an INS works it out itself. It stands
-/// in for the inertial sensor on a vessel without one.
+/// Attitude and related outputs of a motion sensor or INS. It replaces the inertial sensor on a vessel without one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeFix {
@@ -84,19 +82,17 @@ pub struct AttitudeFix {
     pub tilt_sd: f64,
     /// Angular rate of the body, rad/s.
     pub rates: Option<[f64; 3]>,
-    /// Heave of the reference point about the mean level, m down.
+    /// Heave of the reference point about its mean level, m, positive down.
     pub heave: Option<f64>,
     /// Standard deviation of the heave, m.
     pub heave_sd: f64,
-    /// Which of the vessel's attitude sensors.
+    /// Number of the attitude sensor.
     pub source: u8,
 }
 
-/// A source that there may be on a vessel.
 fn is_source(source: u8) -> bool {
     usize::from(source) < MAX_SOURCES
 }
-/// A place on a vessel.
 fn is_lever_arm(lever_arm: &Option<[f64; 3]>) -> bool {
     lever_arm.is_none_or(|a| within(&a, 100.0))
 }

@@ -1,4 +1,4 @@
-//! A bounded list of plain data: fixed memory for shared memory, length checked on the wire.
+//! Bounded list of plain data with fixed memory for shared memory and a length check on the wire.
 
 use core::fmt;
 use core::ops::{Deref, DerefMut};
@@ -24,7 +24,7 @@ impl<T: Copy + Default, const N: usize> Seq<T, N> {
             items: [T::default(); N],
         }
     }
-    /// Takes as many items as fit; the rest are dropped.
+    /// Takes the items that fit and drops the rest.
     pub fn filled(items: impl IntoIterator<Item = T>) -> Self {
         let mut s = Self::new();
         for i in items {
@@ -34,7 +34,7 @@ impl<T: Copy + Default, const N: usize> Seq<T, N> {
         }
         s
     }
-    /// Appends `item`, or gives it back when the list is full.
+    /// Appends `item`, or returns it if the list is full.
     pub fn push(&mut self, item: T) -> Result<(), T> {
         match self.items.get_mut(self.len as usize) {
             Some(slot) => {
@@ -55,7 +55,7 @@ impl<T: Copy + Default, const N: usize> Default for Seq<T, N> {
 impl<T, const N: usize> Deref for Seq<T, N> {
     type Target = [T];
     fn deref(&self) -> &[T] {
-        // A length from another process is data: never index past the storage.
+        // A length from another process is untrusted: never index past the storage.
         self.items.get(..self.len as usize).unwrap_or(&self.items)
     }
 }

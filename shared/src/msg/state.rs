@@ -1,4 +1,4 @@
-//! States of the mission, and the phases that they belong to.
+//! States of the mission and the flight phases they belong to.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,41 +12,41 @@ pub enum State {
     /// Waits for a landing command, flight and the vessel's state.
     #[default]
     Idle,
-    /// Straight up or down to the approach height.
+    /// Climbs or descends vertically to approach height.
     GetAltitude,
-    /// Towards the predicted vessel at approach height.
+    /// Flies towards the predicted vessel at approach height.
     Approach,
     /// Follows the predicted vessel at tracking height.
     Tracking,
-    /// Tracking, stably above the deck.
+    /// Tracking, steady above the deck.
     TrackingStable,
     /// Descends at constant speed relative to the predicted deck.
     Descent,
-    /// The last part, with the full deck pose as reference.
+    /// Final descent, with the full deck pose as reference.
     Flare,
-    /// On the deck.
+    /// Stands on the deck.
     Landed,
-    /// Holds position at a safe height: data too old, or commanded.
+    /// Holds position at a safe height because of old data or by command.
     Hold,
-    /// Ended without landing: aborted by command or out of retries.
+    /// Landing ended without touchdown: aborted by command or out of retries.
     GaveUp,
-    /// Looks for the tags of a vessel that is known by its beacon alone, in a pattern about the beacon's predicted place.
+    /// Searches for the tags of a vessel known by its beacon alone, in a pattern about its predicted position.
     Search,
-    /// Stands on the deck and is to take off: waits until every check passes.
+    /// Stands on the deck before a take-off until every check passes.
     Preparing,
-    /// Stands on the deck; the motors start when the countdown ends.
+    /// Stands on the deck; the motors start at the end of the countdown.
     Countdown,
-    /// Armed on the deck with little thrust: waits for the moment to leave it.
+    /// Armed on the deck at low thrust; waits for a good moment to take off.
     SpinUp,
     /// Leaves the deck.
     TakeOff,
     /// Climbs away from the vessel.
     ClimbOut,
-    /// A take-off was stopped before the feet left the deck: stands there until it is disarmed.
+    /// Take-off stopped before the feet left the deck: stands there until disarmed.
     StandDown,
 }
 
-/// Phases that choose weights and rates.
+/// Flight phases that select weights and rates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Phase {
@@ -62,7 +62,7 @@ pub enum Phase {
 }
 
 impl State {
-    /// The phase that a state belongs to.
+    /// Phase of this state.
     pub const fn phase(self) -> Phase {
         match self {
             State::Idle
@@ -82,7 +82,7 @@ impl State {
             State::Descent | State::Flare => Phase::Landing,
         }
     }
-    /// The name in messages.
+    /// Name for messages.
     pub const fn name(self) -> &'static str {
         match self {
             State::Idle => "Idle",
@@ -126,7 +126,7 @@ impl State {
             State::StandDown => "stands on the deck after a stopped take-off, to be disarmed",
         }
     }
-    /// Ending of a landing that left the drone in this state, for messages; None: it goes on, or there was none.
+    /// Outcome of a landing that ended in this state, for messages; None: it continues, or there was none.
     pub const fn ending(self) -> Option<&'static str> {
         match self {
             State::Landed => Some("landed"),
@@ -148,47 +148,47 @@ impl State {
             | State::StandDown => None,
         }
     }
-    /// A landing goes on in it.
+    /// Whether a landing is in progress.
     pub const fn is_landing(self) -> bool {
         !matches!(self, State::Idle | State::StandDown) && !self.is_take_off() && self.ending().is_none()
     }
-    /// A take-off goes on in it.
+    /// Whether a take-off is in progress.
     pub const fn is_take_off(self) -> bool {
         matches!(
             self,
             State::Preparing | State::Countdown | State::SpinUp | State::TakeOff | State::ClimbOut
         )
     }
-    /// A drone that is to take off, or was to, stands on the deck in it.
+    /// Whether the drone stands on the deck before a take-off or after a stopped one.
     pub const fn stands_for_take_off(self) -> bool {
         matches!(
             self,
             State::Preparing | State::Countdown | State::SpinUp | State::StandDown
         )
     }
-    /// Motors start in it, turn next to the crew, or have not stopped yet: whoever is near the drone has to get away from it.
+    /// Whether motors start, turn next to the crew or have not stopped yet: everybody near the drone must leave.
     pub const fn starts_motors(self) -> bool {
         matches!(
             self,
             State::Countdown | State::SpinUp | State::TakeOff | State::StandDown
         )
     }
-    /// Whether a take-off that was stopped on the deck leaves the drone here: motors that were started for it are to stop.
+    /// Whether motors that were started for a stopped take-off have to stop.
     pub const fn wants_motors_off(self) -> bool {
         matches!(
             self,
             State::Idle | State::Preparing | State::Countdown | State::StandDown
         )
     }
-    /// The drone is on its way down to the deck, or on it after a landing.
+    /// Whether the drone descends to the deck, or stands on it after a landing.
     pub const fn meets_deck(self) -> bool {
         matches!(self, State::Descent | State::Flare | State::Landed)
     }
-    /// The mission's plan was stopped or has ended otherwise than planned.
+    /// Whether the mission was stopped or ended unplanned.
     pub const fn is_setback(self) -> bool {
         matches!(self, State::Hold | State::GaveUp | State::StandDown)
     }
-    /// The state with why it was entered, for people: `Hold: operator's command`.
+    /// State with the reason for entering it: `Hold: operator's command`.
     pub fn because(self, entered: &Reason) -> String {
         let reason = entered.to_string();
         if reason.is_empty() {

@@ -1,4 +1,4 @@
-//! A station: a place next to the vessel that a drone keeps for a while, named by an operator.
+//! Station: a position next to the vessel, given by an operator, that a drone keeps for a limited time.
 
 use core::fmt;
 
@@ -8,36 +8,36 @@ use serde::{Deserialize, Serialize};
 use super::{MissionState, ReasonCode};
 use crate::time::{DroneClock, Span, Time};
 
-/// Highest station over the deck's mean level, m.
+/// Maximum height of a station above the deck's mean level, m.
 pub const MAX_STATION_HEIGHT_M: u8 = 50;
-/// No station is further from the deck's centre, horizontally, m.
+/// Maximum horizontal distance of a station from the deck's centre, m.
 pub const MAX_STATION_M: i8 = 60;
-/// No station is kept for longer, min.
+/// Maximum time on a station, min.
 pub const MAX_STATION_MIN: u8 = 30;
 
-/// A place relative to the vessel. Whole metres and minutes: an order is then equal to its repetition, and never not a number.
+/// Position relative to the vessel. Whole metres and minutes make an order equal to its repetition and exclude NaN.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Station {
-    /// Ahead of the deck's centre in the vessel's mean heading, m; negative: astern.
+    /// Distance ahead of the deck's centre along the vessel's mean heading, m; negative: astern.
     pub ahead_m: i8,
-    /// To starboard of it, m; negative: to port.
+    /// Distance to starboard of it, m; negative: to port.
     pub right_m: i8,
-    /// Above the deck's mean level, m; 0 in an order: at the height of the approach.
+    /// Height above the deck's mean level, m; 0 in an order: approach height.
     pub height_m: u8,
-    /// From the order on, min.
+    /// Duration from the order on, min.
     pub for_min: u8,
 }
 
 impl Station {
-    /// Station where no other is asked for: clear of what belongs to the deck's owner, at the height of the approach.
+    /// Default station: clear of the space reserved for the deck's owner, at approach height.
     pub const USUAL: Station = Station {
         ahead_m: 0,
         right_m: 20,
         height_m: 0,
         for_min: 10,
     };
-    /// Station that an order names, with the usual values for the rest; next to a distance ahead that is 0 m to starboard.
+    /// Station of an order, with defaults for missing values; if only a distance ahead is given, 0 m to starboard.
     pub fn named([ahead_m, right_m]: [Option<i8>; 2], height_m: Option<u8>, for_min: Option<u8>) -> Station {
         let usual = Station::USUAL;
         let abeam_m = if ahead_m.is_some() { 0 } else { usual.right_m };
@@ -48,13 +48,13 @@ impl Station {
             for_min: for_min.unwrap_or(usual.for_min),
         }
     }
-    /// Within the bounds of every vessel.
+    /// Whether it is within the bounds of every vessel.
     pub fn is_sane(&self) -> bool {
         self.distance_m() <= f64::from(MAX_STATION_M)
             && self.height_m <= MAX_STATION_HEIGHT_M
             && (1..=MAX_STATION_MIN).contains(&self.for_min)
     }
-    /// With the height of the approach, whole metres up, where the order has none.
+    /// Replaces a missing height with the approach height in whole metres, rounded up.
     pub fn of_approach(self, height_m: f64) -> Station {
         let whole = height_m.ceil().min(f64::from(MAX_STATION_HEIGHT_M)) as u8;
         let height_m = if self.height_m == 0 { whole } else { self.height_m };
@@ -64,7 +64,7 @@ impl Station {
     pub fn distance_m(&self) -> f64 {
         f64::from(self.ahead_m).hypot(f64::from(self.right_m))
     }
-    /// Bearing from the deck's centre, from the bow clockwise, rad.
+    /// Bearing from the deck's centre, clockwise from the bow, rad.
     pub fn bearing_rad(&self) -> f64 {
         f64::from(self.right_m).atan2(f64::from(self.ahead_m))
     }
@@ -84,8 +84,8 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// Condition that it waits for, as text, with the place of a station; shortly after an order that is not carried out,
-    /// why.
+    /// Text of the condition that the mission waits for, with the position of a station. Shortly after a rejected
+    /// order, the reason for the rejection.
     pub fn waits(&self) -> String {
         if let Some(rejected) = self.rejected {
             return rejected.to_string();
@@ -100,18 +100,18 @@ impl MissionState {
     }
 }
 
-/// A station that is kept.
+/// Station that a drone keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KeptStation {
-    /// Place of the station.
+    /// Position of the station.
     pub station: Station,
-    /// Until then.
+    /// End of the time on the station.
     pub until: Time<DroneClock>,
 }
 
 impl KeptStation {
-    /// The station with what is left of its time at `now`, in whole minutes, as a time since the clock's beginning.
+    /// This station with `until` replaced by the time left at `now` in whole minutes, counted from the clock's zero.
     pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
         let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
         KeptStation {
@@ -119,7 +119,7 @@ impl KeptStation {
             ..*self
         }
     }
-    /// The station whose time left, stated by [`Self::left_at`], begins at `now`.
+    /// This station with the time left from [`Self::left_at`] counted from `now`.
     pub fn begun_at(&self, now: Time<DroneClock>) -> KeptStation {
         KeptStation {
             until: now + (self.until - Time::EPOCH),

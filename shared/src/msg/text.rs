@@ -1,4 +1,4 @@
-//! A bounded text: an error of the system that no code of ours names, for people.
+//! Bounded text for people, such as an error message of the system.
 
 use core::fmt;
 use std::borrow::Cow;
@@ -8,15 +8,15 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::Seq;
 
-/// At most `N` bytes of text, stored in place; of a longer one the beginning.
+/// At most `N` bytes of text, stored in place; a longer text is truncated.
 #[derive(Clone, Copy, Default, PartialEq)]
 #[repr(C)]
 pub struct Text<const N: usize>(Seq<u8, N>);
 
 impl<const N: usize> Text<N> {
-    /// The text.
+    /// The text; empty if the bytes are not valid UTF-8.
     pub fn as_str(&self) -> &str {
-        // Bytes of another process are data: what is no text is not shown.
+        // Bytes from another process are untrusted.
         core::str::from_utf8(&self.0).unwrap_or_default()
     }
 }
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn text_longer_than_its_place() {
         assert_eq!(Text::<3>::from("deck").as_str(), "dec");
-        // No half of a character.
+        // A character that does not fit is dropped whole.
         assert_eq!(Text::<3>::from("5 µ").as_str(), "5 ");
         assert_eq!(Text::<4>::from("5 µ").as_str(), "5 µ");
     }

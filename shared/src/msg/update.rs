@@ -1,9 +1,9 @@
-//! Forms of the vessel's estimate and wave model on the radio: with each message that which changes with each, and several
-//! times a second the rest.
+//! Radio forms of the vessel's estimate and wave model: the fast-changing part in each message, the rest several times
+//! a second.
 //!
 //! # Byte layout on the wire
 //!
-//! As in [`super::vessel`], which has the header.
+//! As in [`super::vessel`], which documents the header.
 //!
 //! | bytes | estimate (77 B, and 161 B in every third; 30 Hz, bound 300 B) |
 //! |---|---|
@@ -50,19 +50,20 @@ use crate::schema::F16;
 use crate::time::{Clock, Span};
 use crate::wire::hash_record;
 
-/// One estimate in so many has the rest.
+/// One in `REST_EVERY` estimates carries the slowly changing part.
 const REST_EVERY: u32 = 3;
-/// Estimates are not completed by an older rest: of the slowest ones, at 4.5 Hz, two with it may be lost.
+/// Maximum age of the slowly changing part that completes an estimate. At the lowest rate of 4.5 Hz, two of them may be
+/// lost.
 const MAX_REST_AGE: Span = Span::from_millis(2000);
-/// Time from a whole wave model to the next, so that a drone has one within a second, also where one is lost.
+/// Interval between whole wave models: a drone receives one within a second even if one is lost.
 const WHOLE_PERIOD: Span = Span::from_millis(500);
-/// Largest error of a wave model that continues another, relative to the root of the sum of its modes' squares in each
-/// degree of freedom.
+/// Maximum error of a continued wave model, relative to the root of the sum of its modes' squares in each degree of
+/// freedom.
 const MAX_CONTINUED_ERROR: f64 = 0.01;
 const DOFS: usize = 6;
 
-/// The vessel's estimate on the radio. Velocities and accelerations are rounded to 0.05 %, places to 6e-8 of the distance
-/// from the datum.
+/// The vessel's estimate on the radio. Velocities and accelerations are rounded to 0.05 %, positions to 6e-8 of the
+/// distance from the datum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub struct EstimateUpdate<C: Clock> {
@@ -78,9 +79,9 @@ pub struct EstimateUpdate<C: Clock> {
     /// Acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
     #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
-    /// Checksum of the datum: an estimate is completed by the rest with this datum alone.
+    /// Checksum of the datum: the slowly changing part completes only estimates with the same datum.
     pub datum_sum: u16,
-    /// Slowly changing part, in every third estimate; it completes those after it of the same boot and datum.
+    /// Slowly changing part, in every third estimate; it completes the following ones of the same boot and datum.
     pub rest: Option<EstimateRest>,
 }
 
@@ -89,28 +90,28 @@ pub struct EstimateUpdate<C: Clock> {
 pub struct EstimateRest {
     /// Origin of the vessel's NED plane.
     pub datum: Datum,
-    /// Per degree of freedom: standard deviation of eta, that of eta_dot, their correlation.
+    /// Per degree of freedom: standard deviation of eta, standard deviation of eta_dot, their correlation.
     #[schemars(with = "[[F16; 3]; 6]")]
     pub uncertainty: [[f16; 3]; 6],
     /// Centre of the landing deck's surface in the vessel's body frame, m.
     pub deck_centre: [f32; 3],
-    /// Nominal course and speed over ground without the waves' orbital motion: north, east, m/s.
+    /// Mean velocity over ground without the waves' orbital motion: north, east, m/s.
     #[schemars(with = "[F16; 2]")]
     pub mean_velocity: [f16; 2],
-    /// Heading without the waves' share, rad, and its rate, rad/s.
+    /// Mean heading without wave motion, rad, and its rate, rad/s.
     pub mean_heading: [f32; 2],
 }
 
 impl EstimateRest {
-    /// Checksum of its datum: another datum has another one but for one chance in 65 536.
+    /// Checksum of its datum; two datums share one with probability 1/65536.
     fn datum_sum(&self) -> u16 {
-        // Three numbers always have a record.
+        // Serialization of three numbers cannot fail.
         hash_record(&self.datum).map_or(0, |hash| (hash >> 48) as u16)
     }
 }
 
 impl<C: Clock> EstimateUpdate<C> {
-    /// The form of this estimate that is broadcast.
+    /// Radio form with the slowly changing part when it is due.
     pub fn of(e: &VesselEstimate<C>) -> Self {
         let whole = EstimateUpdate::whole(e);
         EstimateUpdate {
@@ -120,7 +121,7 @@ impl<C: Clock> EstimateUpdate<C> {
             ..whole
         }
     }
-    /// The form of this estimate that has everything.
+    /// Radio form with the slowly changing part.
     pub fn whole(e: &VesselEstimate<C>) -> Self {
         let [north, east, down, roll, pitch, yaw] = e.eta.map(|x| x as f32);
         let rest = EstimateRest {
@@ -156,32 +157,32 @@ impl<C: Clock> EstimateUpdate<C> {
     }
 }
 
-/// The vessel's wave model on the radio: whole, or the factors by which the modes of the newest whole one have changed.
+/// The vessel's wave model on the radio: whole, or factors by which the modes of the newest whole model have changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub struct WaveUpdate<C: Clock> {
     /// Identity and time of validity of the oscillator states.
     pub header: Header<C>,
-    /// Significant wave height by the vessel's heave, m.
+    /// Significant wave height from the vessel's heave, m.
     pub significant_height_m: f32,
-    /// Share of the motion's variance that the modes predict a second ahead, 0 to 1.
+    /// Fraction of the motion's variance that the modes predict one second ahead, 0 to 1.
     pub confidence: f32,
-    /// Sequence number of the whole model that this one continues; its own where it is whole.
+    /// Sequence number of the whole model that this one continues; its own if it is whole.
     pub base: u32,
-    /// Complex factors by which the shapes of the base's modes are multiplied; empty in a whole model.
+    /// Complex factors that multiply the shapes of the base's modes; empty in a whole model.
     #[schemars(with = "Seq<[F16; 2], MAX_MODES>")]
     pub factors: Seq<[f16; 2], MAX_MODES>,
-    /// Modes, strongest first; empty in a model that continues another.
+    /// Modes, strongest first; empty in a continued model.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// Steepest apparent slope of the deck in each span of 2 s, the present one first, in steps of 0.01, by the specific
-    /// force in the deck's axes; empty in a model that continues another.
+    /// Steepest apparent slope of the deck in each window of 2 s, present one first, in steps of 0.01, from the
+    /// specific force in the deck's axes; empty in a continued model.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
-    /// Advice for the helm; None in a model that continues another.
+    /// Advice for the helm; None in a continued model.
     pub advice: Option<CourseAdvice>,
 }
 
 impl<C: Clock> WaveUpdate<C> {
-    /// The form that stands alone.
+    /// Encodes the whole model.
     pub fn whole(m: &WaveModel<C>) -> Self {
         WaveUpdate {
             header: m.header,
@@ -194,8 +195,8 @@ impl<C: Clock> WaveUpdate<C> {
             advice: m.advice,
         }
     }
-    /// The form that continues `base`; None where the base is too old or has other modes, and where one factor a mode is not
-    /// enough: the shapes of a mode change together, but for those in the vessel's own axes while it turns.
+    /// Form that continues `base`. None if the base is too old, has different modes, or if one factor per mode is not
+    /// accurate enough. The shapes of a mode change together, except those in the vessel's own axes during a turn.
     fn continued(m: &WaveModel<C>, base: &WaveModel<C>) -> Option<Self> {
         let same = m.header.boot == base.header.boot
             && m.advice.is_some() == base.advice.is_some()
@@ -217,11 +218,11 @@ impl<C: Clock> WaveUpdate<C> {
             ..WaveUpdate::whole(m)
         })
     }
-    /// It stands alone.
+    /// Whether it is a whole model.
     pub fn is_whole(&self) -> bool {
         self.base == self.header.sequence
     }
-    /// The model that continues `base`; None where it continues another.
+    /// The model that continues `base`; None if it continues another.
     fn completed(&self, base: &WaveModel<C>) -> Option<WaveModel<C>> {
         let same = self.header.boot == base.header.boot
             && self.base == base.header.sequence
@@ -247,8 +248,8 @@ fn complex([re, im]: [f16; 2]) -> Complex<f64> {
     Complex::new(f64::from(re), f64::from(im))
 }
 
-/// Factor of each mode from its shape in `base` to that in `now`, fitted over the degrees of freedom, each relative to the
-/// sum of all modes in it; None where the error is above [`MAX_CONTINUED_ERROR`].
+/// Factor of each mode from its shape in `base` to that in `now`, fitted over the degrees of freedom, each relative to
+/// the sum of all its modes; None if the error exceeds [`MAX_CONTINUED_ERROR`].
 fn factors(base: &[WaveMode], now: &[WaveMode]) -> Option<Seq<[f16; 2], MAX_MODES>> {
     let square = |d: usize| -> f64 { now.iter().map(|m| complex(m.shape[d]).norm_sqr()).sum() };
     let squares: [f64; DOFS] = core::array::from_fn(square);
@@ -274,14 +275,14 @@ fn factors(base: &[WaveMode], now: &[WaveMode]) -> Option<Seq<[f16; 2], MAX_MODE
     (0..DOFS).all(holds).then_some(factors)
 }
 
-/// Sender of wave models: knows the newest whole one.
+/// Sender of wave models; stores the newest whole one.
 #[derive(Clone, Debug, Default)]
 pub struct WaveSender<C: Clock> {
     base: Option<WaveModel<C>>,
 }
 
 impl<C: Clock> WaveSender<C> {
-    /// The form of this model that is broadcast.
+    /// Radio form of this model.
     pub fn update(&mut self, m: &WaveModel<C>) -> WaveUpdate<C> {
         let continued = self.base.as_ref().and_then(|base| WaveUpdate::continued(m, base));
         continued.unwrap_or_else(|| {
@@ -291,7 +292,7 @@ impl<C: Clock> WaveSender<C> {
     }
 }
 
-/// Receiver of estimates and wave models: knows what completes them.
+/// Receiver of estimates and wave models; stores their slowly changing parts.
 #[derive(Clone, Debug, Default)]
 pub struct UpdateReceiver<C: Clock> {
     rest: Option<(Header<C>, EstimateRest)>,
@@ -299,7 +300,7 @@ pub struct UpdateReceiver<C: Clock> {
 }
 
 impl<C: Clock> UpdateReceiver<C> {
-    /// The estimate of an admitted message; None before the first rest of its boot and datum.
+    /// Estimate of an admitted message; None before the first slowly changing part of its boot and datum.
     pub fn estimate(&mut self, m: &EstimateUpdate<C>) -> Option<VesselEstimate<C>> {
         if let Some(rest) = m.rest {
             self.rest = Some((m.header, rest));
@@ -310,12 +311,12 @@ impl<C: Clock> UpdateReceiver<C> {
             && rest.datum_sum() == m.datum_sum;
         completes.then(|| m.completed(rest))
     }
-    /// Whether this message stands alone or continues the newest whole one that was received.
+    /// Whether this message is whole or continues the newest received whole model.
     pub fn has_base(&self, m: &WaveUpdate<C>) -> bool {
         let base = self.waves.as_ref();
         m.is_whole() || base.is_some_and(|base| m.completed(base).is_some())
     }
-    /// The wave model of an admitted message; None where it continues one that was not received.
+    /// Wave model of an admitted message; None if it continues a model that was not received.
     pub fn waves(&mut self, m: &WaveUpdate<C>) -> Option<WaveModel<C>> {
         if m.is_whole() {
             self.waves = Some(WaveModel {
@@ -368,8 +369,8 @@ mod tests {
     }
 
     proptest! {
-        /// Rounding is far below what the estimator states (a centimetre, a tenth of a degree, 2 cm/s at 10 m/s), and what
-        /// is possible stays possible.
+        /// Rounding stays far below the estimator's stated errors (a centimetre, a tenth of a degree, 2 cm/s at 10
+        /// m/s), and valid estimates stay valid.
         #[test]
         fn estimate_rounded_on_the_radio(
             horizontal in prop::array::uniform2(-2e4..2e4_f64), down in -50.0..50.0_f64,
@@ -408,13 +409,13 @@ mod tests {
                 let [variance, covariance, of_rate] = got.covariance(d);
                 prop_assert!(covariance * covariance <= variance * of_rate * (1.0 + 1e-9));
             }
-            // Without the rest it is the same, by the rest that came before.
+            // A message without the slowly changing part gives the same estimate with the earlier one.
             let brief = on_air(&EstimateUpdate { rest: None, ..whole });
             prop_assert_eq!(receiver.estimate(&brief), Some(got));
         }
     }
 
-    /// Not even at the bounds of what passes is a number infinite.
+    /// No number becomes infinite at the bounds of valid values.
     #[test]
     fn estimate_at_its_bounds() {
         let e = VesselEstimate::<VesselClock> {
@@ -447,11 +448,11 @@ mod tests {
         let mut usable =
             |e: &VesselEstimate<VesselClock>| receiver.estimate(&EstimateUpdate::of(e)).is_some();
         estimate.header = header(1, 1.0);
-        assert!(!usable(&estimate), "it came in the middle");
+        assert!(!usable(&estimate), "no rest received before it");
         estimate.header = header(3, 1.1);
         assert!(usable(&estimate));
         estimate.header = header(7, 3.0);
-        assert!(usable(&estimate), "the rest of the sixth is lost");
+        assert!(usable(&estimate), "the sixth message with its rest is lost");
         estimate.header = header(8, 3.2);
         assert!(!usable(&estimate), "for too long");
         estimate.header = header(9, 3.3);
@@ -479,7 +480,7 @@ mod tests {
         assert_eq!(damaged.check(), Err("datum"));
     }
 
-    /// Three modes `t` seconds after their shapes were 1, `turned` by an angle that moves north to east.
+    /// Three modes `t` seconds after their shapes were 1, rotated from north towards east by the angle `turned`.
     fn waves(sequence: u32, t: f64, turned: f64) -> WaveModel<VesselClock> {
         let mode = |k: u32| {
             let pole = Complex::new(-0.1 * f64::from(k + 1), 0.7 + 0.4 * f64::from(k));
@@ -496,7 +497,7 @@ mod tests {
             advice: None,
         }
     }
-    /// Largest difference of two models in a degree of freedom, relative to the second's modes.
+    /// Maximum difference of two models in a degree of freedom, relative to the second's modes.
     fn off(a: &WaveModel<VesselClock>, b: &WaveModel<VesselClock>) -> f64 {
         let ratio = |d: usize| {
             let both = || {
@@ -532,7 +533,8 @@ mod tests {
                 (got.header, got.slopes, got.advice),
                 (sent.header, sent.slopes, sent.advice)
             );
-            // One that misses a whole one has every one from the next whole one on, and continues no other.
+            // A receiver that misses a whole model cannot use its continuations. It has every model from the next whole
+            // one on.
             let received = ![0, 6].contains(&k) && late.waves(&update).is_some();
             assert_eq!(received, (3..6).contains(&k) || k >= 9, "{k}");
         }
@@ -546,7 +548,7 @@ mod tests {
         assert!(sender.update(&waves(0, 0.0, 0.0)).is_whole());
         assert!(!sender.update(&waves(1, 0.1, 0.001)).is_whole());
         assert!(sender.update(&waves(2, 0.2, 0.1)).is_whole());
-        // Another start, another number of modes.
+        // After a restart the number of modes differs.
         let mut restarted = waves(0, 0.3, 0.1);
         restarted.header.boot = 8;
         assert!(sender.update(&restarted).is_whole());

@@ -13,7 +13,7 @@
 //! | 20..24 | `drone` u32, 0 for any |
 //! | 24..26 | `version` u16 |
 //!
-//! IEEE 754, of 16 bits (11 bits of precision) where three digits suffice.
+//! Floating-point numbers are IEEE 754, with 16 bits (11 bits of precision) where three digits suffice.
 //!
 //! Estimate and wave model travel in the forms of [`super::EstimateUpdate`] and [`super::WaveUpdate`].
 //!
@@ -24,8 +24,8 @@
 //! | 54..62 | n (u64) |
 //! | + 0..24 | `eta`, position relative to the origin (6 x f32) |
 //! | + 24..36 | `eta_dot` (6 x f16) |
-//! | + 36..48 | standard deviation that rolling the modes on adds (6 x f16) |
-//! | + 48..54 | that of the whole course: place, heading (3 x f16) |
+//! | + 36..48 | standard deviation added by propagating the modes (6 x f16) |
+//! | + 48..54 | standard deviation of the whole course: position, heading (3 x f16) |
 
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -41,19 +41,18 @@ use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
 use crate::vessel_model::{SURGE, SWAY, YAW};
 
-/// Most modes that a wave model carries.
+/// Maximum number of modes in a wave model.
 pub const MAX_MODES: usize = 24;
-/// Spans of time that [`WaveModel::slopes`] looks back over.
+/// Number of time windows in [`WaveModel::slopes`].
 pub const SLOPE_WINDOWS: usize = 60;
-/// Length of each of these spans, s; together two minutes.
+/// Length of each window, s; together two minutes.
 pub const SLOPE_WINDOW_S: f64 = 2.0;
-/// One step of a slope; the largest one stands for all above it.
+/// Resolution of a slope; the largest value also stands for steeper ones.
 pub const SLOPE_STEP: f64 = 0.01;
-/// Stages of the vessel's own prediction.
+/// Number of stages of the vessel's prediction.
 pub const PREDICTION_STAGES: usize = 16;
 
-/// The vessel's 6-DOF state. Degrees of freedom in order: surge/north, sway/east, heave/down,
-/// roll, pitch, yaw.
+/// The vessel's 6-DOF state. Order of the degrees of freedom: surge/north, sway/east, heave/down, roll, pitch, yaw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
@@ -69,19 +68,19 @@ pub struct VesselEstimate<C: Clock> {
     /// `eta_ddot`: acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
     #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
-    /// Per degree of freedom: standard deviation of eta, that of eta_dot, their correlation.
+    /// Per degree of freedom: standard deviation of eta, standard deviation of eta_dot, their correlation.
     #[schemars(with = "[[F16; 3]; 6]")]
     pub uncertainty: [[f16; 3]; 6],
     /// Centre of the landing deck's surface in the vessel's body frame, m.
     pub deck_centre: [f32; 3],
-    /// Nominal course and speed over ground without the waves' orbital motion: north, east, m/s.
+    /// Mean velocity over ground without the waves' orbital motion: north, east, m/s.
     pub mean_velocity: [f32; 2],
-    /// Heading without the waves' share, rad, and its rate, rad/s.
+    /// Mean heading without wave motion, rad, and its rate, rad/s.
     pub mean_heading: [f32; 2],
 }
 
-/// One mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator that the six degrees of
-/// freedom share (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3).
+/// One mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator common to the six degrees of
+/// freedom (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct WaveMode {
@@ -93,8 +92,8 @@ pub struct WaveMode {
     pub shape: [[f16; 2]; 6],
 }
 
-/// Advice for the helm: the course on which a landing is most likely to succeed, next to the present one. Each pair is of the
-/// present course and of the advised one, which are equal where no other is worth its cost.
+/// Advice for the helm: the course with the highest probability of a landing. Each pair holds the value for the present
+/// course and for the advised one; they are equal if no other course is worth its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CourseAdvice {
@@ -102,24 +101,24 @@ pub struct CourseAdvice {
     pub heading: [f32; 2],
     /// Speeds, m/s.
     pub speed: [f32; 2],
-    /// Probabilities that a landing begun at some moment succeeds.
+    /// Probabilities of success of a landing begun at a random moment.
     pub likelihood: [f32; 2],
     /// Standard deviations of the deck's tilt, rad.
     pub tilt: [f32; 2],
-    /// Time until the advised course is reached, s.
+    /// Time to reach the advised course, s.
     pub turn_s: f32,
-    /// Way that the advised course loses in a minute, m.
+    /// Distance that the advised course loses per minute, m.
     pub way_lost_m: f32,
-    /// Where the waves run to, rad.
+    /// Direction in which the waves propagate, rad.
     pub waves_to: f32,
 }
 
 impl CourseAdvice {
-    /// Another course than the present one is advised.
+    /// Whether a course other than the present one is advised.
     pub fn is_change(&self) -> bool {
         self.heading[0] != self.heading[1] || self.speed[0] != self.speed[1]
     }
-    /// Within the bounds of its figures.
+    /// Whether all values are within their bounds.
     pub(super) fn is_sane(&self) -> bool {
         within(&self.heading, MAX_ANGLE_RAD)
             && within(&self.speed, MAX_SPEED_MPS)
@@ -131,27 +130,27 @@ impl CourseAdvice {
     }
 }
 
-/// The vessel's wave model: what rolls its estimate on.
+/// The vessel's wave model, which propagates its estimate.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct WaveModel<C: Clock> {
     /// Identity and time of validity of the oscillator states.
     pub header: Header<C>,
-    /// Significant wave height by the vessel's heave, m.
+    /// Significant wave height from the vessel's heave, m.
     pub significant_height_m: f32,
-    /// Share of the motion's variance that the modes predict a second ahead, 0 to 1: in a calm, where only noise is left
-    /// of the motion, 0.
+    /// Fraction of the motion's variance that the modes predict one second ahead, 0 to 1. It is 0 in calm water, where
+    /// only noise remains.
     pub confidence: f32,
-    /// Modes, strongest first; the motion about its mean is the sum of their real parts. None before the first
+    /// Modes, strongest first; the motion about its mean is the sum of their real parts. Empty before the first
     /// identification.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the present one first, in steps of
-    /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second. Above the
-    /// coefficient of friction it slides. What no sum of waves predicts (a hull that leaves the water over a steep
-    /// crest) comes again as it came before.
+    /// Steepest apparent slope of the deck in each window of [`SLOPE_WINDOW_S`], present one first, in steps of
+    /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over one second. A landed drone
+    /// slides when it exceeds the coefficient of friction. Events that no sum of waves predicts, such as a hull that
+    /// leaves the water over a steep crest, recur as they did before.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
-    /// Advice for the helm; None where no other course is worth its cost, and while the waves' directions are not known.
+    /// Advice for the helm; None if no other course is worth its cost, or the wave directions are unknown.
     pub advice: Option<CourseAdvice>,
 }
 
@@ -164,12 +163,11 @@ pub struct PredictedStage {
     /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
     #[schemars(with = "[F16; 6]")]
     pub eta_dot: [f16; 6],
-    /// Standard deviation of the error that rolling the modes on this far adds to the estimate's own, as measured on
-    /// those that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
-    /// (rad), heading (rad).
+    /// Standard deviation that propagating the modes to this stage adds to the estimate's own, measured on past
+    /// predictions: velocity north and east (m/s), heave (m), tilt about north and about east (rad), heading (rad).
     #[schemars(with = "[F16; 6]")]
     pub sd: [f16; 6],
-    /// The same of the whole course, mean and waves: place north and east (m), heading (rad).
+    /// Standard deviation of the whole course, mean and waves: position north and east (m), heading (rad).
     #[schemars(with = "[F16; 3]")]
     pub course_sd: [f16; 3],
 }
@@ -183,47 +181,46 @@ pub struct VesselPrediction<C: Clock> {
     pub header: Header<C>,
     /// Time between stages, s.
     pub step_s: f32,
-    /// Position that the stages are relative to, in the vessel's NED, m.
+    /// Origin of the stages' positions in the vessel's NED, m.
     pub origin: [f64; 3],
-    /// The trajectory.
+    /// Stages at intervals of `step_s`.
     pub stages: Seq<PredictedStage, PREDICTION_STAGES>,
 }
 
-/// What stands around the vessel's deck.
+/// Obstacles around the vessel's deck.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselSurroundings<C: Clock> {
     /// Identity.
     pub header: Header<C>,
-    /// Volumes and directions, from the deck's centre.
+    /// Volumes and directions relative to the deck's centre.
     pub surroundings: Surroundings,
 }
 
-/// The drone asks the vessel for its time.
+/// Time request of a drone to the vessel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct TimeRequest<C: Clock> {
-    /// Which vessel and drone, and the drone's time of sending (t1).
+    /// Identity; `at` is the drone's time of sending (t1).
     pub header: Header<C>,
-    /// Time of validity of the newest estimate that the drone admitted: tells the vessel how the
-    /// link is.
+    /// Time of validity of the newest estimate admitted by the drone; it shows the vessel the state of the link.
     pub newest_at: Time<VesselClock>,
-    /// Its boot; 0 before the first.
+    /// Boot of that estimate's sender; 0 before the first.
     pub newest_boot: u32,
 }
 
-/// The vessel answers with the time stamps of Mills' on-wire protocol (RFC 5905, section 8).
+/// Time reply of the vessel with the time stamps of Mills' on-wire protocol (RFC 5905, section 8).
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct TimeReply<V: Clock, D: Clock> {
     /// Identity; `at` is the vessel's time of sending (t3).
     pub header: Header<V>,
-    /// The request's time of sending on the drone's clock (t1).
+    /// Time of sending of the request on the drone's clock (t1).
     pub requested_at: Time<D>,
-    /// The request's time of arrival on the vessel's clock (t2).
+    /// Time of arrival of the request on the vessel's clock (t2).
     pub received_at: Time<V>,
 }
 
@@ -257,7 +254,7 @@ impl<C: Clock> VesselEstimate<C> {
     pub fn position(&self) -> Vector3<f64> {
         Vector3::new(self.eta[0], self.eta[1], self.eta[2])
     }
-    /// Covariance block of (eta, eta_dot) of a degree of freedom: var eta, cov, var eta_dot.
+    /// Covariance of (eta, eta_dot) of a degree of freedom: var eta, cov, var eta_dot.
     pub fn covariance(&self, dof: usize) -> [f64; 3] {
         let [value, rate, correlation] = self
             .uncertainty
@@ -273,8 +270,8 @@ impl<C: Clock> VesselEstimate<C> {
     }
 }
 impl<C: Clock> VesselPrediction<C> {
-    /// `eta` in the vessel's NED `ahead_s` after the first stage, and the standard deviations of its error: cubic
-    /// between stages by value and rate, as a receiver would; None beyond the last stage.
+    /// Predicted `eta` in the vessel's NED `ahead_s` after the first stage, and the standard deviations of its error;
+    /// cubic interpolation between stages by value and rate. None beyond the last stage.
     pub fn at(&self, ahead_s: f64) -> Option<([f64; 6], [f64; 6])> {
         let h = f64::from(self.step_s);
         let x = ahead_s / h;
@@ -289,7 +286,7 @@ impl<C: Clock> VesselPrediction<C> {
             let origin = self.origin.get(dof).copied().unwrap_or(0.0);
             origin + pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h
         });
-        let of = |s: &PredictedStage, d: usize| {
+        let sd_of = |s: &PredictedStage, d: usize| {
             let [north, east, heading] = s.course_sd;
             f64::from(match d {
                 SURGE => north,
@@ -298,24 +295,21 @@ impl<C: Clock> VesselPrediction<C> {
                 _ => s.sd[d],
             })
         };
-        let sd = core::array::from_fn(|d| of(a, d) + f * (of(b, d) - of(a, d)));
+        let sd = core::array::from_fn(|d| sd_of(a, d) + f * (sd_of(b, d) - sd_of(a, d)));
         Some((eta, sd))
     }
 }
 
-/// Standard deviations of a value and its rate with their correlation, of each degree of freedom.
 pub(super) fn are_uncertainties(all: &[[f16; 3]]) -> bool {
     all.iter()
         .all(|[value, rate, correlation]| are_deviations(&[*value, *rate]) && within([correlation], 1.001))
 }
-/// Modes whose poles and shapes are possible.
 pub(super) fn are_modes(modes: &[WaveMode]) -> bool {
     modes.iter().all(|c| {
         let [decay, turn] = &c.pole;
         (-1e3..=0.0).contains(decay) && (-40.0..=40.0).contains(turn) && within(c.shape.iter().flatten(), 1e4)
     })
 }
-/// Standard deviations.
 fn are_deviations(values: &[f16]) -> bool {
     values.iter().all(|v| (0.0..=1e4).contains(&f32::from(*v)))
 }

@@ -1,5 +1,4 @@
-//! Mean and covariance of the wave-augmented state, in blocks of degrees of freedom whose
-//! correlation is kept.
+//! Mean and covariance of the wave-augmented state, in blocks of correlated degrees of freedom.
 
 use nalgebra::DMatrix;
 
@@ -7,12 +6,12 @@ use super::model::connected;
 use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
 use crate::estimation::{Gaussian, LinearTransition, Update};
 
-/// A state of the caller's own that rides in a degree of freedom's block, e.g. a sensor bias.
+/// Additional state in a degree of freedom's block, e.g. a sensor bias.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extra {
     /// Initial standard deviation.
     pub sd: f64,
-    /// Random walk after 1 s.
+    /// Standard deviation of the random walk after 1 s.
     pub walk: f64,
     /// Correlation time, s; infinite for a pure random walk.
     pub time_s: f64,
@@ -21,9 +20,9 @@ pub struct Extra {
 /// Specification of a belief's layout.
 #[derive(Clone, Debug, Default)]
 pub struct BeliefSpec {
-    /// Pairs of degrees of freedom whose correlation is kept, besides those the model couples.
+    /// Pairs of degrees of freedom with correlation, in addition to those coupled by the model.
     pub couplings: Vec<(usize, usize)>,
-    /// The caller's states per degree of freedom.
+    /// Additional states per degree of freedom.
     pub extras: [Vec<Extra>; DOFS],
     /// Initial standard deviations of eta and nu per degree of freedom.
     pub initial_sd: [[f64; 2]; DOFS],
@@ -43,7 +42,7 @@ impl Layout {
     pub const fn components(&self) -> usize {
         self.components
     }
-    /// Slot of the caller's `k`-th state.
+    /// Slot of the `k`-th additional state.
     pub const fn extra(&self, k: usize) -> usize {
         HEAD + k
     }
@@ -59,7 +58,7 @@ impl Layout {
     pub const fn slots(&self, dof: usize) -> usize {
         HEAD + self.extras[dof] + 2 * self.components
     }
-    /// Degrees of freedom per block.
+    /// Degrees of freedom in each block.
     pub fn blocks(&self) -> &[Vec<usize>] {
         &self.blocks
     }
@@ -86,12 +85,12 @@ impl Layout {
     }
 }
 
-/// One entry of a measurement row: `gain` times the state (`dof`, `slot`).
+/// Entry of a measurement row: `gain` times the state (`dof`, `slot`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term {
     /// Degree of freedom.
     pub dof: usize,
-    /// Slot in it.
+    /// Slot in the degree of freedom.
     pub slot: usize,
     /// Partial derivative of the measurement.
     pub gain: f64,
@@ -107,12 +106,12 @@ impl Term {
 /// Transition and noise of one step in the layout of a [`Belief`].
 #[derive(Clone, Debug)]
 pub struct BeliefStep {
-    /// Length, s.
+    /// Duration, s.
     pub dt: f64,
     blocks: Vec<(LinearTransition, DMatrix<f64>)>,
 }
 
-/// The belief.
+/// Mean and covariance of the state.
 #[derive(Clone, Debug)]
 pub struct Belief {
     spec: BeliefSpec,
@@ -122,7 +121,7 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Zero mean; slow states, disturbances and oscillators at their stationary or initial spread.
+    /// Zero mean; slow states, disturbances and oscillators with their stationary or initial deviations.
     pub fn new(model: &VesselModel, spec: &BeliefSpec) -> Self {
         let mut related = [[false; DOFS]; DOFS];
         for g in model.groups() {
@@ -172,15 +171,15 @@ impl Belief {
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
-    /// The components whose oscillators it holds.
+    /// Wave components with oscillators in the state.
     pub fn components(&self) -> &[Component] {
         &self.components
     }
-    /// The blocks, in the order of [`Layout::blocks`].
+    /// Blocks in the order of [`Layout::blocks`].
     pub fn blocks(&self) -> &[Gaussian] {
         &self.blocks
     }
-    /// Every number is finite.
+    /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         self.blocks.iter().all(Gaussian::is_finite)
     }
@@ -203,7 +202,7 @@ impl Belief {
     pub fn variance(&self, dof: usize, slot: usize) -> f64 {
         self.covariance((dof, slot), (dof, slot))
     }
-    /// Forgets what is known of a state's correlation and gives it this variance.
+    /// Sets the variance of a state and removes its correlations.
     pub fn set_variance(&mut self, dof: usize, slot: usize, variance: f64) {
         let (b, i) = self.layout.at(dof, slot);
         let p = &mut self.blocks[b].p;
@@ -211,18 +210,18 @@ impl Belief {
         p.row_mut(i).fill(0.0);
         p[(i, i)] = variance;
     }
-    /// Adds to the variance of a state.
+    /// Increases the variance of a state.
     pub fn inflate(&mut self, dof: usize, slot: usize, variance: f64) {
         let (b, i) = self.layout.at(dof, slot);
         self.blocks[b].p[(i, i)] += variance;
     }
-    /// Sum of the components' values in a degree of freedom.
+    /// Sum of the wave components in a degree of freedom.
     pub fn wave(&self, dof: usize) -> f64 {
         (0..self.layout.components)
             .map(|j| self.get(dof, self.layout.value(dof, j)))
             .sum()
     }
-    /// The model's acceleration `nu_dot` of a degree of freedom at the mean.
+    /// Acceleration `nu_dot` of a degree of freedom by the model at the mean.
     pub fn acceleration(&self, model: &VesselModel, dof: usize) -> f64 {
         let mut sum = 0.0;
         for g in model.groups() {
@@ -259,7 +258,7 @@ impl Belief {
         }
     }
 
-    /// The exact step over `dt` seconds in this belief's layout.
+    /// Exact step over `dt` seconds in this layout.
     pub fn step(&self, model: &VesselModel, dt: f64) -> BeliefStep {
         let discrete = model.discretise(dt);
         let blocks = self
@@ -310,20 +309,20 @@ impl Belief {
             .collect();
         BeliefStep { dt, blocks }
     }
-    /// Mean and covariance one step on.
+    /// Advances mean and covariance by one step.
     pub fn propagate(&mut self, step: &BeliefStep) {
         for (g, (a, q)) in self.blocks.iter_mut().zip(&step.blocks) {
             g.predict(a, q);
         }
     }
-    /// Prediction of a measurement row.
+    /// Predicted value of a measurement row.
     pub fn predicted(&self, row: &[Term]) -> f64 {
         row.iter().map(|t| t.gain * self.get(t.dof, t.slot)).sum()
     }
 
-    /// Fuses a scalar with the given innovation and variance `r`, unless its normalised innovation
-    /// squared exceeds `gate`. A row may span blocks: each gets its exact marginal posterior, the
-    /// correlation between the blocks is dropped.
+    /// Fuses a scalar with the given innovation and variance `r`, unless its normalised innovation squared exceeds
+    /// `gate`. If a row spans blocks, each gets its exact marginal posterior, and the correlation between blocks is
+    /// dropped.
     pub fn update(&mut self, row: &[Term], innovation: f64, r: f64, gate: f64) -> Update {
         const MAX_TERMS: usize = 64;
         let mut entries = [(0usize, 0.0f64); MAX_TERMS];
@@ -331,7 +330,7 @@ impl Belief {
         if row.len() > MAX_TERMS || !innovation.is_finite() {
             return Update::Invalid;
         }
-        // The row, sorted by block.
+        // Row sorted by block.
         let mut n = 0;
         for b in 0..self.blocks.len().min(DOFS) {
             for t in row {
@@ -365,13 +364,13 @@ impl Belief {
         Update::Fused { nis }
     }
 
-    /// Turns the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with their waves
-    /// and disturbances, and the mean velocity, are expressed in the turned frame. Trim (the slow
-    /// state of roll and pitch), extras and yaw belong to the body and stay.
+    /// Rotates the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with their waves and disturbances,
+    /// and the mean velocity, are expressed in the rotated frame. Trim (the slow state of roll and pitch), additional
+    /// states and yaw are fixed to the body and unchanged.
     pub fn turn(&mut self, delta: f64) {
         let (s, c) = delta.sin_cos();
         let before = self.clone();
-        // Every new state is `own * old + other * old of the partner`.
+        // Each new state is `own * old + other * old of the partner`.
         let partner = |dof: usize| match dof {
             SURGE => Some((SWAY, s)),
             SWAY => Some((SURGE, -s)),

@@ -1,4 +1,4 @@
-//! Parameters of the vessel.
+//! Parameters of the vessel model.
 
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::DOFS;
 use crate::config;
 
-/// One off-diagonal pair of a symmetric matrix.
+/// Off-diagonal pair of a symmetric matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Coupling {
@@ -19,51 +19,51 @@ pub struct Coupling {
 }
 
 config! {
-    /// Parameters of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
+    /// Parameters of the wave-augmented model. Arrays are in the order surge, sway, heave, roll, pitch, yaw.
     pub struct VesselModelConfig {
         /// Diagonal of M, rigid body and added mass: kg, kg m².
-        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass
-        /// in the proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7. Roll has the natural
-        /// frequency of pitch: that of a catamaran (15.6 rad/s) is faster than any other hull's.
+        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in the proportions
+        /// of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7. Roll has the natural frequency of pitch,
+        /// since that of a catamaran (15.6 rad/s) is higher than any other hull's.
         pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 700.0, 707.0, 1204.0], in 0.1..=1e9;
         /// Off-diagonal pairs of M.
         pub inertia_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of D: N/(m/s), Nm/(rad/s).
-        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave: relative damping 0.3 of the Otter.
-        /// Chosen: Roll and pitch: relative damping 0.7, without a resonance of their own above the waves.
+        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave: damping ratio 0.3 of the Otter.
+        /// Chosen: Roll and pitch: damping ratio 0.7, without a resonance above the waves.
         pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 6900.0, 7300.0, 400.0], in 0.0..=1e9;
         /// Off-diagonal pairs of D.
         pub damping_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of G: N/m, Nm/rad. Zero marks a free degree of freedom.
         /// Source: Two half-cylinder hulls of radius 0.213 m and length 4.9 m at +-1.03 m, 211 kg.
         pub stiffness_npm_nmprad: [f64; 6] = [0.0, 0.0, 33.0e3, 35.0e3, 38.0e3, 0.0], in 0.0..=1e10;
-        /// Off-diagonal pairs of G, between stiff degrees of freedom only.
+        /// Off-diagonal pairs of G, only between stiff degrees of freedom.
         pub stiffness_coupling: Vec<Coupling> = Vec::new();
-        /// Damping ratio of the components of the broad default bank.
+        /// Damping ratio of the components in the broad default bank.
         /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1 for one component; six share the band.
         pub bank_damping: f64 = 0.03, in 1e-4..=1.0;
         /// Angular frequencies of the broad default bank, rad/s.
         /// Chosen: periods of 7.9 to 1.8 s, log-spaced: from the swell to the roll of a light boat.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5, 3.4], in 0.1..=10.0;
-        /// Standard deviation of the slope of each of the bank's components.
-        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in six
-        /// bands is a sea of 3 m in significant height with a slope of 5.6 deg.
+        /// Standard deviation of the slope of each component in the bank.
+        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in six bands
+        /// corresponds to a significant wave height of 3 m with a slope of 5.6 deg.
         pub bank_slope_sd: f64 = 0.04, in 1e-3..=1.0;
         /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
-        /// Chosen: tuned on the simulated vessel. A hull that floats on the water has next to none
-        /// of its own in heave and tilt; where innovations show more the estimator widens them.
+        /// Chosen: tuned on the simulated vessel. A floating hull has almost no disturbance in heave and tilt; the
+        /// estimator widens it if innovations show more.
         pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] =
             [0.25, 0.25, 0.004, 0.002, 0.002, 0.1], in 0.0..=10.0;
         /// Correlation time of the disturbance, s.
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
-        /// Chosen: Small for the stiff ones: the hull follows at once, and accelerometers would
-        /// have measured it. The wander of a GNSS height is no motion and no business of this model:
-        /// heave is measured from the mean water level, to which a hull of constant load returns.
+        /// Chosen: Small for the stiff degrees of freedom: the hull responds at once, and accelerometers would have
+        /// measured it. Wander of a GNSS height is not part of this model: heave refers to the mean water level, to
+        /// which a hull with constant load returns.
         pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
-        /// Initial standard deviation of the slow state, same units.
+        /// Initial standard deviation of the slow state, in the same units.
         pub slow_sd_mps_m_rad_radps: [f64; 6] = [2.0, 2.0, 3.0, 0.03, 0.03, 0.1], in 0.0..=100.0;
-        /// Random walk of eta itself after 1 s, m, rad: wander of the position reference.
+        /// Random walk of eta after 1 s, m, rad: wander of the position reference.
         /// Source: Wander of a GNSS with 1 m bias and 300 s correlation: sqrt(2/300) m.
         pub eta_walk_m_rad: [f64; 6] = [0.08, 0.08, 0.0, 0.0, 0.0, 0.0], in 0.0..=10.0;
     }
@@ -119,7 +119,6 @@ config! {
 }
 
 impl VesselModelConfig {
-    /// Full symmetric matrix from a diagonal and its off-diagonal pairs.
     fn matrix(diagonal: &[f64; 6], couplings: &[Coupling]) -> SMatrix<f64, DOFS, DOFS> {
         let mut m = SMatrix::<f64, DOFS, DOFS>::from_diagonal(&(*diagonal).into());
         for c in couplings {
@@ -130,15 +129,15 @@ impl VesselModelConfig {
         }
         m
     }
-    /// M, kg, kg m².
+    /// Mass matrix M, kg, kg m².
     pub fn inertia(&self) -> SMatrix<f64, DOFS, DOFS> {
         Self::matrix(&self.inertia_kg_kgm2, &self.inertia_coupling)
     }
-    /// D, N/(m/s), Nm/(rad/s).
+    /// Damping matrix D, N/(m/s), Nm/(rad/s).
     pub fn damping(&self) -> SMatrix<f64, DOFS, DOFS> {
         Self::matrix(&self.damping_npmps_nmpradps, &self.damping_coupling)
     }
-    /// G, N/m, Nm/rad.
+    /// Stiffness matrix G, N/m, Nm/rad.
     pub fn stiffness(&self) -> SMatrix<f64, DOFS, DOFS> {
         Self::matrix(&self.stiffness_npm_nmprad, &self.stiffness_coupling)
     }

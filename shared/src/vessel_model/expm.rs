@@ -1,11 +1,11 @@
-//! Matrix exponential and Van Loan's discretisation, on faer.
+//! Matrix exponential and Van Loan's discretisation, using faer.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::DMatrix;
 
-/// `exp(A)` by scaling and squaring with the diagonal Padé approximant of order 6 (Golub and Van
-/// Loan 2013, algorithm 9.3.1): the norm is scaled below 1/2, where the error is below 1e-15.
+/// `exp(A)` by scaling and squaring with the diagonal Padé approximant of order 6 (Golub and Van Loan 2013, algorithm
+/// 9.3.1). The norm is scaled below 1/2, where the error is below 1e-15.
 pub fn expm(a: &Mat<f64>) -> Mat<f64> {
     // Padé coefficients c_k = q! (2q - k)! / ((2q)! k! (q - k)!) for q = 6.
     const C: [f64; 7] = [
@@ -21,7 +21,7 @@ pub fn expm(a: &Mat<f64>) -> Mat<f64> {
     let norm = (0..n)
         .map(|i| (0..n).map(|j| a[(i, j)].abs()).sum::<f64>())
         .fold(0.0, f64::max);
-    // Bounded: 2^60 is far beyond any model that passes the configuration's check.
+    // Limited: 2^60 is far beyond any model that passes the configuration check.
     let squarings = if norm > 0.5 {
         ((norm / 0.5).log2().ceil() as i32).clamp(0, 60)
     } else {

@@ -1,32 +1,31 @@
-//! The wave-augmented linear vessel model of the vessel's estimator (Procházka et al. 2024, eq. 1-3; Fossen 2011,
-//! chapters 7 and 8), and the [`modes`] of its motion that vessel and drone share.
+//! Wave-augmented linear vessel model of the vessel's estimator (Procházka et al. 2024, eq. 1-3; Fossen 2011, chapters
+//! 7 and 8), and the [`modes`] of its motion used by vessel and drone.
 //!
 //! ```text
 //! M nu_dot + D (nu - nu_slow) + G (eta - eta_slow) = G_s (sum_j w_j + b) + M_f (sum_j w_j + b)
 //! w_j'' + 2 lambda_j omega_j w_j' + omega_j^2 w_j = white noise of density `drive`
 //! ```
 //!
-//! No actuator inputs. Degrees of freedom in order surge, sway, heave, roll, pitch, yaw. `w_j` is
-//! component `j`'s oscillator, one per degree of freedom, all with the same frequency.
+//! No actuator inputs. The degrees of freedom are surge, sway, heave, roll, pitch, yaw. `w_j` is the oscillator of
+//! component `j`, one per degree of freedom, all with the same frequency.
 //!
-//! **Normalisation.** The wave "forces" have a physical meaning. A degree of freedom with stiffness
-//! (`G_ii > 0`: heave, roll, pitch) is *stiff*: its `w_j` is the equilibrium it is pulled to (m,
-//! rad), multiplied by G; for the others (surge, sway, yaw) `w_j` is an acceleration (m/s²,
-//! rad/s²), multiplied by M. A small boat follows the water, so the oscillators of heave, roll and
-//! pitch are very nearly the motion itself.
+//! **Normalisation.** The wave "forces" have a physical meaning. A degree of freedom with stiffness (`G_ii > 0`: heave,
+//! roll, pitch) is *stiff*: its `w_j` is an equilibrium position (m, rad), multiplied by G. For the others (surge,
+//! sway, yaw) `w_j` is an acceleration (m/s², rad/s²), multiplied by M. A small boat follows the water, so the
+//! oscillators of heave, roll and pitch nearly equal the motion.
 //!
-//! **State per degree of freedom** (`slot`): [`ETA`], [`NU`] (its rate), [`SLOW`] (stiff: the mean
-//! level or trim; free: the mean velocity, a random walk), [`DISTURBANCE`] (first-order Markov, in
-//! the units of `w`: what the components do not explain), then the caller's extra states (sensor
-//! biases), then `[value, rate]` per component ([`Layout::value`], [`Layout::rate`]).
+//! **State per degree of freedom** (`slot`): [`ETA`], [`NU`] (its rate), [`SLOW`] (stiff: mean level or trim; free:
+//! mean velocity, a random walk), [`DISTURBANCE`] (first-order Markov, in the units of `w`: residual of the
+//! components), then additional states (sensor biases), then `[value, rate]` per component ([`Layout::value`],
+//! [`Layout::rate`]).
 //!
-//! **Frame.** Vessel-parallel at a *reference heading*: the state is linear in a frame that is
-//! turned from NED by a heading that the owner of the [`Belief`] keeps. [`Belief::turn`] turns the
-//! state when that reference moves. With the reference at zero the state is in NED: so are the [`Modes`] (roll and
-//! pitch there are those of a vessel with the same deck normal that heads north; [`turn_tilt`] converts).
+//! **Frame.** Vessel-parallel at a *reference heading*: the state is linear in a frame rotated from NED by a heading
+//! that the owner of the [`Belief`] stores. [`Belief::turn`] rotates the state when that reference changes. With a
+//! reference heading of zero the state is in NED, as are the [`Modes`]; roll and pitch are then those of a vessel with
+//! the same deck normal that heads north ([`turn_tilt`] converts).
 //!
-//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then per step [`Belief::propagate`] with a [`BeliefStep`] of
-//! that dt and [`Belief::update`] per scalar.
+//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then [`Belief::propagate`] with a [`BeliefStep`] in each
+//! step and [`Belief::update`] for each scalar measurement.
 
 mod belief;
 mod config;
@@ -42,28 +41,28 @@ pub use expm::{expm, van_loan};
 pub use model::{Component, Discrete, VesselModel, turn_tilt};
 pub use modes::{Mode, Modes, Motion};
 
-/// Degrees of freedom.
+/// Number of degrees of freedom.
 pub const DOFS: usize = 6;
-/// Forward, in the reference-parallel frame.
+/// Surge, positive forward in the reference-parallel frame.
 pub const SURGE: usize = 0;
-/// To starboard.
+/// Sway, positive to starboard.
 pub const SWAY: usize = 1;
-/// Down.
+/// Heave, positive down.
 pub const HEAVE: usize = 2;
-/// Starboard down.
+/// Roll, positive starboard down.
 pub const ROLL: usize = 3;
-/// Bow up.
+/// Pitch, positive bow up.
 pub const PITCH: usize = 4;
-/// Clockwise from above.
+/// Yaw, positive clockwise from above.
 pub const YAW: usize = 5;
 
 /// Slot of the position or angle (m, rad).
 pub const ETA: usize = 0;
-/// Slot of its rate (m/s, rad/s).
+/// Slot of the rate (m/s, rad/s).
 pub const NU: usize = 1;
 /// Slot of the mean level (stiff: m, rad) or mean velocity (free: m/s, rad/s).
 pub const SLOW: usize = 2;
-/// Slot of the disturbance, in the units of the waves' oscillators.
+/// Slot of the disturbance, in the units of the wave oscillators.
 pub const DISTURBANCE: usize = 3;
-/// Slots before the extras.
+/// Number of slots before the additional states.
 pub const HEAD: usize = 4;

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, Rotation2, SMatrix, Vector2, Vector3};
 use super::{DISTURBANCE, DOFS, ETA, HEAD, NU, SLOW, VesselModelConfig, expm::van_loan};
 use crate::geometry::GRAVITY;
 
-/// A wave component as the model needs it.
+/// Wave component of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Component {
     /// Angular frequency, rad/s.
@@ -17,8 +17,7 @@ pub struct Component {
 }
 
 impl Component {
-    /// The drive that keeps a standard deviation of `sd` in the oscillator's value:
-    /// `q = 4 lambda omega^3 sd^2`.
+    /// Drive that gives the oscillator's value a standard deviation of `sd`: `q = 4 lambda omega^3 sd^2`.
     pub fn drive_for(omega: f64, damping: f64, sd: f64) -> f64 {
         4.0 * damping * omega.powi(3) * sd * sd
     }
@@ -30,20 +29,19 @@ impl Component {
     }
 }
 
-/// Roll and pitch (rad) of the same deck normal seen at a heading that is larger by `delta` (rad).
-/// Exact for any tilt: the normal `(sin theta cos phi, -sin phi, cos theta cos phi)` of a ZYX
-/// attitude is turned by `-delta` about the vertical. For small angles a rotation of (roll, pitch).
+/// Roll and pitch (rad) of the same deck normal for a heading larger by `delta` (rad). Exact for any tilt: the normal
+/// `(sin theta cos phi, -sin phi, cos theta cos phi)` of a ZYX attitude is rotated by `-delta` about the vertical. For
+/// small angles this rotates (roll, pitch).
 pub fn turn_tilt(roll: f64, pitch: f64, delta: f64) -> (f64, f64) {
     let n = Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos());
     let h = Rotation2::new(-delta) * Vector2::new(n.x, n.y);
     ((-h.y).clamp(-1.0, 1.0).asin(), h.x.atan2(n.z))
 }
 
-/// Completes a small problem: drift matrix, noise density, place of the degree of freedom in the
-/// group, degree of freedom.
+/// Completes a subproblem: drift matrix, noise density, index of the degree of freedom in the group, degree of freedom.
 type Completion<'a> = dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize) + 'a;
 
-/// The continuous model: parameters and components.
+/// Continuous model: parameters and components.
 #[derive(Clone, Debug)]
 pub struct VesselModel {
     config: VesselModelConfig,
@@ -55,12 +53,11 @@ pub struct VesselModel {
     gain: SMatrix<f64, DOFS, DOFS>,
 }
 
-/// Discrete transition and noise of one step, per group of coupled degrees of freedom. Order within
-/// a group: per degree of freedom the head (eta, nu, slow, disturbance), then value and rate per
-/// component.
+/// Discrete transition and noise of one step, per group of coupled degrees of freedom. Order within a group: head (eta,
+/// nu, slow, disturbance) of each degree of freedom, then value and rate per component.
 #[derive(Clone, Debug)]
 pub struct Discrete {
-    /// Time of the step, s.
+    /// Duration of the step, s.
     pub dt: f64,
     pub(crate) components: usize,
     pub(crate) groups: Vec<Group>,
@@ -74,7 +71,7 @@ pub(crate) struct Group {
 }
 
 impl VesselModel {
-    /// The model of a vessel in a sea of `components`. A configuration that has passed its check has an invertible M.
+    /// Model of a vessel in a sea of `components`. A checked configuration has an invertible M.
     pub fn new(config: &VesselModelConfig, components: &[Component]) -> Self {
         let (m, d, g) = (config.inertia(), config.damping(), config.stiffness());
         let inverse = m.try_inverse().unwrap_or_else(SMatrix::zeros);
@@ -101,15 +98,15 @@ impl VesselModel {
             gain,
         }
     }
-    /// The model with the broad default bank, whose directions are unknown.
+    /// Model with the broad default bank, whose directions are unknown.
     pub fn with_bank(config: &VesselModelConfig) -> Self {
         let lambda = config.bank_damping;
         let components: Vec<Component> = config
             .bank_omega_radps
             .iter()
             .map(|&omega| {
-                // Deep water: slope k a, orbital acceleration omega² a = slope g. Two axes share the slope; along either
-                // a hull that does not follow the water is pushed by all of it.
+                // Deep water: slope k a, orbital acceleration omega² a = slope g. The slope is shared by two axes. A
+                // hull that does not follow the water is subject to the whole slope along either axis.
                 let slope = config.bank_slope_sd;
                 let orbital = slope * GRAVITY;
                 let z = orbital / (omega * omega);
@@ -131,7 +128,7 @@ impl VesselModel {
             .collect();
         Self::new(config, &components)
     }
-    /// The model's parameters.
+    /// Parameters of the model.
     pub fn config(&self) -> &VesselModelConfig {
         &self.config
     }
@@ -139,11 +136,11 @@ impl VesselModel {
     pub fn components(&self) -> &[Component] {
         &self.components
     }
-    /// The connected sets of degrees of freedom that M, D and G couple.
+    /// Groups of degrees of freedom coupled by M, D and G.
     pub fn groups(&self) -> &[Vec<usize>] {
         &self.groups
     }
-    /// The degree of freedom has stiffness: its waves are equilibria, not accelerations.
+    /// Whether the degree of freedom has stiffness, so that its waves are equilibria and not accelerations.
     pub fn is_stiff(&self, dof: usize) -> bool {
         self.config
             .stiffness_npm_nmprad
@@ -151,17 +148,17 @@ impl VesselModel {
             .is_some_and(|g| *g > 0.0)
     }
 
-    /// Coefficients of `nu_dot` of degree of freedom `i` with respect to the head of degree of
-    /// freedom `k`: (eta, nu, slow, disturbance); the last is also that of every wave value.
+    /// Coefficients of `nu_dot` of degree of freedom `i` with respect to the head of degree of freedom `k`: (eta, nu,
+    /// slow, disturbance); the last also applies to every wave value.
     pub fn acceleration_row(&self, i: usize, k: usize) -> [f64; HEAD] {
         let (drag, spring, gain) = (self.drag[(i, k)], self.spring[(i, k)], self.gain[(i, k)]);
         let slow = if self.is_stiff(k) { spring } else { drag };
         [-spring, -drag, slow, gain]
     }
 
-    /// Exact discretisation over `dt` seconds. The noise sources are independent, so the whole of a
-    /// group is the superposition of small exact problems: {eta, nu, slow, disturbance} with its
-    /// own noise, and {eta, nu, oscillator} for each component.
+    /// Exact discretisation over `dt` seconds. The noise sources are independent, so the solution of a group is the
+    /// superposition of small exact subproblems: {eta, nu, slow, disturbance} with its noise, and {eta, nu, oscillator}
+    /// for each component.
     pub fn discretise(&self, dt: f64) -> Discrete {
         let groups = self.groups.iter().map(|g| self.discretise_group(g, dt)).collect();
         Discrete {
@@ -177,7 +174,7 @@ impl VesselModel {
         let n = d * stride;
         let (mut a, mut q) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let c = &self.config;
-        // The small problems: four states per degree of freedom.
+        // Subproblems with four states per degree of freedom.
         let core = |second: &Completion<'_>| {
             let mut f = DMatrix::zeros(HEAD * d, HEAD * d);
             let mut w = DMatrix::zeros(HEAD * d, HEAD * d);
@@ -250,10 +247,10 @@ impl VesselModel {
     }
 }
 
-/// Connected sets of a symmetric relation, each in rising order.
+/// Connected sets of a symmetric relation, each in ascending order.
 pub(crate) fn connected(related: &[[bool; DOFS]; DOFS]) -> Vec<Vec<usize>> {
     let mut label: [usize; DOFS] = core::array::from_fn(|i| i);
-    // DOFS rounds are enough for the smallest label to reach everywhere.
+    // DOFS rounds propagate the smallest label everywhere.
     for _ in 0..DOFS {
         for i in 0..DOFS {
             for j in 0..DOFS {

@@ -4,10 +4,10 @@
 //! y_d(t) = Re sum_k c_kd exp(p_k t),   p_k = -lambda_k omega_k + i omega_k sqrt(1 - lambda_k^2)
 //! ```
 //!
-//! A mode is one damped oscillator that all six degrees of freedom share: its pole `p_k` holds frequency of
-//! encounter and damping, its shape `c_kd` the present amplitude and phase per degree of freedom (Fossen 2011,
+//! A mode is a damped oscillator common to all six degrees of freedom. Its pole `p_k` gives the frequency of encounter
+//! and the damping. Its shape `c_kd` gives the present amplitude and phase in each degree of freedom (Fossen 2011,
 //! section 8.2.6; Procházka 2024, eq. 3: `A_wave` in modal form, `C_wave` times the wave state). A real pole is a
-//! motion that fades.
+//! decaying motion.
 
 use nalgebra::Complex;
 
@@ -15,7 +15,7 @@ use super::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
 use crate::msg::{WaveMode, WaveModel, f16};
 use crate::time::{Clock, Time};
 
-/// One mode at the time of validity of its shape.
+/// One mode, with its shape at the time of validity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// `p_k`, 1/s; its real part is not positive.
@@ -24,31 +24,32 @@ pub struct Mode {
     pub shape: [Complex<f64>; DOFS],
 }
 
-/// Slower than this a motion is a course, a trim or a level, rad/s (periods above 18 s).
+/// Angular frequency below which a motion is a course, a trim or a level, rad/s (periods above 18 s).
 const SLOW_RADPS: f64 = 0.35;
 
 impl Mode {
-    /// Whether it is a wave: it oscillates, and not slowly. What dies out without coming back is an error of the level.
+    /// Whether it is a wave, i.e. oscillates at or above the slow limit. A motion that decays without oscillation is an
+    /// error of the level.
     pub fn is_wave(&self) -> bool {
         self.pole.im.abs() > SLOW_RADPS
     }
     /// `Re c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
     pub fn motion(&self, t: f64) -> Motion {
-        let grown = (self.pole * t).exp();
+        let propagator = (self.pole * t).exp();
         self.shape.map(|c| {
-            let z = c * grown;
+            let z = c * propagator;
             let rate = z * self.pole;
             [z.re, rate.re, (rate * self.pole).re]
         })
     }
-    /// This mode with each degree of freedom times its factor.
+    /// This mode with each degree of freedom multiplied by its factor.
     pub fn scaled(&self, by: &[f64; DOFS]) -> Mode {
         Mode {
             shape: core::array::from_fn(|d| self.shape[d] * by[d]),
             ..*self
         }
     }
-    /// This mode in axes turned by `angle` (rad) about down.
+    /// This mode in axes rotated by `angle` (rad) about down.
     pub fn turned(&self, angle: f64) -> Mode {
         let (s, c) = angle.sin_cos();
         let mut shape = self.shape;
@@ -58,7 +59,7 @@ impl Mode {
         }
         Mode { shape, ..*self }
     }
-    /// Factor of its velocity on integration, s: `1 / p_k`. A slow mode has none, it is a course.
+    /// Factor from velocity to displacement, s: `1 / p_k`; zero for a slow mode, which is a course.
     pub fn integral(&self) -> Complex<f64> {
         if self.is_wave() {
             self.pole.inv()
@@ -111,8 +112,8 @@ impl<C: Clock> Modes<C> {
         }
         out
     }
-    /// `Re sum_k c_kd (exp(p_k t) - 1) / p_k`: what the waves' velocity in degree of freedom `dof` moves by within `t`
-    /// seconds.
+    /// `Re sum_k c_kd (exp(p_k t) - 1) / p_k`: displacement by the waves' velocity in degree of freedom `dof` within
+    /// `t` seconds.
     pub fn path(&self, dof: usize, t: f64) -> f64 {
         let path = |m: &Mode| {
             let c = m.shape.get(dof).copied().unwrap_or_default();
@@ -120,10 +121,10 @@ impl<C: Clock> Modes<C> {
         };
         self.modes.iter().map(path).sum()
     }
-    /// Mean frequency of the waves, rad/s, by the squares of their shapes: that of heave and that of the tilt, each
-    /// relative to its sum, so that metres and radians are not added; None without waves.
+    /// Mean frequency of the waves, rad/s, weighted by the squared shapes of heave and of tilt, each relative to its
+    /// own sum, so that metres and radians are not added; None without waves.
     pub fn frequency(&self) -> Option<f64> {
-        // Less is no motion but its noise: m, rad.
+        // Noise level of the motion: m, rad.
         let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);
         let (mut sum, mut of) = (0.0, 0.0);
         for (dofs, noise) in [(heave, 0.02_f64), (tilt, 0.005)] {
@@ -132,7 +133,7 @@ impl<C: Clock> Modes<C> {
             let all: f64 = waves().map(square).sum();
             let mean: f64 =
                 waves().map(|m| square(m) * m.pole.im.abs()).sum::<f64>() / all.max(f64::MIN_POSITIVE);
-            // A motion that is within its noise counts by its share of it.
+            // A motion within its noise is weighted by its ratio to it.
             let weight = (all / noise.powi(2)).min(1.0);
             sum += weight * mean;
             of += weight;

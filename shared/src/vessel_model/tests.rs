@@ -1,4 +1,4 @@
-//! The model against independent calculations.
+//! Comparison of the model with independent calculations.
 
 use nalgebra::DMatrix;
 
@@ -49,7 +49,7 @@ fn spec() -> BeliefSpec {
         initial_sd: [[1.0, 0.5]; 6],
     }
 }
-/// A belief with some values everywhere.
+/// Belief with nonzero values everywhere.
 fn filled(model: &VesselModel) -> Belief {
     let mut b = Belief::new(model, &spec());
     for dof in 0..DOFS {
@@ -60,7 +60,7 @@ fn filled(model: &VesselModel) -> Belief {
     b
 }
 
-/// The whole continuous system of a group at once, as paper eq. 1-3 write it.
+/// Complete continuous system of a group, as in eq. 1-3 of the paper.
 fn dense(model: &VesselModel, dofs: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
     let (nc, c) = (model.components().len(), model.config());
     let stride = HEAD + 2 * nc;
@@ -121,7 +121,7 @@ fn discretisation_by_parts_against_van_loan() {
 
 #[test]
 fn heave_in_a_long_wave() {
-    // Given a stiff follower and a 5 s wave alone.
+    // Stiff follower in a single 5 s wave.
     let mut wave = waves()[0];
     wave.drive = [0.0; 6];
     wave.damping = 1e-4;
@@ -135,7 +135,7 @@ fn heave_in_a_long_wave() {
         b.propagate(&step);
         worst = worst.max((b.get(HEAVE, ETA) - b.wave(HEAVE)).abs());
     }
-    // Then heave is the wave to a few per cent of its amplitude (phase lag 2 zeta omega / omega_n).
+    // Heave then equals the wave within a few per cent of its amplitude (phase lag 2 zeta omega / omega_n).
     assert!(worst < 0.06, "{worst}");
     assert!(worst > 1e-3, "the hull's own dynamics must be there");
 }
@@ -148,13 +148,13 @@ fn belief_turned_there_and_back() {
     b.turn(0.7);
     let length = |b: &Belief, slot| b.get(SURGE, slot).hypot(b.get(SWAY, slot));
     assert!((length(&b, NU) - length(&before, NU)).abs() < 1e-12);
-    // A velocity to the north of a frame that has turned east points to port.
+    // A northward velocity in a frame that has turned east points to port.
     let mut north = before.clone();
     north.set(SURGE, NU, 1.0);
     north.set(SWAY, NU, 0.0);
     north.turn(core::f64::consts::FRAC_PI_2);
     assert!(north.get(SURGE, NU).abs() < 1e-12 && (north.get(SWAY, NU) + 1.0).abs() < 1e-12);
-    // Trim and biases belong to the body.
+    // Trim and biases are fixed to the body.
     assert_eq!(b.get(PITCH, SLOW), before.get(PITCH, SLOW));
     assert_eq!(b.get(ROLL, HEAD), before.get(ROLL, HEAD));
     b.turn(-0.7);
@@ -179,7 +179,7 @@ fn turn_tilt_against_linear_rotation() {
 }
 
 #[test]
-fn update_with_a_gated_outlier() {
+fn update_with_a_rejected_outlier() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
     let mut belief = Belief::new(&model, &spec());
     let before = belief.clone();

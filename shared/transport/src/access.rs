@@ -1,27 +1,25 @@
-//! Access control of the radio: publishing rights by the name in a certificate, checked by zenoh on both
-//! sides.
+//! Access control of the radio: publishing rights by the name in a certificate, enforced by zenoh on both sides.
 //!
-//! Keys are `alight/NAME/TOPIC`, and NAME is the common name of the speaker's certificate. Everything
-//! is denied but this: we publish our own keys, a peer publishes and answers keys under its own name, and
-//! either may subscribe and ask. zenoh does not report a rejection to the publisher.
+//! Keys are `alight/NAME/TOPIC`, where NAME is the common name of the publisher's certificate. Only the following is
+//! permitted: we publish our own keys, a peer publishes and replies under its own name, and both may subscribe and
+//! query. zenoh does not report a rejection to the publisher.
 
 use alight_shared::msg::MAX_PEERS;
 use serde_json::{Value, json};
 
-/// Longest question with all that it brings, bytes: ours bring nothing.
+/// Maximum size of a query with its payload, bytes; our queries have no payload.
 const MAX_QUESTION_BYTES: usize = 256;
-/// Questions a second on one key from one link, Hz: a drone asks once when it connects. Ten links then use up what a key is
-/// answered in all.
+/// Maximum query rate per key and link, Hz. A drone queries once when it connects. Ten links exhaust a key's total
+/// reply rate.
 const MAX_QUESTION_HZ: f64 = 2.0;
 
-/// The chunk below a name under which the schemas of its messages are: a `**` of others does not match it.
+/// Key chunk below a name for the schemas of its messages; `**` of other programs does not match it.
 pub const SCHEMA: &str = "@schema";
-/// The subject of what comes through a router, whose certificate the configuration names.
+/// Subject of messages that come through a router, whose certificate name is configured.
 const ROUTER: &str = "router";
-/// Peers at most.
 pub const PEERS: usize = MAX_PEERS;
 
-/// Whether `name` can be one chunk of a key and a certificate's common name.
+/// Whether `name` is valid as a key chunk and as a certificate's common name.
 pub fn is_name(name: &str) -> bool {
     !name.is_empty()
         && name.len() <= 64
@@ -30,9 +28,9 @@ pub fn is_name(name: &str) -> bool {
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
-/// zenoh's `access_control` for a side whose keys begin with `name`, which publishes `own` and listens to `peers`.
-/// Through a router every message comes over the router's link, known by the name in its certificate: the keys of the peers
-/// are admitted there, and which certificate may use which is the router's to check.
+/// zenoh's `access_control` for a node whose keys begin with `name`, which publishes `own` and listens to `peers`. With
+/// a router, all messages arrive over its link under the name in its certificate. The peers' keys are then permitted on
+/// that link, and the router must check which certificate may use which key.
 pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>) -> Value {
     let both = ["ingress", "egress"];
     let rule = |id: &str, flows: &[&str], messages: &[&str], keys: Value| {
@@ -40,7 +38,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
             "id": id, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys,
         })
     };
-    let of = |name: &str| json!([format!("{name}/**"), format!("{name}/{SCHEMA}/**")]);
+    let keys_of = |name: &str| json!([format!("{name}/**"), format!("{name}/{SCHEMA}/**")]);
     let all = json!(["alight/**", format!("alight/*/{SCHEMA}/**")]);
     let listened = [
         "declare_subscriber",
@@ -51,7 +49,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
     let answered = ["reply", "declare_queryable", "liveliness_token"];
     let mut rules = vec![
         rule("subscribe", &both, &listened, all),
-        rule("answer", &["egress"], &answered, of(name)),
+        rule("answer", &["egress"], &answered, keys_of(name)),
     ];
     let mut granted = vec!["subscribe", "answer"];
     if !own.is_empty() {
@@ -59,7 +57,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
         granted.push("speak");
     }
     let subject = |peer: &str| router.map_or(peer, |_| ROUTER).to_owned();
-    // Each with the name in its certificate.
+    // Subjects with the names in their certificates.
     let subjects: Vec<(&str, &str)> = match router {
         Some(router) => vec![(ROUTER, router)],
         None => peers.iter().map(|p| (p.as_str(), p.as_str())).collect(),
@@ -75,7 +73,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
             &["put"],
             json!([format!("{own}/**")]),
         ));
-        rules.push(rule(&answers, &["ingress"], &answered, of(&own)));
+        rules.push(rule(&answers, &["ingress"], &answered, keys_of(&own)));
         policies.push(json!({ "rules": [receive, answers], "subjects": [subject(peer)] }));
     }
     let subjects: Vec<Value> = subjects
@@ -91,12 +89,12 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
     })
 }
 
-/// zenoh's `low_pass_filter`: questions that bring more than they need end without an answer, before anything of ours is
-/// called.
+/// zenoh's `low_pass_filter`: oversized queries end without a reply before any of our code runs.
 ///
-/// It is not used for messages: what it drops it neither counts nor logs (zenoh 1.10.2 without its feature `stats`,
-/// `interceptor/low_pass.rs`), and `packets dropped` shows people who sends too much. A message that is far too long is never
-/// put together (`transport/link/rx/max_message_size`); the rest is checked and counted where it is received.
+/// It is not applied to messages, because dropped messages are neither counted nor logged (zenoh 1.10.2 without its
+/// feature `stats`, `interceptor/low_pass.rs`), while `packets dropped` reveals a peer that sends too much. A message
+/// far above the limit is never assembled (`transport/link/rx/max_message_size`); other messages are checked and
+/// counted by the receiver.
 pub fn question_sizes() -> Value {
     json!([{
         "flows": ["ingress"],
@@ -106,11 +104,11 @@ pub fn question_sizes() -> Value {
     }])
 }
 
-/// zenoh's `downsampling`, on each link by itself: one peer that asks without end leaves the others their answers. A question
-/// on top ends at once, without an answer.
+/// zenoh's `downsampling` for each link: a peer that queries without pause cannot block replies to the others. A
+/// surplus query ends without a reply.
 ///
-/// It is not used for messages: of those that come within a period it keeps the first and drops the newest
-/// (`interceptor/downsampling.rs`), such as the second of two orders, or the newest of the states after a retransmission.
+/// It is not applied to messages, because it keeps the first message in a period and drops later ones
+/// (`interceptor/downsampling.rs`), such as the second of two orders, or the newest state after a retransmission.
 pub fn question_rates(name: &str, own: &[String]) -> Value {
     let schemas = format!("{name}/{SCHEMA}/**");
     let keys = [&schemas].into_iter().chain(own);
@@ -160,7 +158,7 @@ mod tests {
         let rules = rules("alight/vessel-1", &[], &peers, Some("vessel-9"));
         let mut config = zenoh::Config::default();
         config.insert_json5("access_control", &rules.to_string()).unwrap();
-        // Another link than the router's is no subject.
+        // A link other than the router's has no permissions.
         assert_eq!(
             rules["subjects"],
             json!([{ "id": ROUTER, "cert_common_names": ["vessel-9"] }])

@@ -1,46 +1,44 @@
-//! The clock of a process: the operating system's steady clock, plus what a configuration adds.
+//! Clock of a process: the operating system's steady clock with configured deviations.
 
 use iceoryx2_bb_posix::clock::{ClockType, Time as OsTime};
 
 use alight_shared::config;
 use alight_shared::time::{Clock, Span, Time};
 
-/// The operating system's steady clock, ns: the same for all processes of a computer, never set
-/// back, slewed by the system's time service.
+/// The operating system's steady clock, ns: common to all processes of a computer, never set back, and slewed by the
+/// system's time service.
 pub fn steady_ns() -> i64 {
-    // The call cannot fail on a system that has the clock; a system without it shows time zero.
+    // The call cannot fail on a system with this clock; without it the time is zero.
     OsTime::now_with_clock(ClockType::Monotonic).map_or(0, |t| {
         (t.seconds() as i64).saturating_mul(1_000_000_000) + i64::from(t.nanoseconds())
     })
 }
 
 config! {
-    /// How a process reads its computer's clock: `C = s + offset + drift s`, where `s` is the steady
-    /// clock since `epoch_ns`. On a vehicle all three are zero; a simulated vehicle's clock is made
-    /// wrong with them.
+    /// Reading of a computer's clock by its processes: `C = s + offset + drift s`, where `s` is the steady clock since
+    /// `epoch_ns`. On a vehicle all three are zero; they simulate clock errors of a simulated vehicle.
     #[derive(Copy)]
     pub struct ProcessClock {
-        /// The steady clock's reading that counts as zero, ns.
+        /// The steady clock's reading at which this clock starts, ns.
         pub epoch_ns: i64 = Default::default();
-        /// Added, s.
+        /// Offset, s.
         pub offset_s: f64 = Default::default(), in -1e9..=1e9;
-        /// Runs faster by this, parts per million.
+        /// Relative drift, parts per million, positive when fast.
         pub drift_ppm: f64 = Default::default(), in -500.0..=500.0;
     }
 }
 
 impl ProcessClock {
-    /// What the clock reads now.
     pub fn now<C: Clock>(&self) -> Time<C> {
         self.read(steady_ns())
     }
-    /// What the clock read when the steady clock read `steady_ns`.
+    /// Clock reading at the steady clock's `steady_ns`.
     pub fn read<C: Clock>(&self, steady_ns: i64) -> Time<C> {
         let s = steady_ns.saturating_sub(self.epoch_ns);
         let ahead = (s as f64 * self.drift_ppm * 1e-6).round() as i64;
         Time::from_nanos(s) + Span::from_secs(self.offset_s) + Span::from_nanos(ahead)
     }
-    /// The time since `epoch_ns` on the steady clock at which the clock read `now_ns`.
+    /// Steady-clock time since `epoch_ns` at which the clock reads `now_ns`.
     pub fn steady<C: Clock>(&self, now_ns: i64) -> Time<C> {
         let ahead = Time::from_nanos(now_ns) - Span::from_secs(self.offset_s);
         let drift = ahead.nanos() as f64 * self.drift_ppm * 1e-6 / (1.0 + self.drift_ppm * 1e-6);

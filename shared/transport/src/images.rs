@@ -1,6 +1,6 @@
-//! Images between the processes of one computer: a header and bytes of bounded number in shared memory, in the place
-//! of a message. Their writer makes the pixels there, and their reader reads them there. Only the newest few wait; a
-//! reader that is slow loses the oldest. Nothing is woken by one: its reader looks.
+//! Images between processes of one computer: a header and a bounded number of bytes in shared memory instead of a
+//! message. The writer produces the pixels in place, and the reader reads them in place. Only the newest few are
+//! buffered, and a slow reader loses the oldest. An image causes no wake-up: its reader polls.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
@@ -13,26 +13,24 @@ use iceoryx2::service::port_factory;
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::{TransportContext, TransportError};
 
-/// Images that wait for a reader.
 const BUFFER: usize = 2;
-/// Images that a reader holds at a time: one, and the next that it takes in its place.
+/// Number of images held by a reader: the present one, and the next that replaces it.
 const BORROWED: usize = 2;
-/// Who may publish, and who may read, at a time; those that were killed keep their place for a while.
+/// Maximum number of publishers and of readers; killed processes occupy theirs for a while.
 const PORTS: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageTopic {
-    /// The simulated camera's, grey, one byte a pixel.
+    /// Image of the simulated camera: grey, one byte per pixel.
     Simulated,
-    /// The belly camera's for people, with marks, red, green and blue, three bytes a pixel.
+    /// Image of the belly camera for display, with marks: red, green and blue, three bytes per pixel.
     Marked,
 }
 
 impl ImageTopic {
-    /// All of them.
     const ALL: [ImageTopic; 2] = [ImageTopic::Simulated, ImageTopic::Marked];
 
-    /// Name of the service, after [`alight_shared::topics`]'s.
+    /// Name of the service, in the style of [`alight_shared::topics`].
     fn name(self) -> &'static str {
         match self {
             ImageTopic::Simulated => "camera/image",
@@ -41,28 +39,27 @@ impl ImageTopic {
     }
 }
 
-/// What goes with the pixels of an image, which lie row by row from the top.
+/// Header of an image, whose pixels are stored row by row from the top.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[type_name("ImageHeader")]
 pub struct ImageHeader {
     /// Middle of the exposure on the drone's clock, ns.
     pub at_ns: i64,
-    /// Width and height, px, as its sender states.
+    /// Width and height stated by the sender, px.
     pub size: [u32; 2],
-    /// Tags and outlines of the deck that are drawn in; none in an image as it was taken.
+    /// Numbers of drawn tags and deck outlines; zero in an unmarked image.
     pub marks: [u32; 2],
 }
 
-/// An image in shared memory, which keeps its place until this is dropped.
+/// Image in shared memory; its place is released on drop.
 pub struct SharedImage(Sample<Ipc, [u8], ImageHeader>);
 
 impl SharedImage {
-    /// What goes with its pixels.
     pub fn header(&self) -> &ImageHeader {
         self.0.user_header()
     }
-    /// Bytes of its pixels, where their writer has put them.
+    /// Bytes of its pixels in shared memory.
     pub fn pixels(&self) -> &[u8] {
         self.0.payload()
     }
@@ -70,7 +67,6 @@ impl SharedImage {
 
 type Messages = publish_subscribe::Builder<[u8], ImageHeader, Ipc>;
 
-/// Builder of the service with its quality.
 fn messages(node: &Node<Ipc>, topic: ImageTopic) -> Result<Messages, TransportError> {
     Ok(node
         .service_builder(&service_name(topic.name())?)
@@ -87,7 +83,6 @@ fn messages(node: &Node<Ipc>, topic: ImageTopic) -> Result<Messages, TransportEr
 
 type Service = port_factory::publish_subscribe::PortFactory<Ipc, [u8], ImageHeader>;
 
-/// The services, held open by who created them.
 pub(crate) struct ImageServices {
     _held: Vec<Service>,
 }
@@ -105,7 +100,6 @@ impl ImageServices {
     }
 }
 
-/// Publishes images of at most so many bytes.
 pub struct ImagePublisher {
     service: Service,
     port: IoxPublisher<Ipc, [u8], ImageHeader>,
@@ -134,8 +128,8 @@ impl ImagePublisher {
             unsent: 0,
         })
     }
-    /// Sends an image of so many bytes, which `write` makes in the place where it is read; one that is larger than agreed
-    /// is counted as not sent, and not made.
+    /// Sends an image of `bytes` bytes that `write` produces in place. An image above the maximum size is counted as
+    /// unsent, and `write` is not called.
     pub fn send_with(&mut self, header: ImageHeader, bytes: usize, write: impl FnOnce(&mut [u8])) {
         let sent = self.port.loan_slice(bytes).is_ok_and(|mut slot| {
             *slot.user_header_mut() = header;
@@ -144,15 +138,13 @@ impl ImagePublisher {
         });
         self.unsent += u64::from(!sent);
     }
-    /// Sends an image that lies elsewhere.
     pub fn send(&mut self, header: ImageHeader, pixels: &[u8]) {
         self.send_with(header, pixels.len(), |place| place.copy_from_slice(pixels));
     }
-    /// Whether somebody reads: else an image need not be made.
+    /// Whether a reader exists; otherwise no image needs to be produced.
     pub fn is_read(&self) -> bool {
         self.service.dynamic_config().number_of_subscribers() > 0
     }
-    /// Images that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
@@ -174,9 +166,9 @@ impl ImageSubscriber {
             .doing(doing)?;
         Ok(ImageSubscriber { port })
     }
-    /// The next image that waits; none for a reader that holds two.
+    /// Next buffered image; None if the reader already holds two.
     pub fn next_image(&mut self) -> Option<SharedImage> {
-        // An error is a publisher that went away in the middle: its image is lost.
+        // An error means that a publisher disappeared while sending: its image is lost.
         self.port.receive().ok()?.map(SharedImage)
     }
 }

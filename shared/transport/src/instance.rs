@@ -1,4 +1,4 @@
-//! Instance: one set of processes on a computer, and the names of its services.
+//! Instance: a set of processes on one computer, with the names of its services.
 
 use std::path::PathBuf;
 
@@ -8,24 +8,23 @@ use iceoryx2::service::attribute::{AttributeDefinitionError, AttributeKey, Attri
 use crate::{TransportContext, TransportError};
 use alight_shared::msg::MESSAGE_VERSION;
 
-/// The kind of iceoryx2 service: between processes, ports used by one thread each.
+/// iceoryx2 service type: inter-process, each port used by one thread.
 pub(super) type Ipc = ipc::Service;
 
 /// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
 const SERVICE: &str = "/run/alight";
 
-/// Longest path of a socket, bytes (`sun_path` of unix(7)).
+/// Maximum length of a socket path, bytes (`sun_path` of unix(7)).
 const MAX_SOCKET_PATH: usize = 108;
-/// iceoryx2 names a socket by 32 digits and `.event`, in a directory of its own.
+/// Length of an iceoryx2 socket name: a slash, 32 digits and `.event`.
 const SOCKET_NAME: usize = 1 + 32 + 6;
 
-/// The name of a topic's service.
 pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
     ServiceName::new(name).doing(|| format!("naming the service {name}"))
 }
 
-/// Adds a service's attributes, each under its key: the version of the messages' layout and that of the program. Our
-/// processes open a service only where both are their own, so that processes of one program alone share it.
+/// Adds a service's attributes under their keys: versions of the message layout and of the program. Processes open a
+/// service only if both match, so only processes of one program share it.
 fn attributes<A>(
     empty: A,
     add: impl Fn(A, &AttributeKey, &AttributeValue) -> Result<A, AttributeDefinitionError>,
@@ -41,27 +40,25 @@ fn attributes<A>(
         add(sum, &name, &AttributeValue::try_from(value).doing(doing)?).doing(doing)
     })
 }
-/// What a service is created with.
 pub(super) fn defined() -> Result<AttributeSpecifier, TransportError> {
     attributes(AttributeSpecifier::new(), |all, key, value| {
         all.define(key, value)
     })
 }
-/// What a service is to have.
 pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
     attributes(AttributeVerifier::new(), |all, key, value| {
         all.require(key, value)
     })
 }
 
-/// One set of processes on a computer; several may run side by side under different names.
+/// Set of processes on one computer; several instances may run in parallel under different names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Instance {
     name: String,
 }
 
 impl Instance {
-    /// The instance `name`: 1 to 32 of a-z, 0-9 and '-'.
+    /// Instance `name`: 1 to 32 characters of a-z, 0-9 and '-'.
     pub fn new(name: &str) -> Result<Instance, TransportError> {
         let fits = (1..=32).contains(&name.len())
             && name
@@ -78,8 +75,8 @@ impl Instance {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// Where it keeps its files beside shared memory: where a service keeps them if there is one of
-    /// this name, so that an operator's commands find it, else among temporary files.
+    /// Directory of its files outside shared memory: the directory of the installed service if it has this name, so
+    /// that an operator's commands find it, otherwise a temporary directory.
     pub fn directory(&self) -> PathBuf {
         let name = format!("alight-{}", self.name);
         let of_service = std::path::Path::new(SERVICE).join(&name);
@@ -89,12 +86,11 @@ impl Instance {
             std::env::temp_dir().join(name)
         }
     }
-    /// The beginning of the names of its files in shared memory.
     pub fn prefix(&self) -> String {
         format!("alight_{}_", self.name)
     }
-    /// Removes everything the instance left in shared memory and in its middleware's directory. To
-    /// be called only while none of its processes lives.
+    /// Removes all files of the instance from shared memory and from the middleware's directory. The caller must ensure
+    /// that no process of the instance is running.
     pub fn wipe(&self) -> std::io::Result<()> {
         let prefix = self.prefix();
         for directory in ["/dev/shm", "/tmp"] {
@@ -103,7 +99,7 @@ impl Instance {
             };
             for entry in entries.flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    // Another file that vanished meanwhile is as good as removed.
+                    // A file that vanished in the meantime also counts as removed.
                     let _gone = std::fs::remove_file(entry.path());
                 }
             }
@@ -147,7 +143,7 @@ mod tests {
         let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
         assert!(matches!(instance(2), Ok(Ok(_))));
         let Ok(Err(rejected)) = instance(32) else {
-            panic!("32 bytes fit into no path of a socket");
+            panic!("a name of 32 bytes leaves no room for a socket path");
         };
         assert!(rejected.to_string().contains("shorter fits"), "{rejected}");
         assert!(instance(33).is_err());

@@ -1,8 +1,7 @@
-//! The two transports: [`memory`] between the processes of one
-//! computer (iceoryx2), [`radio`] between the computers (zenoh). Nothing outside this crate knows
-//! either middleware.
+//! The two transports: [`memory`] between processes of one computer (iceoryx2), and [`radio`] between computers
+//! (zenoh). No other crate depends on either middleware.
 //!
-//! Read in this order: [`clock`], [`memory`], [`images`], [`wake`], [`radio`].
+//! Suggested reading order: [`clock`], [`memory`], [`images`], [`wake`], [`radio`].
 
 pub mod access;
 pub mod clock;
@@ -22,30 +21,26 @@ use thiserror::Error;
 
 use alight_shared::admission::Sender;
 
-/// A message that came over the radio.
 #[derive(Clone, Debug)]
 pub struct Received {
     /// Index of its subscription.
     pub subscription: usize,
-    /// Who published it, by its key.
+    /// Publisher according to its key.
     pub sender: Sender,
-    /// The steady clock at its arrival, ns.
+    /// Steady clock at its arrival, ns.
     pub at_ns: i64,
     pub bytes: Vec<u8>,
 }
 
-/// What a transport could not do.
 #[derive(Debug, Error)]
 #[error("{doing}: {what}")]
 pub struct TransportError {
-    /// What was being done.
     pub doing: String,
-    /// Error of the middleware.
     pub what: String,
 }
 
 impl TransportError {
-    /// Wraps a middleware's error with what was being done.
+    /// Wraps a middleware error with the failed operation.
     pub fn because(doing: impl Into<String>, error: impl core::fmt::Debug) -> Self {
         TransportError {
             doing: doing.into(),
@@ -54,9 +49,8 @@ impl TransportError {
     }
 }
 
-/// Says what was being done when a middleware failed.
+/// Adds the failed operation to a middleware error.
 pub(crate) trait TransportContext<T> {
-    /// The error with what was being done.
     fn doing(self, what: impl FnOnce() -> String) -> Result<T, TransportError>;
 }
 impl<T, E: core::fmt::Debug> TransportContext<T> for Result<T, E> {

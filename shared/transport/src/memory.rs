@@ -1,9 +1,9 @@
-//! Shared memory between the processes of one computer: iceoryx2 services, one per topic, declared
-//! once with their quality of service in [`alight_shared::topics`].
+//! Shared memory between processes of one computer: one iceoryx2 service per topic. [`alight_shared::topics`] declares
+//! each with its quality of service.
 //!
-//! The settings of a service are those of whoever creates it first, and a process that dies while
-//! it creates one can leave it unusable. So one process, the supervisor, creates all services
-//! ([`Services::create`]) before any other begins, and the others only open them.
+//! The creator of a service determines its settings, and a process that dies while creating one can leave it unusable.
+//! Therefore one process, the supervisor, creates all services ([`Services::create`]) before the others start, and the
+//! others only open them.
 
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
 use std::time::Duration;
@@ -28,22 +28,22 @@ use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;
 use alight_shared::topics::{self, Topic};
 
-/// Publishers of one topic: each process of a computer may publish its state, and one that was
-/// killed keeps its place until it is cleaned up.
+/// Maximum number of publishers per topic. Every process of a computer may publish its state, and a killed process
+/// occupies its own until it is cleaned up.
 const PUBLISHERS: usize = 16;
-/// Subscribers of one topic: all processes, and people who look on.
+/// Maximum number of subscribers per topic: all processes, and observers.
 const SUBSCRIBERS: usize = 24;
-/// Processes that have a topic open.
+/// Maximum number of processes that open a topic.
 const NODES: usize = 32;
-/// Most messages that one call reads: a publisher that runs wild does not hold its reader.
+/// Maximum number of messages per read, so that a publisher out of control does not block its reader.
 const MAX_PER_READ: usize = 64;
 
-/// A message as iceoryx2 moves it; listings show the topic's own type.
+/// Message as transported by iceoryx2; listings show the topic's own type.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
 struct Sample<T: Plain>(T);
 
-// SAFETY: `Plain` demands what this does, and the wrapper adds nothing to the layout.
+// SAFETY: `Plain` has the same requirements, and the wrapper does not change the layout.
 #[allow(unsafe_code)]
 unsafe impl<T: Plain> ZeroCopySend for Sample<T> {
     unsafe fn type_name() -> &'static str {
@@ -51,13 +51,11 @@ unsafe impl<T: Plain> ZeroCopySend for Sample<T> {
     }
 }
 
-/// A process's place in shared memory.
 pub struct Memory {
     node: IoxNode<Ipc>,
 }
 
 impl Memory {
-    /// Joins `instance` under the name of a process.
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
         warnings::listen();
         let doing = || format!("joining the shared memory of instance {}", instance.name());
@@ -71,14 +69,13 @@ impl Memory {
             .doing(doing)?;
         Ok(Memory { node })
     }
-    /// Removes what processes that were killed left behind.
+    /// Removes the remains of killed processes.
     pub fn reap(&self) {
         let _left = self.node.try_cleanup_dead_nodes();
     }
-    /// Waits, no longer than `span`; false when the process was asked to end. Another signal only
-    /// cuts the wait short.
+    /// Waits for at most `span`. Returns false if the process was asked to end; other signals only shorten the wait.
     pub fn wait(&self, span: Duration) -> bool {
-        // From the first question on a signal is kept.
+        // The first call starts recording signals.
         let _asked = end_requested();
         let _early = self.node.wait(span);
         !end_requested()
@@ -110,7 +107,6 @@ impl Memory {
             .max_nodes(NODES)
             .event_id_max_value(1))
     }
-    /// A publisher of messages `T`, on their topic.
     pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
         let doing = || format!("publishing {}", T::TOPIC.name);
         let messages = self
@@ -132,7 +128,6 @@ impl Memory {
             unsent: 0,
         })
     }
-    /// A subscriber to messages `T`, on their topic.
     pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
         let doing = || format!("reading {}", T::TOPIC.name);
         let messages = self
@@ -149,15 +144,14 @@ impl Memory {
             statistics: InputStatistics::new(T::TOPIC),
         })
     }
-    /// A publisher of images whose pixels take `bytes` at most.
+    /// Publisher of images with at most `bytes` bytes of pixels.
     pub fn image_publisher(&self, topic: ImageTopic, bytes: usize) -> Result<ImagePublisher, TransportError> {
         ImagePublisher::open(&self.node, topic, bytes)
     }
-    /// A subscriber to images.
     pub fn image_subscriber(&self, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
         ImageSubscriber::open(&self.node, topic)
     }
-    /// Wakes up when a message `T` is published.
+    /// Listener that wakes when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
         let events = self
@@ -171,19 +165,17 @@ impl Memory {
 
 type MessageBuilder<T> = iceoryx2::service::builder::publish_subscribe::Builder<Sample<T>, (), Ipc>;
 
-/// What holds one service open.
+/// Handles that keep one service open.
 type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 
-/// All services of an instance, held open by the one process that creates them.
+/// All services of an instance, kept open by the process that creates them.
 pub struct Services {
     #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
     held: Vec<Held>,
-    /// Those of images, which are no messages.
     _images: ImageServices,
 }
 
 impl Services {
-    /// Creates the service of every topic of shared memory.
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
         let images = ImageServices::create(&memory.node)?;
         let mut created = Created(memory, Vec::new());
@@ -215,7 +207,6 @@ impl plain::Visitor for Created<'_> {
     }
 }
 
-/// Publishes messages `T`.
 pub struct Publisher<T: Plain> {
     port: IoxPublisher<Ipc, Sample<T>, ()>,
     notifier: Notifier<Ipc>,
@@ -223,8 +214,7 @@ pub struct Publisher<T: Plain> {
 }
 
 impl<T: Plain> Publisher<T> {
-    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
-    /// does not read loses the oldest.
+    /// Writes `message` to shared memory and wakes listeners. Never blocks: a slow subscriber loses its oldest message.
     pub fn send(&mut self, message: &T) {
         let sent = self
             .port
@@ -237,25 +227,22 @@ impl<T: Plain> Publisher<T> {
         // A listener that cannot be woken finds the message at its next wake-up.
         let _woken = self.notifier.notify();
     }
-    /// The same for a message that may be there.
     pub fn send_any(&mut self, message: Option<&T>) {
         if let Some(message) = message {
             self.send(message);
         }
     }
-    /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
 }
 
-/// Wakes a process up.
 pub struct Listener {
     pub(crate) port: IoxListener<Ipc>,
 }
 
 impl Listener {
-    /// Takes all wake-ups, and says whether there were any: a listener that is not drained wakes at once again.
+    /// Consumes all wake-ups and returns whether there were any. A listener that is not drained wakes again at once.
     pub fn drain(&self) -> bool {
         let mut woke = false;
         let _drained = self.port.try_wait(|_| woke = true);
@@ -269,11 +256,11 @@ impl bus::Wake for Listener {
     }
 }
 
-/// Readable when a message was published, for who waits for other descriptors, too.
+/// The descriptor becomes readable when a message is published, and can be awaited together with others.
 impl AsFd for Listener {
     #[allow(unsafe_code)]
     fn as_fd(&self) -> BorrowedFd<'_> {
-        // SAFETY: the descriptor is the port's, which alone closes it and outlives this borrow.
+        // SAFETY: the port owns the descriptor, is the only one to close it, and outlives this borrow.
         unsafe { BorrowedFd::borrow_raw(self.port.file_descriptor().native_handle()) }
     }
 }
@@ -283,23 +270,22 @@ impl AsRawFd for Listener {
     }
 }
 
-/// Reads messages `T`.
 pub struct Subscriber<T: Plain> {
     port: IoxSubscriber<Ipc, Sample<T>, ()>,
     statistics: InputStatistics,
 }
 
 impl<T: Plain> Subscriber<T> {
-    /// The newest message that waits, if any does; `now_ns` is the clock of its stamps.
+    /// Newest waiting message, if any; `now_ns` is on the clock of the messages' stamps.
     pub fn newest(&mut self, now_ns: i64) -> Option<T> {
         self.all(now_ns).pop()
     }
-    /// All messages that wait, in order, at most [`MAX_PER_READ`].
+    /// All waiting messages in order, at most [`MAX_PER_READ`].
     pub fn all(&mut self, now_ns: i64) -> Vec<T> {
         let mut messages = Vec::new();
         while messages.len() < MAX_PER_READ {
-            // An error is a publisher that went away in the middle: what it sent is lost, and the
-            // next read looks again.
+            // An error means that a publisher disappeared while sending: its message is lost, and the next read tries
+            // again.
             let Ok(Some(sample)) = self.port.receive() else {
                 break;
             };
@@ -309,7 +295,6 @@ impl<T: Plain> Subscriber<T> {
         }
         messages
     }
-    /// What was read so far.
     pub fn statistics(&self) -> &InputStatistics {
         &self.statistics
     }
@@ -377,10 +362,7 @@ mod tests {
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
         let early = memory.publisher::<SetPoint>();
-        assert!(
-            early.is_err(),
-            "a service that nobody created is not created by who opens it"
-        );
+        assert!(early.is_err(), "opening a missing service does not create it");
         let services = Services::create(&memory).unwrap();
         let topics = alight_shared::topics::ALL
             .iter()
@@ -402,7 +384,7 @@ mod tests {
         .unwrap();
         assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");
 
-        // The middleware leaves its own small segment behind; an instance's end wipes that too.
+        // The middleware leaves a small segment behind, which is wiped at the end of an instance.
         drop((ranges, wake, services, memory));
         instance.wipe().unwrap();
         let prefix = instance.prefix();
@@ -415,7 +397,6 @@ mod tests {
         std::fs::remove_dir_all(instance.directory()).unwrap();
     }
 
-    /// Whether these bytes lie in the instance's shared memory.
     fn is_shared(instance: &Instance, bytes: &[u8]) -> bool {
         let (at, name) = (bytes.as_ptr() as usize, format!("/dev/shm/{}", instance.prefix()));
         let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
@@ -448,21 +429,21 @@ mod tests {
         for k in 1..=4 {
             images.send(header(k), &pixels);
         }
-        // Made where it is read: neither its writer nor its reader copies it.
+        // Pixels are written in place: neither writer nor reader copies them.
         images.send_with(header(5), 64 * 48, |place| {
             assert!(is_shared(&instance, place));
             place.copy_from_slice(&pixels);
         });
         images.send_with(header(6), 640 * 480, |_| {
-            panic!("an image that is too large is not made")
+            panic!("an oversized image is not produced")
         });
         assert_eq!(images.unsent(), 1);
         assert!(others.next_image().is_none());
-        // Two wait, the older ones gave way.
+        // Two are buffered; older ones were dropped.
         let first = reader.next_image().unwrap();
         assert_eq!(*first.header(), header(4));
         assert_eq!(first.pixels(), pixels);
-        // One is held while the next is taken, and keeps its place.
+        // The held image keeps its place while the next one is taken.
         let second = reader.next_image().unwrap();
         assert_eq!(second.header().at_ns, 5);
         for k in 7..=9 {

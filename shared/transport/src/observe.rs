@@ -1,20 +1,18 @@
-//! Observation and alteration of a process's messages by a test bench. A process that flies sets none.
+//! Observation and alteration of a process's received messages by a test bench. Processes in flight use none.
 
 use std::sync::{Mutex, PoisonError};
 
 use crate::Received;
 
-/// Stands between the radio and a process.
 pub trait ReceiveChannel: Send {
-    /// A packet came.
     fn take(&mut self, packet: Received);
-    /// The next packet that the process may read by `now_ns` of the steady clock.
+    /// Next packet that the process may read at `now_ns` on the steady clock.
     fn ready(&mut self, now_ns: i64) -> Option<Received>;
 }
 
 static CHANNEL: Mutex<Option<Box<dyn ReceiveChannel>>> = Mutex::new(None);
 
-/// Sets the channel of the radio that this process opens next.
+/// Sets the channel of the next radio that this process opens.
 pub fn receive_through(channel: Box<dyn ReceiveChannel>) {
     *CHANNEL.lock().unwrap_or_else(PoisonError::into_inner) = Some(channel);
 }

@@ -1,10 +1,10 @@
-//! The radio between the computers: a zenoh session with explicit endpoints and no scouting.
+//! Radio between the computers: a zenoh session with explicit endpoints and no scouting.
 //!
-//! The vessel listens and only drones dial: two sides that dial can end up in a split session.
-//! zenoh repeats nothing by itself, so every message is small, complete and the newest wins; a
-//! message that does not fit into the local queue is dropped, never waited for. A session that went
-//! silent is closed (which may hang, so it is left to a thread of its own) and opened anew. Where the process does not keep
-//! up, the oldest states give way, and orders wait for none of them ([`Subscription::order`]).
+//! The vessel listens and only drones dial, because two dialling sides can end up in a split session. zenoh repeats
+//! nothing, so every message is small and complete, and the newest replaces its predecessors. A message that does not
+//! fit into the local queue is dropped instead of waiting. A silent session is closed in a separate thread, because
+//! closing may hang, and reopened. If the process is too slow, the oldest states are dropped, while orders are read
+//! first ([`Subscription::order`]).
 
 mod answers;
 mod attempts;
@@ -42,27 +42,26 @@ use alight_shared::config::{Check, Keys};
 pub use alight_shared::radio::Urgency;
 use alight_shared::wire::MAX_WIRE_BYTES;
 
-/// A publisher's answer is awaited for so long; its broadcasts come meanwhile.
+/// Timeout for a publisher's reply; its broadcasts arrive in the meantime.
 const ASK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Messages in a row for a process that does not wait: half of what a record of a step may hold, if each is the longest.
+/// Maximum number of consecutive messages without a pause: half of the capacity of a step record at maximum message
+/// length.
 const MAX_IN_A_ROW: usize = 128;
-/// A test bench brings what it has delayed without an arrival, this late at most.
+/// Polling interval of a test bench for delayed messages that arrive without a wake-up.
 const BENCH_WAIT: Duration = Duration::from_millis(5);
 
-/// A key to read.
 #[derive(Clone, Debug)]
 pub struct Subscription {
-    /// The key expression.
     key: String,
-    /// The newest message is asked for, too ([`Radio::ask`]).
+    /// The newest message is also queried ([`Radio::ask`]).
     asked: bool,
-    /// Messages on it are read before all others.
+    /// Messages on this key are read before all others.
     order: bool,
 }
 
 impl Subscription {
-    /// The newest message is asked of the publisher as soon as there is one.
+    /// Subscription that queries the newest message as soon as a publisher is present.
     pub fn asked(key: impl Into<String>) -> Subscription {
         let key: String = key.into();
         Subscription {
@@ -70,7 +69,7 @@ impl Subscription {
             ..key.into()
         }
     }
-    /// Orders come on the key: they overtake all that waits, and never give way to it.
+    /// Subscription to orders: they are read before all other messages, and never dropped in favour of them.
     pub fn order(key: impl Into<String>) -> Subscription {
         let key: String = key.into();
         Subscription {
@@ -91,88 +90,78 @@ impl From<&str> for Subscription {
     }
 }
 
-/// UDP's and IP's header, 28 bytes, and about 20 of the middleware's framing of a message.
+/// Header overhead of a message, bytes: UDP and IP 28, and about 20 for the middleware's framing.
 pub const HEADER_BYTES: u64 = 48;
 
-/// What went out on one outlet.
+/// Traffic sent on one publication.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flow {
     pub messages: u64,
-    /// Their bytes with headers.
+    /// Bytes including headers.
     pub bytes: u64,
 }
 
-/// What the radio counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RadioCounts {
-    /// Messages handed to the middleware.
+    /// Messages passed to the middleware.
     pub sent: u64,
-    /// Bytes of them.
     pub sent_bytes: u64,
-    /// Messages it did not take.
+    /// Messages rejected by the middleware.
     pub unsent: u64,
-    /// Messages that came.
     pub received: u64,
-    /// Newest messages that were asked for.
+    /// Queries for newest messages.
     pub asked: u64,
-    /// Messages dropped because they were too long, or gave way to newer ones that the process did not read either.
+    /// Messages dropped because of their length, or replaced by newer ones before the process read them.
     pub dropped: u64,
-    /// How often a session was reopened.
     pub reopened: u64,
 }
 
-/// One side of the radio.
 pub struct Radio {
     parts: Parts,
     open: Option<Open>,
-    /// A router's client that is not connected yet.
     opening: Option<Receiver<Result<Open, TransportError>>>,
     attempts: Attempts,
-    /// Somebody calls [`Radio::watch`].
+    /// The process calls [`Radio::watch`].
     watched: bool,
-    /// Messages taken since the last pause.
+    /// Messages received since the last pause.
     in_a_row: usize,
     counts: RadioCounts,
     flows: Vec<Flow>,
     last_received_ns: Option<i64>,
-    /// When the news were last young enough, or a session was opened.
+    /// Time of the last fresh message or of the opening of the session.
     last_fresh_ns: i64,
-    /// Strangers that knock without TLS.
+    /// Connection attempts without TLS.
     plaintext_attempts: Option<PlaintextAttempts>,
-    /// What a test bench put between the session and the process.
+    /// Channel of a test bench between session and process.
     channel: Option<Box<dyn ReceiveChannel>>,
 }
 
-/// What a session is opened with.
 #[derive(Clone)]
 struct Parts {
     config: RadioConfig,
-    /// Zenoh's own configuration, as it was at the start.
+    /// Zenoh's own configuration as read at the start.
     file: Option<ZenohFile>,
     publications: Vec<Publication>,
     subscriptions: Vec<Subscription>,
     inbox: Arc<Inbox>,
     dropped: Arc<AtomicU64>,
-    /// Somebody holds what we ask for, and was not asked yet.
+    /// A publisher of a queried message is present and has not been queried yet.
     due: Arc<AtomicBool>,
 }
 
-/// The open session. What is declared in it ends with it.
 struct Open {
     publishers: Vec<Publisher<'static>>,
-    /// Each with the number of its subscription.
     queriers: Vec<(usize, Querier<'static>)>,
-    #[allow(dead_code, reason = "who answers lives as long as this is held")]
+    #[allow(dead_code, reason = "the queryables live as long as this is held")]
     queryables: Vec<Queryable<()>>,
-    #[allow(dead_code, reason = "a token is there as long as this is held")]
+    #[allow(dead_code, reason = "the token lives as long as this is held")]
     token: Option<LivelinessToken>,
-    /// Who else is there.
     present: Present,
     session: zenoh::Session,
 }
 
 impl Parts {
-    /// The beginning of our keys, `alight/NAME`; None: we publish nothing.
+    /// Common prefix of our keys, `alight/NAME`; None: nothing is published.
     fn name(&self) -> Option<&str> {
         let key = self.publications.first()?.key.as_str();
         let (at, _) = key.match_indices('/').nth(1)?;
@@ -225,14 +214,14 @@ impl Parts {
                 .congestion_control(CongestionControl::Drop)
                 .priority(priority(publication.urgency))
                 .express(true)
-                // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
+                // Retransmitted old messages would delay new ones; over TCP and UDP this setting has no effect.
                 .reliability(Reliability::BestEffort)
                 .wait()
                 .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))
         });
         declared.collect()
     }
-    /// What is done with a message of a subscription, whether it was broadcast or is an answer.
+    /// Handler for messages of a subscription, broadcast or queried.
     fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
         let (inbox, dropped) = (Arc::clone(&self.inbox), Arc::clone(&self.dropped));
         let is_order = self.subscriptions.get(subscription).is_some_and(|s| s.order);
@@ -252,7 +241,7 @@ impl Parts {
             dropped.fetch_add(inbox.put(received, is_order), Ordering::Relaxed);
         }
     }
-    /// Asks on a key, and notices when somebody is there to answer.
+    /// Querier on a key that notices when a publisher is present.
     fn querier(&self, session: &zenoh::Session, key: &str) -> zenoh::Result<Querier<'static>> {
         let querier = session
             .declare_querier(key.to_owned())
@@ -271,14 +260,14 @@ impl Parts {
 }
 
 impl Radio {
-    /// Opens the session, publishes on `publications` and reads `subscriptions`. A router that is not there is awaited in the
+    /// Opens the session, publishes on `publications` and reads `subscriptions`. An absent router is awaited in the
     /// background.
     pub fn open(
         config: &RadioConfig,
         publications: Vec<Publication>,
         subscriptions: Vec<impl Into<Subscription>>,
     ) -> Result<Radio, TransportError> {
-        // Whoever opens it, also an operator's command: what cannot work is reported before it is tried.
+        // Invalid configurations are reported before an attempt, also to operator commands.
         config
             .check(&Keys::ROOT)
             .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
@@ -307,13 +296,13 @@ impl Radio {
         };
         radio.begin()?;
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
-        // A session that never receives anything is silent too: an opening that stalled half way
-        // (seen once, over UDP on a computer under load) ends there.
+        // A session that never receives anything also counts as silent. This closes a session that stalled while
+        // opening (observed once, over UDP on a loaded computer).
         radio.last_received_ns = Some(steady_ns());
         Ok(radio)
     }
 
-    /// Opens the session; a client's, whose opening waits for its router, in a thread of its own.
+    /// Opens the session. A client waits for its router while opening, so this runs in a separate thread.
     fn begin(&mut self) -> Result<(), TransportError> {
         if !self.parts.config.router {
             let open = self.parts.open()?;
@@ -323,7 +312,7 @@ impl Radio {
         let (sender, opened) = sync_channel(1);
         let parts = self.parts.clone();
         let opening = move || {
-            // Whoever waits for it may have ended.
+            // The receiver may be gone.
             let _gone = sender.send(parts.open());
         };
         std::thread::Builder::new()
@@ -333,29 +322,28 @@ impl Radio {
         self.opening = Some(opened);
         Ok(())
     }
-    /// A session begins: until now nothing could come.
     fn opened(&mut self, open: Open) {
         self.open = Some(open);
         self.attempts.succeeded();
         self.last_fresh_ns = steady_ns();
         self.last_received_ns = Some(self.last_fresh_ns);
     }
-    /// Begins again; what fails is tried again later.
-    fn begin_anew(&mut self) {
+    /// Opens a new session. After a failure, another attempt follows later.
+    fn reopen(&mut self) {
         if let Err(e) = self.begin() {
             self.failed(&e);
         }
     }
     fn failed(&mut self, why: &TransportError) {
-        if let Some(said) = self.attempts.failed(steady_ns(), why) {
-            warn!("{said}");
+        if let Some(error) = self.attempts.failed(steady_ns(), why) {
+            warn!("{error}");
         }
     }
-    /// Takes over the session that a thread has opened, or begins again after one that could not be opened.
+    /// Takes over a session opened by the thread, or tries again after a failure.
     fn take_opened(&mut self) {
         let Some(opening) = &self.opening else {
             if self.open.is_none() && self.attempts.is_due(steady_ns()) {
-                self.begin_anew();
+                self.reopen();
             }
             return;
         };
@@ -374,8 +362,8 @@ impl Radio {
         }
     }
 
-    /// Asks for the newest message of each subscription that is to be asked for, once since somebody is there who answers.
-    /// What comes is received like every other message, and is to be judged like one.
+    /// Queries the newest message of each queried subscription once a publisher is present. Replies are received and
+    /// checked like any other message.
     pub fn ask(&mut self) {
         let Some(open) = self.open.as_ref().filter(|o| !o.queriers.is_empty()) else {
             return;
@@ -386,7 +374,7 @@ impl Radio {
         for (number, querier) in &open.queriers {
             let receive = self.parts.receiver(*number);
             let ask = querier.get().callback(move |reply| {
-                // An error is no message: the next broadcast is.
+                // On an error, wait for the next broadcast.
                 if let Ok(sample) = reply.result() {
                     receive(sample);
                 }
@@ -396,20 +384,19 @@ impl Radio {
             }
         }
     }
-    /// How many of these have a session, by their liveliness tokens. A process that stands still keeps its token: what it
-    /// sends, and when, is what counts.
-    pub fn count_present(&self, of: impl Fn(&Sender) -> bool) -> usize {
-        self.open.as_ref().map_or(0, |o| o.present.count(of))
+    /// Number of these peers with a session, by their liveliness tokens. A frozen process keeps its token, so decisions
+    /// must rely on its messages and their times.
+    pub fn count_present(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
+        self.open.as_ref().map_or(0, |o| o.present.count(is_counted))
     }
 
-    /// Keeps this message of publication `publication` for who asks, where it is declared as held.
+    /// Stores this message of publication `publication` for queries, if the publication is held.
     pub fn hold(&self, publication: usize, bytes: Vec<u8>) {
         let kept = self.parts.publications.get(publication);
         if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
             held.set(bytes.into());
         }
     }
-    /// Publishes on publication `publication`.
     pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
         let length = bytes.len() as u64;
         let open = self.open.as_ref();
@@ -427,7 +414,7 @@ impl Radio {
         }
     }
 
-    /// Waits until there is something to receive, for who waits for other things, too.
+    /// Waits until a message can be received; can be combined with other futures.
     pub async fn arrival(&self) {
         let arrival = self.parts.inbox.arrival();
         if self.channel.is_some() {
@@ -436,8 +423,8 @@ impl Radio {
             arrival.await;
         }
     }
-    /// The next message, orders first; waits at most `timeout` for it. Without a wait it gives 128 in a
-    /// row at most, and then one pause, so that the process steps in a flood, too.
+    /// Next message, orders first; waits at most `timeout`. With a zero timeout it pauses after 128 consecutive
+    /// messages, so that the process also steps during a flood.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {
             plaintext_attempts.poll();
@@ -466,12 +453,11 @@ impl Radio {
         self.channel.as_mut()?.ready(steady_ns())
     }
 
-    /// The watchdog of the side that dials: opens the session anew when it went silent, or when it has
-    /// brought no news younger than the limit for too long, the newest now being `age_s` old (infinite:
-    /// unknown). The latter is a stream that is far behind, or a session over datagrams whose
-    /// declarations were lost or overtaken, for then one side speaks and the other has nobody to speak to
-    /// (measured over a link with 30 ms of jitter: 2 of 8 sessions). To be called now and then. The side
-    /// that listens keeps its socket, and silence is no news to it; what it cannot mend is
+    /// Watchdog of the dialling side, to be called periodically. Reopens the session when it went silent, or has
+    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The second case
+    /// occurs if a stream is far behind, or if declarations of a datagram session were lost or overtaken: then one side
+    /// publishes while the other has no subscriber (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
+    /// listening side keeps its socket, and silence carries no information for it; its watchdog is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
         self.watched = true;
@@ -492,7 +478,7 @@ impl Radio {
             return;
         }
         if let Some(old) = self.open.take() {
-            // Closing may hang for ten seconds under loss; nobody waits for it.
+            // Closing may hang for ten seconds under loss, so it is detached.
             let _detached = std::thread::Builder::new().name("close".into()).spawn(move || {
                 let session = old.session.clone();
                 drop(old);
@@ -501,31 +487,28 @@ impl Radio {
         }
         self.last_received_ns = Some(now);
         self.last_fresh_ns = now;
-        self.begin_anew();
+        self.reopen();
     }
 
-    /// Whether the session can be trusted after its process stood still for `gap_s`: held up for about a
-    /// lease, the middleware's reader of a listener's datagram socket stays blocked for good and
-    /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
-    /// free it). Only a new process receives again. What dials is restored by its watchdog, where one runs
-    /// ([`Radio::watch`]); a vessel behind a router has none, for silence is no news to it.
+    /// Whether the session is usable after its process was suspended for `gap_s`. After a suspension of about one
+    /// lease, the middleware's reader of a listener's datagram socket stays blocked permanently and keeps the port
+    /// (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not free it). Only a new process
+    /// receives again. The dialling side is restored by its watchdog, if it calls one ([`Radio::watch`]); a vessel
+    /// behind a router has none, because silence carries no information for it.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         let config = &self.parts.config;
         let recovers = self.watched && !config.connect.is_empty();
         recovers || gap_s < 0.9 * config.link_lease_s()
     }
 
-    /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
-    /// ends now.
+    /// Leaks the session, for a process that ends now: closing a stuck session would block forever.
     pub fn abandon(&mut self) {
         core::mem::forget((self.open.take(), self.opening.take()));
     }
 
-    /// What went out, by outlet.
     pub fn flows(&self) -> &[Flow] {
         &self.flows
     }
-    /// What was counted.
     pub fn counts(&self) -> RadioCounts {
         RadioCounts {
             dropped: self.parts.dropped.load(Ordering::Relaxed),

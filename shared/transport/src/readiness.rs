@@ -1,4 +1,4 @@
-//! Descriptors that tokio waits for. A port of the shared memory, a socket or a serial line can so be waited for together.
+//! Descriptors awaited by tokio, to wait for shared-memory ports, sockets and serial lines together.
 
 use std::fs::File;
 use std::io;
@@ -10,11 +10,11 @@ use tokio::io::unix::AsyncFd;
 
 use super::memory::Listener;
 
-/// What owns one descriptor for as long as it lives.
+/// Owner of one descriptor for its whole lifetime.
 pub trait OwnsDescriptor: AsRawFd + private::Sealed {}
 
 mod private {
-    /// Keeps the list of owners to those below.
+    /// Prevents implementations outside this module.
     pub trait Sealed {}
 }
 
@@ -23,10 +23,10 @@ macro_rules! owners {
 }
 owners!(File, TcpListener, TcpStream, UdpSocket, Listener);
 
-/// `inner` as tokio waits for it, inside a runtime. Its descriptor must be non-blocking.
+/// Registers `inner` with tokio; call inside a runtime. Its descriptor must be non-blocking.
 #[allow(unsafe_code)]
 pub fn watched<T: OwnsDescriptor>(inner: T, interest: Interest) -> io::Result<AsyncFd<T>> {
-    // SAFETY: each of the owners has one descriptor, which is open and the same until it is dropped with the result.
+    // SAFETY: each owner has one descriptor, which stays open and unchanged until it is dropped with the result.
     let watched = unsafe { AsyncFd::register_with_interest(inner, interest) };
     watched.map_err(Into::into)
 }

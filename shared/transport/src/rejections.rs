@@ -1,16 +1,15 @@
-//! Rejected peers.
+//! Counts of rejected peers.
 //!
-//! A session whose certificate has a name that is not admitted is known by the links of the session ([`follow`]). Zenoh 1.10
-//! reports the others in its log alone (crate `tracing`), from which a listener counts them:
+//! Sessions with a name that is not admitted are recognised by their links ([`follow`]). Zenoh 1.10 reports the
+//! following only in its log (crate `tracing`), which a subscriber evaluates:
 //!
-//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired. It has neither
-//!   transport nor link, so no event of `transport_events_listener` or `link_events_listener` comes of it;
+//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, or expired. It has
+//!   neither transport nor link, so neither `transport_events_listener` nor `link_events_listener` reports it;
 //! - a message of an admitted name on a key outside its rule, which the access control drops without any other trace.
 //!
-//! One more is noticed by [`PlaintextAttempts`]: a stream without TLS.
+//! [`PlaintextAttempts`] detects streams without TLS.
 //!
-//! The texts are those of the one version of zenoh that is built in; `deploy/tests/live/access.rs` fails when
-//! they change.
+//! The log texts are those of the zenoh version in use; `deploy/tests/live/access.rs` fails if they change.
 
 use std::cell::Cell;
 use std::fmt::{Debug, Write};
@@ -28,18 +27,16 @@ use zenoh::Wait;
 use zenoh::sample::SampleKind;
 use zenoh::session::LinkEvent;
 
-/// Refusals since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AccessRejections {
-    /// How many sessions and messages.
+    /// Total number of sessions and messages.
     pub count: u64,
     pub last: Option<AccessRejection>,
-    /// How many of each, in the order of [`AccessRejection::ALL`].
+    /// Number per reason in the order of [`AccessRejection::ALL`].
     each: [u64; AccessRejection::ALL.len()],
 }
 
 impl AccessRejections {
-    /// How many for this reason.
     pub fn of(&self, rejection: AccessRejection) -> u64 {
         let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
         at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
@@ -53,28 +50,27 @@ static COUNTED: Mutex<AccessRejections> = Mutex::new(AccessRejections {
 });
 static LISTENING: Once = Once::new();
 
-/// Rejections of this process since it listens.
 pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What counts the rejections, for a process that has a log of its own.
+/// Counting layer for a process with its own log.
 pub fn layer<S: Subscriber + for<'a> LookupSpan<'a>>() -> impl Layer<S> {
-    let says_so = |metadata: &Metadata<'_>| {
+    let is_rejection = |metadata: &Metadata<'_>| {
         metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
     };
-    Counter.with_filter(filter_fn(says_so))
+    Counter.with_filter(filter_fn(is_rejection))
 }
 
-/// Counts from now on; a process that has a log of its own keeps it.
+/// Starts counting; an existing log of the process is kept.
 pub fn listen() {
     LISTENING.call_once(|| {
         let _another = tracing::subscriber::set_global_default(tracing_subscriber::registry().with(layer()));
     });
 }
 
-/// Counts the links of a session whose certificate has none of the `admitted` names: its access rules deny all that comes
-/// over them.
+/// Counts the links of sessions whose certificate has none of the `admitted` names; the access rules reject all their
+/// messages.
 pub(super) fn follow(session: &zenoh::Session, admitted: Vec<String>) -> zenoh::Result<()> {
     let changed = move |event: LinkEvent| {
         let name = event.link().auth_identifier();
@@ -98,19 +94,18 @@ fn count(rejection: AccessRejection) {
     }
 }
 
-/// Where the middleware logs a rejection.
+/// Log target of rejected handshakes.
 const HANDSHAKES: &str = "zenoh_link_commons::quic";
 const RULES: &str = "zenoh::net::routing::interceptor::access_control";
 
 thread_local! {
-    /// The middleware works out beforehand what somebody may do with a key: nobody has tried it yet.
+    /// Set while the middleware precomputes permissions for a key, before anybody uses it.
     static BEFOREHAND: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What the text means.
-fn of(target: &str, text: &str) -> Option<AccessRejection> {
+fn rejection_in(target: &str, text: &str) -> Option<AccessRejection> {
     if target.starts_with(HANDSHAKES) {
-        // The middleware takes any failed handshake for a lack of open files.
+        // The middleware mistakes any failed handshake for a lack of file descriptors.
         if !text.contains("Hint: increase the system open file limit") {
             return None;
         }
@@ -144,16 +139,15 @@ fn of(target: &str, text: &str) -> Option<AccessRejection> {
     (put && tried).then_some(AccessRejection::Key)
 }
 
-/// Who comes to the same port over TCP: QUIC is a protocol over UDP, so nobody of ours does. Whoever knocks
-/// is counted and shut out.
+/// Connection attempts to the same port over TCP. QUIC runs over UDP, so no legitimate peer connects there; attempts
+/// are counted and closed.
 pub(super) struct PlaintextAttempts(TcpListener);
 
 impl PlaintextAttempts {
-    /// Looked at so many at once at most.
+    /// Maximum number of attempts handled per poll.
     const AT_ONCE: usize = 16;
 
-    /// At the endpoint with certificates, if there is one. A port that another program has over TCP is
-    /// that program's.
+    /// Listens at the endpoint with certificates, if there is one. A TCP port used by another program is left alone.
     pub(super) fn at(listen: &[String]) -> Option<PlaintextAttempts> {
         let address = listen.iter().find_map(|e| e.strip_prefix("quic/"))?;
         let address = address.split(['?', '#']).next()?;
@@ -161,12 +155,11 @@ impl PlaintextAttempts {
         listener.set_nonblocking(true).ok()?;
         Some(PlaintextAttempts(listener))
     }
-    /// Counts those who came since the last look; never waits.
     pub(super) fn poll(&self) {
         for _ in 0..Self::AT_ONCE {
             match self.0.accept() {
                 Ok(_shut_at_once) => count(AccessRejection::NotTls),
-                Err(_nobody) => break,
+                Err(_none_waiting) => break,
             }
         }
     }
@@ -190,7 +183,7 @@ impl<S: Subscriber> Layer<S> for Counter {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut text = Text(String::new());
         event.record(&mut text);
-        if let Some(rejection) = of(event.metadata().target(), &text.0) {
+        if let Some(rejection) = rejection_in(event.metadata().target(), &text.0) {
             count(rejection);
         }
     }
@@ -203,23 +196,26 @@ mod tests {
     #[test]
     fn access_rejections_with_cached_permissions() {
         let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
-        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
-        assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);
-        assert_eq!(of(RULES, put), None);
+        assert_eq!(rejection_in(RULES, put), Some(AccessRejection::Key));
         assert_eq!(
-            of(RULES, &format!("Using cached result: {put}")),
+            rejection_in(RULES, "ACL (ingress): caching permissions for `x` ..."),
+            None
+        );
+        assert_eq!(rejection_in(RULES, put), None);
+        assert_eq!(
+            rejection_in(RULES, &format!("Using cached result: {put}")),
             Some(AccessRejection::Key)
         );
         let last = "abc on drone-1 is unauthorized to Declare Liveliness Subscriber (ingress) on x";
-        assert_eq!(of(RULES, last), None);
-        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
+        assert_eq!(rejection_in(RULES, last), None);
+        assert_eq!(rejection_in(RULES, put), Some(AccessRejection::Key));
         assert_eq!(
-            of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
+            rejection_in(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
             None
         );
-        // Its link is counted.
+        // A peer without an admitted name is counted by its link instead.
         let unnamed =
             "abc did not match any configured ACL subject. Default permission `Deny` will be applied";
-        assert_eq!(of(RULES, unnamed), None);
+        assert_eq!(rejection_in(RULES, unnamed), None);
     }
 }

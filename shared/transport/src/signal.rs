@@ -1,4 +1,4 @@
-//! Signals: those that ask a process to end, and those that a test of faults sends to one.
+//! Termination signals, and signals sent to a process by fault tests.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};
@@ -9,36 +9,31 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::TransportError;
 
-/// Set by SIGTERM or SIGINT, for good: systemd sends SIGCONT right after SIGTERM.
+/// Set permanently by SIGTERM or SIGINT: systemd sends SIGCONT right after SIGTERM.
 static END: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
-    // Where iceoryx2 0.10.0 creates shared memory, it puts its handlers in the place of all others, once a process, whatever
-    // the mode of its nodes. So they are installed first, and those registered here stay and call them.
+    // When iceoryx2 0.10.0 creates shared memory, it replaces all signal handlers once per process in every node mode.
+    // If its handlers are installed first, the handlers registered here stay in place and call them.
     let asked = SignalHandler::termination_requested();
     let end = Arc::new(AtomicBool::new(asked));
     for signal in [SIGTERM, SIGINT] {
-        // It fails for signals alone that no program may catch.
+        // Fails only for signals that no program may catch.
         let _registered = signal_hook::flag::register(signal, Arc::clone(&end));
     }
     end
 });
 
-/// Whether the process was asked to end (SIGTERM or SIGINT), now or at any time since the first call.
+/// Whether the process was asked to end (SIGTERM or SIGINT) since the first call.
 pub fn end_requested() -> bool {
     END.load(Ordering::Relaxed)
 }
 
-/// What a test of faults sends to a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
-    /// SIGKILL.
     Kill,
-    /// SIGSTOP.
     Freeze,
-    /// SIGCONT.
     Continue,
 }
 
-/// Sends `signal` to the process `pid`.
 pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
     let doing = || format!("sending {signal:?} to process {pid}");
     let os_signal = match signal {
@@ -46,7 +41,7 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
         Signal::Freeze => OsSignal::StopExecution,
         Signal::Continue => OsSignal::Continue,
     };
-    // Zero and negative numbers mean groups of processes.
+    // Zero and negative numbers denote process groups.
     let id = i32::try_from(pid)
         .ok()
         .filter(|id| *id > 0)
@@ -65,7 +60,7 @@ mod tests {
     use std::process::Command;
     use std::time::Duration;
 
-    /// In the environment of the process that is asked to end.
+    /// Environment variable of the process under test.
     const ASKED: &str = "ALIGHT_TEST_END";
 
     #[test]
@@ -81,16 +76,16 @@ mod tests {
         let instance = Instance::new(&format!("end-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
-        // Here iceoryx2 installs its handlers.
+        // iceoryx2 installs its handlers here.
         let services = Services::create(&memory).unwrap();
         let span = Duration::from_millis(1);
         assert!(memory.wait(span));
         raise(SIGCONT).unwrap();
-        assert!(memory.wait(span), "another signal ends nothing");
+        assert!(memory.wait(span), "other signals do not end the process");
         raise(SIGTERM).unwrap();
         raise(SIGCONT).unwrap();
         for _ in 0..2 {
-            assert!(!memory.wait(span), "the end is not forgotten");
+            assert!(!memory.wait(span), "a request to end is kept");
         }
         drop((services, memory));
         instance.wipe().unwrap();

@@ -6,7 +6,6 @@ use alight_shared::bus::ReadCounts;
 use alight_shared::process::InputState;
 use alight_shared::topics::Topic;
 
-/// Statistics of one topic as one process reads it.
 #[derive(Clone, Debug)]
 pub struct InputStatistics {
     received: ReadCounts,
@@ -14,19 +13,16 @@ pub struct InputStatistics {
 }
 
 impl InputStatistics {
-    /// Nothing read yet.
     pub fn new(topic: &'static Topic) -> InputStatistics {
         InputStatistics {
             received: ReadCounts::of(topic),
             ages: Quantiles::default(),
         }
     }
-    /// A message was read.
     pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64, now_ns: i64) {
         self.received.count(order, at_ns);
         self.ages.add(now_ns.saturating_sub(at_ns) as f64 * 1e-9);
     }
-    /// The statistics now.
     pub fn state(&self, now_ns: i64) -> InputState {
         InputState {
             read_age_p50_s: self.ages.quantile(0.5),
@@ -36,29 +32,29 @@ impl InputStatistics {
     }
 }
 
-/// Longest time that is distinguished, us.
+/// Maximum distinguishable time, us.
 const MAX_US: u64 = 67_000_000;
 
-/// Quantiles of positive times to two digits, in bounded memory.
+/// Quantiles of positive times to two digits, with bounded memory.
 #[derive(Clone, Debug)]
 pub struct Quantiles(Option<Histogram<u32>>);
 
 impl Default for Quantiles {
     fn default() -> Self {
-        // The bounds are sound, so that there is always one.
+        // The bounds are valid, so this always succeeds.
         Quantiles(Histogram::new_with_bounds(1, MAX_US, 2).ok())
     }
 }
 
 impl Quantiles {
-    /// Counts a time, s. Below 1 us and above 67 s count as those.
+    /// Counts a time, s, clamped to 1 us and 67 s.
     pub fn add(&mut self, time_s: f64) {
         if let Some(histogram) = &mut self.0 {
             // `as` saturates and maps NaN to zero.
             histogram.saturating_record(((time_s * 1e6) as u64).clamp(1, MAX_US));
         }
     }
-    /// The `q` quantile, s; 0 when nothing was counted.
+    /// The `q` quantile, s; 0 if nothing was counted.
     pub fn quantile(&self, q: f64) -> f64 {
         self.0
             .as_ref()
@@ -74,7 +70,7 @@ mod tests {
     #[test]
     fn input_statistics_gaps_and_restarts() {
         let mut statistics = InputStatistics::new(&topics::PLAN);
-        // The third is lost, the fourth is overtaken, and one is of before the first.
+        // The third is lost, the fourth overtaken, and one is older than the first.
         let orders = [
             (1, 1),
             (1, 2),

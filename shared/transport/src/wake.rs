@@ -11,8 +11,8 @@ pub use crate::signal::end_requested;
 use crate::{TransportContext, TransportError};
 use alight_shared::plain::Plain;
 
-/// Calls `step` whenever one of `listeners` was woken, and at the latest `timeout` after the last
-/// time, as long as `step` says so and until the process is asked to end.
+/// Calls `step` whenever one of `listeners` wakes, and at the latest `timeout` after the last call, until `step`
+/// returns false or the process is asked to end.
 pub fn run(
     listeners: &[&Listener],
     timeout: Duration,
@@ -45,8 +45,8 @@ pub fn run(
     }
 }
 
-/// Joins the instance as `name` and calls `each` with the messages of one topic as they come, at the latest
-/// `timeout` after the last time, as long as `each` says so.
+/// Joins the instance as `name` and calls `each` with new messages of one topic, at the latest `timeout` after the last
+/// call, until `each` returns false.
 pub fn follow<T: Plain>(
     instance: &Instance,
     name: &str,

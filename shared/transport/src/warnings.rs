@@ -1,5 +1,5 @@
-//! Warnings and errors of iceoryx2: each is counted, and few of them are reported to people, because one that is about a
-//! peer may come with every message.
+//! Warnings and errors of iceoryx2. All are counted but only few are logged, because a warning about a peer may occur
+//! with every message.
 
 use std::fmt::Arguments;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,14 +10,12 @@ use tracing::warn;
 
 static COUNTED: AtomicU64 = AtomicU64::new(0);
 
-/// Warnings of this process since it listens.
 pub fn counted() -> u64 {
     COUNTED.load(Ordering::Relaxed)
 }
 
-/// Counts from now on.
 pub(super) fn listen() {
-    // It is set once a process.
+    // The logger can be set only once per process.
     let _again = set_logger(&Counter);
     set_log_level(LogLevel::Warn);
 }
@@ -27,7 +25,7 @@ struct Counter;
 impl Log for Counter {
     fn log(&self, _level: LogLevel, _origin: Arguments, text: Arguments) {
         let number = COUNTED.fetch_add(1, Ordering::Relaxed).saturating_add(1);
-        // The first, the second, the fourth: however many come, the journal has room for them.
+        // Only counts that are powers of two are logged, so that any number of warnings fits into the journal.
         if number.is_power_of_two() {
             warn!("shared memory: warning {number} of this process: {text}");
         }

@@ -1,33 +1,31 @@
-//! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits; the plant
-//! answers each with one line of JSON, which moves ArduPilot's clock to its `timestamp`.
+//! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits. The plant answers each
+//! packet with one line of JSON, which moves ArduPilot's clock to its `timestamp`.
 
 use std::fmt::Write;
 
 use super::{FirmwareConfig, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Port at which ArduPilot looks for a simulator.
+/// Default port of a simulator.
 pub const PORT: u16 = 9002;
-/// Exchanges a second. ArduCopter does not arm unless its gyroscopes are read 1.8 times in each of its 400
-/// loops a second, and reads them once an exchange.
+/// Exchange rate, Hz. ArduCopter arms only if its gyroscopes are read 1.8 times in each of its 400 loops per second,
+/// and it reads them once per exchange.
 pub const EXCHANGE_HZ: u32 = 800;
-/// Magic number of a packet with 16 and with 32 outputs.
+/// Magic numbers of packets with 16 and 32 outputs.
 const MAGIC: [(u16, usize); 2] = [(18458, 16), (29569, 32)];
-/// Outputs begin here.
+/// Offset of the outputs in a packet, bytes.
 const OUTPUTS_AT: usize = 8;
 
-/// A packet of servo outputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Servos {
-    /// Steps a second that ArduPilot would like.
+    /// Simulation steps per second that ArduPilot requests.
     pub rate_hz: u16,
-    /// Counts packets; a number that comes again is the same packet sent again.
+    /// Packet counter; a repeated number marks a retransmission.
     pub frame: u32,
-    /// Pulse widths, us.
     pub pwm_us: Vec<u16>,
 }
 
-/// Reads a packet; None for anything else.
+/// Parses a packet; None for anything else.
 pub fn servos(bytes: &[u8]) -> Option<Servos> {
     let u16_at = |at: usize| Some(u16::from_le_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));
     let magic = u16_at(0)?;
@@ -42,7 +40,7 @@ pub fn servos(bytes: &[u8]) -> Option<Servos> {
     })
 }
 
-/// Fractions of a rotor's maximum thrust; None with all off.
+/// Fractions of a rotor's maximum thrust; None if all motors are off.
 pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTORS]> {
     let [none, full] = config.pwm_us;
     let outputs: Vec<f64> = servos
@@ -53,9 +51,8 @@ pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTO
     motors(config, &outputs)
 }
 
-/// The plant's answer: newline, compact JSON, newline. ArduPilot adds its own sensors' noise. `start_s`
-/// is the true time at which its clock begins, s; positions are relative to its home, which is to be
-/// the datum.
+/// Answer of the plant: newline, compact JSON, newline. ArduPilot adds the noise of its sensors. `start_s` is the true
+/// time at which its clock starts, s; positions are relative to its home, which must be the datum.
 pub fn answer(truth: &PlantState, start_s: f64) -> String {
     let mut text = String::from("\n{");
     let list = |v: &[f64]| {

@@ -1,43 +1,42 @@
-//! The plant that a firmware flies.
+//! Configuration of the plant for a firmware.
 
 use alight_shared::config;
 
 use crate::physics::drone::MAX_ROTORS;
 
-/// Ticks of the world a second.
 const TICKS_HZ: u32 = 100;
 
 config! {
-    /// Motors and sensors between a firmware and the simulated drone. Position, sense and strength of the
-    /// rotors are the drone's own (`airframe`), numbered as PX4 numbers them.
+    /// Motors and sensors between a firmware and the simulated drone. Position, direction and strength of the rotors
+    /// are those of the drone (`airframe`), in PX4's numbering.
     pub struct FirmwareConfig {
-        /// Port at which the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
+        /// Port of the simulator that the firmware connects to; 0: default (PX4 TCP 4560, ArduPilot UDP 9002).
         pub port: u16 = 0;
-        /// Exchanges a second, a multiple of 100; 0: the firmware's usual (PX4 400, ArduPilot 800).
+        /// Exchanges per second, a multiple of 100; 0: the firmware's default (PX4 400, ArduPilot 800).
         pub exchange_hz: u32 = 0;
-        /// Which of the firmware's outputs turns which rotor: front right, rear left, front left, rear right; of a
-        /// hexarotor right, left, front left, rear right, front right, rear left.
-        /// Source: PX4 and ArduPilot both number them so.
+        /// Output of the firmware for each rotor: front right, rear left, front left, rear right; for a hexarotor
+        /// right, left, front left, rear right, front right, rear left.
+        /// Source: numbering of PX4 and ArduPilot.
         pub outputs: [usize; MAX_ROTORS] = [0, 1, 2, 3, 4, 5];
-        /// Share of the square in thrust over output.
+        /// Fraction of the quadratic term in the curve of thrust over output.
         /// Source: PX4's THR_MDL_FAC 0; ArduPilot: MOT_THST_EXPO 0.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
-        /// Below this share of thrust on all rotors the motors are off.
+        /// Fraction of maximum thrust below which, on all rotors, the motors are off.
         pub off_below: f64 = 0.01, in 0.0..=0.2;
-        /// Pulse widths that mean no and full thrust, us (ArduPilot).
+        /// Pulse widths of zero and full thrust, us (ArduPilot).
         /// Source: MOT_PWM_MIN, MOT_PWM_MAX.
         pub pwm_us: [f64; 2] = [1000.0, 2000.0], in 500.0..=2500.0;
         /// Magnetic field, NED, gauss.
-        /// Source: About 43.5 N 16.3 E (World Magnetic Model): declination 4.7 deg, inclination 60
-        /// deg.
+        /// Source: World Magnetic Model at about 43.5 N 16.3 E: declination 4.7 deg, inclination 60 deg.
         pub field_gauss: [f64; 3] = [0.235, 0.019, 0.409], in -1.0..=1.0;
         /// White noise of the magnetometer, gauss.
         pub magnetometer_gauss: f64 = 0.002, in 0.0..=0.1;
         /// White noise of the barometer, hPa.
         /// Chosen: 8 cm.
         pub barometer_hpa: f64 = 0.01, in 0.0..=1.0;
-        /// A firmware that does not answer within this time is not waited for, s.
-        /// Chosen: longer than a desktop computer is busy otherwise: meanwhile its motors would stay as they are.
+        /// Time to wait for a firmware's answer, s.
+        /// Chosen: longer than usual delays of a desktop computer, since the motors keep their commands after a
+        /// time-out.
         pub answer_timeout_s: f64 = 0.5, in 0.001..=10.0;
     }
     check |this, at| {
@@ -60,7 +59,7 @@ config! {
 }
 
 impl FirmwareConfig {
-    /// Exchanges in a tick of the world, for a firmware that usually wants `usual_hz`.
+    /// Number of exchanges per tick of the world, for a firmware whose default rate is `usual_hz`.
     pub fn exchanges(&self, usual_hz: u32) -> u32 {
         let hz = if self.exchange_hz == 0 {
             usual_hz

@@ -1,6 +1,6 @@
-//! PX4's simulator API: PX4 is the TCP client of port 4560; the plant sends `HIL_SENSOR` and `HIL_GPS`,
-//! PX4 answers with `HIL_ACTUATOR_CONTROLS` and waits for the next (lock-step). It answers where its rate
-//! loop ran: each sample, or every second or third, as its IMU_GYRO_RATEMAX has it.
+//! PX4's simulator API. PX4 is the TCP client of port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4 answers
+//! with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). It answers the samples at which its rate
+//! loop runs: each, or every second or third, by its IMU_GYRO_RATEMAX.
 
 use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -8,18 +8,16 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 use super::{FirmwareConfig, FirmwareSensors, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Port at which PX4 looks for a simulator.
+/// Default port of a simulator.
 pub const PORT: u16 = 4560;
-/// Exchanges a second.
 pub const EXCHANGE_HZ: u32 = 400;
-/// It answers at least every so many samples.
+/// Maximum number of samples per answer.
 const MAX_ANSWER_PERIOD: u64 = 4;
-/// Address that PX4's simulators use.
+/// MAVLink address of PX4's simulators.
 const US: Address = Address::new(1, 200);
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
 
-/// The plant's end of the conversation.
+/// The plant's end of the connection.
 pub struct Px4Plant {
     config: FirmwareConfig,
     sensors: FirmwareSensors,
@@ -27,16 +25,15 @@ pub struct Px4Plant {
     encoder: Encoder,
     outputs: Option<[f64; 16]>,
     answers: u64,
-    /// Time of the newest sample, us, and after the one before.
+    /// Time of the newest sample, us, and the interval before it.
     sampled_us: u64,
     period_us: u64,
-    /// Time of the sample that was answered last, us, and after the answered one before.
+    /// Time of the sample that was answered last, us, and the interval between answers.
     answered_us: u64,
     every_us: u64,
 }
 
 impl Px4Plant {
-    /// A plant for PX4.
     pub fn new(config: &FirmwareConfig, sensors: FirmwareSensors) -> Px4Plant {
         Px4Plant {
             config: config.clone(),
@@ -51,8 +48,7 @@ impl Px4Plant {
             every_us: 0,
         }
     }
-    /// Messages of the sensors, `rate_hz` times a second: the GNSS first, for the sample that follows is
-    /// what PX4 goes on with.
+    /// Sensor messages, `rate_hz` times per second. The GNSS fix is first, because PX4 continues at the sample.
     pub fn encode_sensors(&mut self, truth: &PlantState, rate_hz: f64) -> Vec<u8> {
         let fix = self.sensors.fix(truth).map(MavlinkMessage::HilGps);
         let sample = self.sensors.sample(truth, rate_hz);
@@ -65,7 +61,7 @@ impl Px4Plant {
         }
         bytes
     }
-    /// Bytes from PX4; true when they held its motors.
+    /// Decodes bytes from PX4; returns true if they contained motor outputs.
     pub fn decode(&mut self, bytes: &[u8]) -> bool {
         self.decoder.push(bytes);
         let before = self.answers;
@@ -89,25 +85,24 @@ impl Px4Plant {
         }
         self.answers > before
     }
-    /// An answer to the newest sample is to be waited for: as many went without one as before the last.
+    /// Whether an answer to the newest sample is due, by the previous interval between answers.
     pub fn due(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= self.every_us
     }
-    /// It answers no sample as seldom as this: it is busy, not on its way to the next sample.
+    /// Whether the answer is later than the longest interval of PX4: it is busy, not on its way to the next sample.
     pub fn is_overdue(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }
-    /// Motors as received last.
+    /// Motor commands received last.
     pub fn motors(&self) -> Option<[f64; MAX_ROTORS]> {
         self.outputs.and_then(|o| motors(&self.config, &o))
     }
-    /// PX4 is gone.
+    /// Handles the loss of PX4's connection.
     pub fn lost(&mut self) {
         self.outputs = None;
         self.decoder = Decoder::default();
         (self.answered_us, self.every_us) = (0, 0);
     }
-    /// Answers so far.
     pub fn answers(&self) -> u64 {
         self.answers
     }

@@ -1,4 +1,4 @@
-//! A firmware's inertial sensors, magnetometer, barometer and GNSS.
+//! Inertial sensors, magnetometer, barometer and GNSS of a firmware.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geodesy::Datum;
@@ -11,16 +11,16 @@ use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::{Stream, Streams};
 
-/// Inertial noise is configured per sample of this rate, Hz.
+/// Rate to whose samples the configured inertial noise applies, Hz.
 const PER_HZ: f64 = 100.0;
-/// Temperature and pressure at sea level of the standard atmosphere, K and hPa.
+/// Temperature (K) and pressure (hPa) of the standard atmosphere at sea level.
 const SEA_LEVEL_K: f64 = 288.15;
 const SEA_LEVEL_HPA: f64 = 1013.25;
-/// Lapse rate, K/m, and exponent `g M / (R L)` of its pressure.
+/// Temperature gradient of the standard atmosphere, K/m, and the exponent `g M / (R L)` of its pressure.
 const LAPSE: f64 = 0.0065;
 const EXPONENT: f64 = 5.255_88;
 
-/// The sensors, each with the noise that the simulated autopilot's have.
+/// Sensors with the noise of the simulated autopilot's.
 pub struct FirmwareSensors {
     config: FirmwareConfig,
     navigation: NavigationConfig,
@@ -35,7 +35,7 @@ pub struct FirmwareSensors {
 }
 
 impl FirmwareSensors {
-    /// Sensors sampled `rate_hz` times a second; NED begins at `datum`.
+    /// Sensors sampled `rate_hz` times per second; `datum` is the origin of NED.
     pub fn new(
         config: &FirmwareConfig,
         navigation: &NavigationConfig,
@@ -63,7 +63,7 @@ impl FirmwareSensors {
         }
     }
 
-    /// Inertial sensors, magnetometer and barometer; `rate_hz` samples a second.
+    /// Sample of inertial sensors, magnetometer and barometer at `rate_hz`.
     pub fn sample(&mut self, truth: &PlantState, rate_hz: f64) -> HilSensor {
         let n = &self.navigation;
         let denser = (rate_hz / PER_HZ).sqrt();
@@ -92,7 +92,6 @@ impl FirmwareSensors {
         }
     }
 
-    /// The GNSS, when it is due.
     pub fn fix(&mut self, truth: &PlantState) -> Option<HilGps> {
         let n = &self.navigation;
         let due = self
@@ -122,16 +121,16 @@ impl FirmwareSensors {
     }
 }
 
-/// Whole microseconds since the start; a firmware's clock does not begin at zero.
+/// Microseconds since the start, with an offset, since a firmware's clock does not start at zero.
 fn micros(t: Time<TrueTime>) -> u64 {
     1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
 }
 
-/// Pressure of the standard atmosphere at a height, m.
+/// Pressure of the standard atmosphere at a height in metres.
 fn pressure_hpa(height_m: f64) -> f64 {
     SEA_LEVEL_HPA * (1.0 - LAPSE * height_m / SEA_LEVEL_K).max(0.1).powf(EXPONENT)
 }
-/// Height of a pressure, the inverse.
+/// Inverse of [`pressure_hpa`], m.
 fn altitude_m(pressure_hpa: f64) -> f64 {
     SEA_LEVEL_K / LAPSE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }

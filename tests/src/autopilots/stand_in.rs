@@ -23,7 +23,7 @@ pub fn servo_packet(frame: u32, outputs: [f64; MAX_ROTORS]) -> Vec<u8> {
     packet
 }
 
-/// The plant's line, read as ArduPilot does; None where a key is missing.
+/// Parses the plant's line as ArduPilot does; None if a key is missing.
 pub fn read_line(line: &str) -> Option<PlantState> {
     let after = |key: &str| line.split_once(key).map(|(_, text)| text);
     let list = |key: &str| -> Option<Vec<f64>> {
@@ -43,7 +43,7 @@ pub fn read_line(line: &str) -> Option<PlantState> {
     })
 }
 
-/// PX4's answer to the sample of `time_us`: its motors, each 0 to 1.
+/// PX4's answer to the sample of `time_us`: motor outputs, each 0 to 1.
 pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Vec<u8> {
     let mut controls = [0.0; 16];
     controls.iter_mut().zip(outputs).for_each(|(c, u)| *c = u);
@@ -57,7 +57,7 @@ pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Ve
         .unwrap_or_default()
 }
 
-/// Place of a fix, NED about `origin`, m.
+/// Position of a fix, NED about `origin`, m.
 pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
     let at = Datum::new(
         fix.latitude.to_degrees(),
@@ -67,13 +67,13 @@ pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
     origin.to::<TrueNed>(&at).0
 }
 
-/// Draws what a poor estimator believes to a fix at `place`.
+/// Correction step of a simple estimator: moves `believed` towards a fix at `place`.
 pub fn correct(believed: &mut PlantState, fix: &HilGps, place: Vector3<f64>, gain: f64) {
     believed.position += (place - believed.position) * gain;
     believed.velocity += (Vector3::from(fix.velocity) - believed.velocity) * gain;
 }
 
-/// Takes it a sample further, `dt` s.
+/// Prediction step of a simple estimator over one sample of `dt` s.
 pub fn advance(believed: &mut PlantState, sample: &HilSensor, dt: f64) {
     believed.rates = sample.gyro.into();
     believed.specific_force = sample.accelerometer.into();

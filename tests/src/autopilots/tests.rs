@@ -1,5 +1,5 @@
-//! A small firmware of our own at the other end of both protocols: takes off from the pad, hovers,
-//! lands on the deck. And the protocols' bytes.
+//! A small stand-in for a firmware at the other end of both protocols, which takes off from the pad, hovers, and lands
+//! on the deck; and tests of the protocols' bytes.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_uav::autopilot::message::MavlinkMessage;
@@ -14,11 +14,11 @@ use crate::harness::scenario::Scenario;
 use crate::physics::drone::{MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
 use crate::physics::sea::SeaConfig;
 
-/// Exchanges in a tick, and a second.
+/// Number of exchanges per tick, and per second.
 const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;
 
-/// Rotor outputs (linear in thrust) that fly to `place`: position, attitude and rate loops in cascade.
+/// Rotor outputs (linear in thrust) for a flight to `place`: cascaded position, attitude and rate loops.
 fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTORS] {
     let g = DroneGeometry::default();
     let along = (place - b.position).map(|e| e.clamp(-2.0, 2.0));
@@ -47,7 +47,7 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTO
     out
 }
 
-/// Takes off, flies above the deck, hovers, lands: where to, how fast down, whether motors run.
+/// Takes off, flies above the deck, hovers and lands. Returns destination and descent speed, or None with motors off.
 fn plan(t_s: f64, start: &Vector3<f64>, deck: &Vector3<f64>, grounded: bool) -> Option<(Vector3<f64>, f64)> {
     let above = deck - Vector3::z() * 4.0;
     match t_s {
@@ -73,7 +73,7 @@ fn calm() -> Scenario {
     s
 }
 
-/// Flies the plan; `exchange` is one slice of the protocol with the firmware behind it.
+/// Flies the plan; `exchange` is one exchange of the protocol with the firmware.
 fn fly(
     mut physics: Physics,
     mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; MAX_ROTORS]>,
@@ -97,7 +97,7 @@ fn fly(
             impact = impact.max(touch.normal_mps);
         }
     }
-    assert!(touched, "it never met the deck");
+    assert!(touched, "no contact with the deck");
     let off = physics.drone(0).unwrap_or_default().position.0 - physics.deck().position.0;
     (hover, impact, off.xy().norm())
 }
@@ -108,20 +108,21 @@ fn ardupilot_plant_take_off_hover_and_landing() {
     let c = FirmwareConfig::default();
     let (mut frame, mut grounded) = (0_u32, false);
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
-        // The plant's line, read as ArduPilot would.
         let line = ardupilot::answer(truth, 0.0);
         assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
         let b = stand_in::read_line(&line).expect("each key");
         grounded |= t_s > 20.0 && b.velocity.norm() < 0.05 && b.specific_force.norm() > 9.0;
         let u = plan(t_s, start, deck, grounded).map_or([0.0; MAX_ROTORS], |(p, v)| outputs(&b, &p, v));
-        // Its servos, as bytes.
         frame += 1;
         let servos = ardupilot::servos(&stand_in::servo_packet(frame, u)).expect("a packet");
         assert_eq!(servos.frame, frame);
         ardupilot::rotors(&c, &servos)
     });
     assert!(hover < 0.3, "hover within {hover} m");
-    assert!((0.05..1.2).contains(&impact), "met the deck at {impact} m/s");
+    assert!(
+        (0.05..1.2).contains(&impact),
+        "contact with the deck at {impact} m/s"
+    );
     assert!(off < 0.5, "{off} m from the deck's centre");
 }
 
@@ -129,7 +130,7 @@ fn ardupilot_plant_take_off_hover_and_landing() {
 fn px4_plant_take_off_hover_and_landing() {
     let scenario = calm();
     let streams = crate::physics::streams::Streams::new(3);
-    // Good sensors: the stand-in's estimator is a poor one.
+    // Good sensors, since the stand-in's estimator is simple.
     let navigation = NavigationConfig {
         gnss_bias_m: 0.0,
         gnss_noise_m: 0.02,
@@ -168,7 +169,7 @@ fn px4_plant_take_off_hover_and_landing() {
                         answer = Some(stand_in::motor_answer(s.time_us, u, wanted.is_some()));
                     }
                 }
-                _ => panic!("PX4 knows no such message of a simulator"),
+                _ => panic!("PX4 does not accept this message from a simulator"),
             }
         }
         if let Some(a) = answer {
@@ -178,7 +179,10 @@ fn px4_plant_take_off_hover_and_landing() {
     });
     assert!((340..=352).contains(&fixes), "{fixes} fixes in 35 s");
     assert!(hover < 0.6, "hover within {hover} m");
-    assert!((0.05..1.5).contains(&impact), "met the deck at {impact} m/s");
+    assert!(
+        (0.05..1.5).contains(&impact),
+        "contact with the deck at {impact} m/s"
+    );
     assert!(off < 0.8, "{off} m from the deck's centre");
 }
 
@@ -209,7 +213,8 @@ fn px4_plant_with_every_second_sample_answered() {
             ));
         }
     }
-    // Each; one that does not come, and is not waited for in whole; every second; silent, and after four waited for.
+    // PX4 answers each sample; misses one, which delays only briefly; answers every second; is silent, and is due after
+    // four.
     assert_eq!(wanted[7], (true, false));
     assert_eq!(wanted[8], (true, false));
     assert_eq!(
@@ -233,7 +238,7 @@ fn drone_without_a_firmware_on_its_pad() {
         });
     }
     assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
-    // It was not flown, which does not mean that its motors were stopped above the deck.
+    // An idle mission does not mean that the motors were stopped above the deck.
     let mission = alight_shared::msg::MissionState::default();
     assert!(physics.observation(0, &mission).motors_on);
     assert!((physics.drone(0).unwrap_or_default().position.0 - before).norm() < 1e-9);
@@ -246,7 +251,7 @@ fn exchange_rates_of_the_firmwares() {
         exchange_hz,
         ..FirmwareConfig::default()
     };
-    // ArduCopter does not arm below 1.8 readings of its gyroscopes in each of 400 loops a second.
+    // ArduCopter does not arm with fewer than 1.8 gyroscope readings in each of 400 loops per second.
     assert!(f64::from(hz(0).exchanges(ardupilot::EXCHANGE_HZ)) / TICK.secs() > 1.8 * 400.0);
     assert_eq!(hz(0).exchanges(400), EXCHANGES_PER_TICK);
     assert_eq!(hz(1000).exchanges(400), 10);

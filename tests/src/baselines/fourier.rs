@@ -2,21 +2,18 @@
 
 use core::f64::consts::TAU;
 
-/// Points of the transform; shorter records are filled up with zeros.
+/// Number of points of the transform; shorter records are zero-padded.
 pub(super) const POINTS: usize = 1024;
 
-/// A line of the spectrum.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Peak {
-    /// Hz.
     pub frequency: f64,
-    /// In the record's unit.
+    /// Amplitude in the unit of the record.
     pub amplitude: f64,
 }
 
-/// Lines of `record` (evenly spaced, `rate` per second) between two frequencies, strongest first:
-/// local maxima, placed between bins by a parabola through the logarithms of three of them. At most
-/// `POINTS` values are used.
+/// Spectral lines of `record` (evenly spaced, `rate` per second) between two frequencies, strongest first: local
+/// maxima, located between bins by a parabola through the logarithms of three of them. Uses at most [`POINTS`] values.
 pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Peak> {
     let n = record.len().min(POINTS);
     if n < 8 {
@@ -59,7 +56,7 @@ pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Pea
     found
 }
 
-/// In place, length a power of two (Cooley and Tukey 1965).
+/// In-place transform of a length that is a power of two (Cooley and Tukey 1965).
 fn transform(z: &mut [[f64; 2]]) {
     let n = z.len();
     let mut j = 0;

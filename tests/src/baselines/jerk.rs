@@ -1,65 +1,62 @@
-//! One axis of MPC-NE: a triple integrator whose jerk is chosen, with a barrier in height.
+//! One axis of MPC-NE: a triple integrator with the jerk as input, and a barrier in height.
 
 use nalgebra::{SMatrix, SVector};
 
-/// Stages of the horizon.
 pub const STAGES: usize = 10;
-/// Newton steps at most; the problems without barrier need one or two.
+/// Maximum number of Newton steps; problems without a barrier need one or two.
 const NEWTON_STEPS: usize = 12;
-/// Halvings of a step at most.
+/// Maximum number of halvings of a step.
 const HALVINGS: usize = 8;
-/// Cost of passing a limit by one unit, squared: more than a barrier is worth.
+/// Cost of exceeding a limit by one unit, squared; larger than that of the barrier.
 const LIMIT_WEIGHT: f64 = 5000.0;
 
-/// One value per stage.
 pub type PerStage = [f64; STAGES];
 
-/// Problem of one axis.
+/// Optimisation problem of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisProblem {
-    /// Position, velocity, acceleration now: m, m/s, m/s².
+    /// Present position, velocity and acceleration: m, m/s, m/s².
     pub start: [f64; 3],
-    /// Jerk applied now, m/s³.
+    /// Present jerk, m/s³.
     pub previous: f64,
-    /// Positions wanted, m.
+    /// Wanted positions, m.
     pub position: PerStage,
-    /// Velocities wanted, m/s; limits of velocity are relative to them.
+    /// Wanted velocities, m/s, to which the velocity limit is relative.
     pub velocity: PerStage,
     /// S: weights of position and velocity error.
     pub weight: [f64; 2],
     /// T: weight of the jerk's increments.
     pub increment_weight: f64,
-    /// Soft limits: velocity against the wanted, acceleration, jerk.
+    /// Soft limits: velocity relative to the wanted one, acceleration, jerk.
     pub limit: [f64; 3],
 }
 
-/// `weight_k f(deck_k - z_k)`: what the deck's tilt costs at a height over it.
+/// `weight_k f(deck_k - z_k)`: cost of the deck's tilt at a height above it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Barrier {
     /// `alpha_L (roll² + pitch²)` at each stage.
     pub weight: PerStage,
-    /// z of the drone standing on the deck at each stage, m.
+    /// z of a drone that stands on the deck, at each stage, m.
     pub contact: PerStage,
-    /// h_d: where the barrier stands, m.
+    /// h_d: height of the barrier, m.
     pub height_m: f64,
 }
 
-/// `f(z)` of Gupta et al. and its first two derivatives: 1 from h_d down to just above the deck, 0
-/// far above and on it.
+/// `f(z)` of Gupta et al. and its first two derivatives: 1 from h_d down to just above the deck, 0 far above it and on
+/// it.
 pub fn shape(height: f64, stands_at: f64) -> (f64, f64, f64) {
     let (x, width) = if height >= 0.16 {
         ((height - stands_at) / 0.15, -0.15)
     } else {
         (-(height - 0.1) / 0.01, 0.01)
     };
-    // 1 / (1 + e^x), derivative by height f (1 - f) / width.
+    // 1 / (1 + e^x), whose derivative with respect to height is f (1 - f) / width.
     let f = 1.0 / (1.0 + x.clamp(-60.0, 60.0).exp());
     let slope = f * (1.0 - f) / width;
     (f, slope, slope * (1.0 - 2.0 * f) / width)
 }
 
-/// Responses of position, velocity and acceleration to a unit of jerk held over one step, by stages
-/// since.
+/// Responses of position, velocity and acceleration to a unit jerk held over one step, by the number of stages since.
 #[derive(Clone, Copy, Debug)]
 pub struct JerkAxis {
     step: f64,
@@ -67,7 +64,6 @@ pub struct JerkAxis {
 }
 
 impl JerkAxis {
-    /// For a step, s.
     pub fn new(step: f64) -> Self {
         let h = step;
         let by = |k: usize| {
@@ -80,7 +76,7 @@ impl JerkAxis {
         }
     }
 
-    /// `[p, v, a]` after holding a jerk for `t`.
+    /// `[p, v, a]` after a jerk held for `t`.
     pub fn roll([p, v, a]: [f64; 3], jerk: f64, t: f64) -> [f64; 3] {
         [
             p + t * (v + t * (0.5 * a + t * jerk / 6.0)),
@@ -89,7 +85,6 @@ impl JerkAxis {
         ]
     }
 
-    /// The states after each stage.
     pub fn states(&self, start: [f64; 3], jerk: &PerStage) -> [[f64; 3]; STAGES] {
         let mut x = start;
         jerk.map(|u| {
@@ -116,8 +111,8 @@ impl JerkAxis {
         sum
     }
 
-    /// The jerks of minimum cost: Newton's method from `guess` with the convex part of the Hessian and
-    /// a halving line search, so the cost never rises. Gives the steps taken, too.
+    /// Jerks of minimum cost, by Newton's method from `guess` with the convex part of the Hessian and a halving line
+    /// search, so that the cost never rises. Also returns the number of steps.
     pub fn solve(
         &self,
         problem: &AxisProblem,
@@ -181,7 +176,7 @@ impl JerkAxis {
             bend[1] += b;
             (slope[2], bend[2]) = over(x[2], problem.limit[1]);
             if let Some(b) = barrier {
-                // Height falls as z grows.
+                // Height decreases as z increases.
                 let (_, first, second) = shape(b.contact[k] - x[0], b.height_m);
                 slope[0] -= b.weight[k] * first;
                 bend[0] += (b.weight[k] * second).max(0.0);
@@ -273,7 +268,7 @@ mod tests {
         }
     }
 
-    /// Flies the first step of each solve for `seconds`.
+    /// Flies the first step of each solution for `seconds`.
     fn fly(weight: f64, seconds: usize) -> f64 {
         let axis = JerkAxis::new(0.1);
         let (mut problem, barrier) = falling(weight, 3.0);

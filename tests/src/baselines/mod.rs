@@ -1,12 +1,12 @@
-//! Baselines: what others would fly, by the same mission, pilot and success rule.
+//! Baseline planners, flown with the same mission, pilot and success criteria.
 //!
-//! | planner | knows the deck by | predicts it by | descends |
+//! | planner | deck from | prediction by | descent |
 //! |---|---|---|---|
 //! | `mpc` | tag, radio, wave model | the predictor | at the mission's speed, no attitude alignment |
-//! | `mpc-ne` ([`mpc_ne`]) | tag | Fourier modes and a Kalman filter ([`modes`]), 1 s | when predicted tilt lets it |
+//! | `mpc-ne` ([`mpc_ne`]) | tag | Fourier modes and a Kalman filter ([`modes`]), 1 s | when the predicted tilt permits it |
 //!
-//! Each is a [`Law`] of the flight planner. What the predictor may use and which of the mission's parameters differ is
-//! in [`settings`].
+//! Each is a [`Law`] of the flight planner. [`settings`] has the sources that the predictor may use, and the mission's
+//! parameters that differ.
 
 mod fourier;
 pub mod jerk;
@@ -27,13 +27,13 @@ use mpc_ne::MpcNe;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Baseline {
-    /// The paper's MPC without attitude alignment: weights do not change with clearance.
+    /// The paper's MPC without attitude alignment: the weights do not depend on clearance.
     Mpc,
-    /// Gupta et al. 2023: lands when its own prediction of the tilt allows it.
+    /// Gupta et al. 2023: lands when its prediction of the tilt permits it.
     MpcNe,
 }
 
-/// The law of `mpc`: nothing of its own.
+/// Law of `mpc`, which changes nothing.
 #[derive(Debug)]
 struct Mpc;
 impl Law for Mpc {}
@@ -41,14 +41,13 @@ impl Law for Mpc {}
 impl Baseline {
     pub const ALL: [Baseline; 2] = [Baseline::Mpc, Baseline::MpcNe];
 
-    /// The name on the command line and in tables.
+    /// Name on the command line and in tables.
     pub const fn name(&self) -> &'static str {
         match self {
             Baseline::Mpc => "mpc",
             Baseline::MpcNe => "mpc-ne",
         }
     }
-    /// Law of the baseline.
     pub fn law(&self, planner: &PlannerConfig, drone: &DroneGeometry) -> Box<dyn Law> {
         match self {
             Baseline::Mpc => Box::new(Mpc),

@@ -1,6 +1,6 @@
-//! The deck as MPC-NE knows it (Gupta et al. 2023, section III): each of heave, roll and pitch is a
-//! constant plus undamped oscillators at the frequencies of a Fourier transform of the tag's pose,
-//! tracked by a linear Kalman filter. Surge and sway have no modes: the place drifts.
+//! Deck motion model of MPC-NE (Gupta et al. 2023, section III): each of heave, roll and pitch is a constant plus
+//! undamped oscillators at the frequencies of a Fourier transform of the tag's pose, tracked by a linear Kalman filter.
+//! Surge and sway have no modes: the position drifts.
 
 use alight_shared::msg::DeckStage;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -9,41 +9,36 @@ use std::collections::VecDeque;
 
 use super::fourier::{self, POINTS};
 
-/// Detections per second.
 const RATE_HZ: f64 = 30.0;
-/// Oscillators of a degree of freedom at most.
 pub const MODES: usize = 4;
-/// States of a filter: offset, then sine and cosine part of each mode.
+/// Number of filter states: offset, and sine and cosine part of each mode.
 const N: usize = 1 + 2 * MODES;
-/// Degrees of freedom with modes: heave (z), roll, pitch.
+/// Number of degrees of freedom with modes: heave (z), roll, pitch.
 const WAVY: usize = 3;
-/// Modes of less than this are noise: m, rad, rad.
+/// Amplitude below which modes are noise: m, rad, rad.
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
-/// Frequencies looked for, Hz.
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
-/// The record begins again after a gap longer than this, s.
+/// Gap after which the record starts again, s.
 const GAP_S: f64 = 2.0;
-/// Samples kept at most.
 const KEPT: usize = POINTS;
-/// Length of the record that is transformed, and the shortest, s.
+/// Length of the record for the transform, and minimum length, s.
 const WINDOW_S: f64 = 20.0;
 const MIN_S: f64 = 10.0;
-/// Frequencies are estimated again this often, s.
 const REFRESH_S: f64 = 1.0;
-/// Modes smaller than this fraction of the largest are dropped.
+/// Amplitude relative to the largest mode below which modes are dropped.
 const GATE: f64 = 0.15;
-/// Time constant of the filter of place and drift, s. Surge and sway have no modes: a second ahead is where this
-/// velocity leads.
+/// Time constant of the filter for position and drift, s. Surge and sway have no modes, so that this velocity alone
+/// predicts them a second ahead.
 const PLACE_S: f64 = 0.15;
 
 /// Standard deviations of a filter, m or rad.
 #[derive(Clone, Copy, Debug)]
 struct Noise {
-    /// Standard deviation of a measurement.
     sd: f64,
     /// Random walk of a mode's states after 1 s.
     walk: f64,
-    /// Random walk of the offset after 1 s. The authors' is constant; here heave's has to follow the drift of the odometry.
+    /// Random walk of the offset after 1 s. The authors' offset is constant; here that of heave must follow the drift
+    /// of the odometry.
     offset_walk: f64,
 }
 const TILT: Noise = Noise {
@@ -51,7 +46,6 @@ const TILT: Noise = Noise {
     walk: 0.03,
     offset_walk: 0.0005,
 };
-/// Noise of heave, roll, pitch.
 const NOISE: [Noise; WAVY] = [
     Noise {
         sd: 0.03,
@@ -62,7 +56,7 @@ const NOISE: [Noise; WAVY] = [
     TILT,
 ];
 
-/// A degree of freedom: offset and oscillators.
+/// A degree of freedom with offset and oscillators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wavy {
     omega: [f64; MODES],
@@ -82,7 +76,7 @@ impl Wavy {
         }
         Wavy { omega, modes, x, p }
     }
-    /// Each oscillator turns by `omega dt`: `[s, c]' = [c, -s] omega`, so that `s` is the motion.
+    /// Transition matrix: each oscillator rotates by `omega dt`, `[s, c]' = [c, -s] omega`, so that `s` is the motion.
     fn turn(&self, dt: f64) -> SMatrix<f64, N, N> {
         let mut a = SMatrix::identity();
         for (m, omega) in self.omega.iter().enumerate().take(self.modes) {
@@ -133,12 +127,12 @@ struct Sample {
     value: [f64; WAVY],
 }
 
-/// Prediction of the deck by MPC-NE.
+/// Deck as predicted by MPC-NE.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Predicted {
-    /// Centre: north, east, down, m.
+    /// Position of the centre: north, east, down, m.
     pub position: [f64; 3],
-    /// m/s.
+    /// Velocity of the centre, m/s.
     pub velocity: [f64; 3],
     /// `roll² + pitch²`, rad².
     pub tilt_squared: f64,
@@ -149,22 +143,21 @@ pub struct Predicted {
 pub struct SpectralModes {
     record: VecDeque<Sample>,
     wavy: Option<[Wavy; WAVY]>,
-    /// North and east: place and drift.
+    /// North and east: position and drift.
     place: Option<[[f64; 2]; 2]>,
     analysed: Option<Time<DroneClock>>,
 }
 
 impl SpectralModes {
-    /// Modes are known: the record was long enough.
+    /// Whether modes are known, after a long enough record.
     pub fn ready(&self) -> bool {
         self.analysed.is_some()
     }
 
-    /// Takes a detection.
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
-            // Half a tick early is on time.
+            // A detection that is early by half a tick is on time.
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
             Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
             Some(_) | None => {
@@ -183,7 +176,7 @@ impl SpectralModes {
         for (i, w) in wavy.iter_mut().enumerate() {
             w.update(dt, value[i], &NOISE[i]);
         }
-        // A critically damped filter of second order (Benedict and Bordner 1962).
+        // A critically damped second-order filter (Benedict and Bordner 1962).
         let theta = (-dt / PLACE_S).exp();
         let place = self
             .place
@@ -199,7 +192,7 @@ impl SpectralModes {
         self.analyse(at);
     }
 
-    /// Estimates the frequencies again, once per `refresh_s`, and runs the filters over the record.
+    /// Estimates the frequencies once per [`REFRESH_S`], and runs the filters over the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
@@ -268,12 +261,12 @@ impl SpectralModes {
         out
     }
 
-    /// The deck's level without the waves (NED z), m.
+    /// Mean level of the deck without the waves (NED z), m.
     pub fn level(&self) -> Option<f64> {
         self.wavy.as_ref().map(|[z, ..]| z.x[0])
     }
 
-    /// The deck at a time; None before the first detection.
+    /// Predicted deck at `t`; None before the first detection.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Predicted> {
         let (wavy, place, last) = (self.wavy.as_ref()?, self.place?, self.record.back()?);
         let ahead = (t - last.at).secs();

@@ -1,25 +1,25 @@
-//! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and
-//! turbulent open waters", RA-L 8(2), 2023 (arXiv 2301.00255), the baseline of the paper.
+//! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and turbulent open
+//! waters", RA-L 8(2), 2023 (arXiv 2301.00255), which is the paper's baseline.
 //!
 //! - The drone is a point mass with heading, 11 states `[x x' x'' y y' y'' z z' z'' eta eta']`, inputs
-//!   jerk and heading acceleration; the axes share nothing ([`super::jerk`]).
-//! - `J = sum e' S e + du' T du + alpha_L f(z~) (roll² + pitch²)`, roll and pitch those predicted of
-//!   the deck, `z~` the height over it, 1 s ahead.
-//! - There is no rule of descent: the reference is the deck itself, and the tilt's cost is a barrier
-//!   some way above it that opens while the predicted tilt is near zero.
-//! - The deck is known by the tag alone ([`super::modes`]). Its pose is the present stage of the
+//!   jerk and heading acceleration; the axes are independent ([`super::jerk`]).
+//! - `J = sum e' S e + du' T du + alpha_L f(z~) (roll² + pitch²)`, with the predicted roll and
+//!   pitch of the deck and the height `z~` above it, 1 s ahead.
+//! - There is no descent rule: the reference is the deck itself, and the cost of tilt is a barrier
+//!   above it, which opens while the predicted tilt is near zero.
+//! - The deck's motion comes from the tag alone ([`super::modes`]). Its pose is the present stage of the
 //!   forecast, at 30 Hz while the tag is detected, from a predictor that uses neither radio nor wave
-//!   model meanwhile ([`super::settings`]): at least as good as the tag itself.
-//! - It does not align its heading: the heading stays, its rate decays (the minimiser of
-//!   `S eta'² + T du²` for a double integrator without a place to be).
+//!   model meanwhile ([`super::settings`]). That is at least as accurate as the tag itself.
+//! - It does not align its heading: the heading rate decays (the minimiser of
+//!   `S eta'² + T du²` for a double integrator without a target angle).
 //!
-//! Published are the structure, h_d about 1.2 m, J1 about 10 e_z² (figure 4, read off), a peak of the barrier of about
-//! 610 and waiting at about 1.8 m. S, T, alpha_L, limits and what [`super::modes`] has are not: ours, found by hand at
-//! Moderate (0.5 m, 5 s; published 95 %, 0.5 m, 34.5 s, 0.7 m/s) on seeds 100 to 111 and 300 to 311: 14 of 24 landed,
-//! 0.44 m, 29 s, 0.72 m/s; on seeds that had no part in the choice (500 to 511) 2 of 12, 0.56 m, 35 s, 0.61 m/s.
-//! Position, time and speed are as published, success is not: the last 0.7 to 1.5 s are without vision, and the position
-//! continues at the velocity that sway had then, up to 1 m/s from the deck's. On the way to the vessel the common planner
-//! flies.
+//! Published are the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak of about 610, and
+//! a waiting height of about 1.8 m. S, T, alpha_L, the limits and the parameters of [`super::modes`] are not published.
+//! They are tuned by hand at Moderate (0.5 m, 5 s; published 95 %, 0.5 m, 34.5 s, 0.7 m/s) on seeds 100 to 111 and 300
+//! to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On seeds that were not used for tuning (500 to 511): 2 of 12, 0.56
+//! m, 35 s, 0.61 m/s. Position, time and speed match the publication, success does not: vision is lost for the last 0.7
+//! to 1.5 s, and the predicted position continues at the velocity that sway had then, up to 1 m/s from the deck's. The
+//! common planner flies on the way to the vessel.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -36,28 +36,29 @@ use nalgebra::Vector3;
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
 use super::modes::{Predicted, SpectralModes};
 
-/// S, horizontal: position (1/m²) and velocity (s²/m²), and soft limits of speed (against the deck), acceleration and jerk.
+/// S, horizontal: position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the deck), acceleration and
+/// jerk.
 const HORIZONTAL: ([f64; 2], [f64; 3]) = ([100.0, 30.0], [3.0, 5.0, 40.0]);
 /// S, vertical: weights and soft limits.
 const VERTICAL: ([f64; 2], [f64; 3]) = ([10.0, 6.0], [0.6, 4.0, 30.0]);
-/// T: increments of jerk.
+/// T: weight of jerk increments.
 const INCREMENT_WEIGHT: f64 = 0.02;
 /// alpha_L, 1/rad².
 const TILT_WEIGHT: f64 = 8000.0;
-/// h_d: height of the barrier over the deck, m.
+/// h_d: height of the barrier above the deck, m.
 const BARRIER_M: f64 = 1.2;
-/// The reference below the deck, so that contact is pressed home, m.
+/// Depth of the reference below the deck, m, which ensures contact.
 const PRESS_M: f64 = 0.3;
-/// A tag older than this is no measurement, s.
+/// Maximum age of a detection, s.
 const FRESH_S: f64 = 0.1;
-/// Time between stages, s: 1 s ahead in all.
+/// Time between stages, s: a horizon of 1 s.
 const STEP_S: f64 = 0.1;
-/// No plan asks for more than this along an axis, whatever it begins with, m/s².
+/// Maximum acceleration of a plan along an axis, whatever its start, m/s².
 const LARGEST_MPS2: f64 = 8.0;
-/// The heading's rate decays with this time constant, s.
+/// Time constant with which the heading's rate decays, s.
 const TURNING_S: f64 = 0.5;
 
-/// Position, velocity and acceleration of the three axes, heading and its rate.
+/// Position, velocity and acceleration of the three axes; heading and its rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Body {
     axes: [[f64; 3]; 3],
@@ -65,7 +66,7 @@ struct Body {
     yaw_rate: f64,
 }
 
-/// A trajectory: exact at any time.
+/// A trajectory, exact at any time.
 #[derive(Clone, Copy, Debug)]
 struct SolvedPlan {
     at: Time<DroneClock>,
@@ -74,7 +75,7 @@ struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// The body and the jerk at a time; after the end at constant velocity.
+    /// Body and jerk at a time; constant velocity after the end.
     fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
         let since = (t - self.at).secs().max(0.0);
         let whole = ((since / STEP_S + 1e-6).floor() as usize).min(STAGES);
@@ -103,7 +104,7 @@ impl SolvedPlan {
     }
 }
 
-/// The planner while it follows and lands.
+/// State of the planner while it follows and lands.
 #[derive(Clone, Debug)]
 pub struct MpcNe {
     reset: Reset,
@@ -111,12 +112,12 @@ pub struct MpcNe {
     feet: f64,
     modes: SpectralModes,
     solved: Option<SolvedPlan>,
-    /// Height over the deck that it keeps while no descent is permitted, m.
+    /// Height above the deck that it keeps while no descent is permitted, m.
     held_m: Option<f64>,
 }
 
 impl Law for MpcNe {
-    /// Takes the present stage as a detection, while the tag is detected.
+    /// Takes the present stage as a detection while the tag is detected.
     fn observe(
         &mut self,
         _drone: Option<&DroneState>,
@@ -152,14 +153,12 @@ impl Law for MpcNe {
             .filter(|_| flies(mission.state))
             .and_then(|f| self.plan(now, mission, f));
         if plan.is_none() {
-            // Another planner flies now.
             self.solved = None;
         }
         plan
     }
 }
 
-/// Whether it flies in this mission state.
 fn flies(mode: Mode) -> bool {
     match mode.phase() {
         Phase::Follow | Phase::Landing => true,
@@ -168,7 +167,7 @@ fn flies(mode: Mode) -> bool {
 }
 
 impl MpcNe {
-    /// A law that knows nothing.
+    /// A law without a record or a plan.
     pub fn new(reset: &Reset, drone: &DroneGeometry) -> Self {
         MpcNe {
             reset: *reset,
@@ -180,7 +179,7 @@ impl MpcNe {
         }
     }
 
-    /// Whether its last trajectory is fresh and the drone near it.
+    /// Whether its last trajectory is fresh and the drone close to it.
     fn goes_on(&self, now: Time<DroneClock>, drone: Option<&DroneState>) -> bool {
         let (Some(solved), Some(drone)) = (&self.solved, drone) else {
             return false;
@@ -196,7 +195,7 @@ impl MpcNe {
             && wrap_angle(measured[5] - then.yaw).abs() <= r.yaw_deg.to_radians()
     }
 
-    /// Begins from a state of the common planner; `down` its vertical acceleration, m/s².
+    /// Starts from a state of the common planner; `down` is its vertical acceleration, m/s².
     pub fn begin(&mut self, now: Time<DroneClock>, s: &ModelState, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
         self.solved = Some(SolvedPlan {
@@ -213,7 +212,7 @@ impl MpcNe {
         });
     }
 
-    /// The next trajectory. None without a beginning or a detection.
+    /// Next trajectory; None before [`Self::begin`] or a detection.
     pub fn plan(
         &mut self,
         now: Time<DroneClock>,
@@ -225,11 +224,11 @@ impl MpcNe {
         let deck = self.deck(now, forecast)?;
         let landing = mission.state.phase() == Phase::Landing && self.modes.ready();
         let contact = deck.map(|d| d.position[2] - self.feet);
-        // The mean height of the deck is the filter's constant; the mission's height is above it.
+        // The mean height of the deck is the filter's constant, above which the mission's height counts.
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
-        // Not permitted to descend: no nearer to the deck than it was when that began. The present
-        // height, asked for again in each solve, would follow every downward stroke of the deck.
+        // Without permission to descend it keeps the height at which that began. The present height, updated in each
+        // solution, would follow every downward stroke of the deck.
         let waits = landing && !(mission.descent_mps > 0.0);
         let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
         self.held_m = held;
@@ -275,7 +274,7 @@ impl MpcNe {
         Some(plan)
     }
 
-    /// The deck at the stages; before the first detection the forecast's place and heave.
+    /// Deck at the stages; before the first detection the forecast's position and heave.
     fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {
@@ -314,7 +313,7 @@ impl MpcNe {
             let push = Vector3::new(x[2], y[2], z[2] - GRAVITY);
             let (phi, theta) = tilt_of(&push.normalize(), body.yaw);
             let (sin, cos) = body.yaw.sin_cos();
-            // Tilt about north and east follows the acceleration.
+            // The tilt about north and east follows the acceleration.
             let (about_north, about_east) = (jerk[1] / GRAVITY, -jerk[0] / GRAVITY);
             let _ = plan.stages.push(PlanStage {
                 position: [x[0], y[0], z[0]],

@@ -1,5 +1,5 @@
-//! Behaviour of each baseline on known decks.
-// Helpers of tests may panic, as tests do.
+//! Tests of each baseline on decks with known motion.
+// Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use alight_shared::config::{Check, Keys};
@@ -18,7 +18,7 @@ fn at(t: f64) -> Time<DroneClock> {
     Time::from_secs(t)
 }
 
-/// A forecast made at `t` of the deck `deck`, with the tag detected `tag_age_s` ago.
+/// A forecast at `t` of the deck `deck`, with a tag detection `tag_age_s` ago.
 fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
     let mut f = DeckForecast {
         header: Header::new(1, 1, 1, 0, at(t)),
@@ -42,7 +42,6 @@ fn permits(state: State, descent_mps: f64) -> MissionState {
     }
 }
 
-/// A drone at rest at a place.
 fn resting(position: [f64; 3]) -> Start {
     let [n, e, d] = position;
     [n, e, d, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -65,7 +64,7 @@ fn configurations_of_every_planner() {
     }
 }
 
-/// A deck that heaves by 0.4 m in 5 s and rolls by `roll` rad.
+/// A deck that heaves by 0.4 m with a period of 5 s and rolls by `roll` rad.
 fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
     move |t| {
         let (s, c) = (core::f64::consts::TAU / 5.0 * t).sin_cos();
@@ -97,8 +96,7 @@ fn deck_modes_prediction_from_the_tag_alone() {
     assert!(worst.0 < 0.06 && worst.1 < 0.015, "{worst:?}");
 }
 
-/// Lets MPC-NE fly its own plans over a rocking deck; its height over the deck at the end, and the
-/// minimum on the way, m.
+/// Flies MPC-NE's own plans over a rocking deck. Returns the final and the minimum height above the deck, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
     let mut ne = MpcNe::new(&config.reset, &drone);
@@ -118,7 +116,6 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
             begun = true;
         }
         let mut plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
-        // The planner's own stamp.
         plan.header.at = at(t);
         let stage = plan.sample(at(t + 0.02)).unwrap();
         let (p, v) = (stage.position, stage.velocity);
@@ -135,13 +132,13 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
 fn mpc_ne_over_tilting_and_steep_decks() {
     let (_, min) = mpc_ne_over(0.03, State::Descent, 1.0);
     assert!(min < 0.0, "never down: {min}");
-    // 0.5 rad: never level for long enough.
+    // At 0.5 rad the deck is never level for long enough.
     let (_, min) = mpc_ne_over(0.5, State::Descent, 1.0);
     assert!(min > 0.8, "through the barrier: {min}");
-    // Not permitted.
+    // Without permission to descend.
     let (_, min) = mpc_ne_over(0.0, State::Descent, 0.0);
     assert!(min > 4.0, "sank without permission: {min}");
-    // Following, at 7 m.
+    // Tracking at 7 m.
     let (end, _) = mpc_ne_over(0.0, State::TrackingStable, 0.0);
     assert!((end - 7.0).abs() < 1.2, "{end}");
 }

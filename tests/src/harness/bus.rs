@@ -1,6 +1,7 @@
-//! The bus in lock-step: a ring of a topic's newest messages, as many as shared memory holds, and a place in it for each reader.
+//! Bus in lock-step. Each topic has a ring with its newest messages, as many as shared memory holds, and each reader
+//! its own position in the ring.
 //!
-//! Between a row and the bus a [`Wrapper`] may stand: what a fault makes of its messages, or a defect that a storm has to find.
+//! A [`Wrapper`] between a row and the bus changes messages: it injects a fault, or a defect that a storm must find.
 
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
@@ -12,42 +13,38 @@ use alight_shared::bus::{self, Bus, ReadCounts, Reader, Writer};
 use alight_shared::plain::Plain;
 use alight_shared::process::{InputState, ProcessKind};
 
-/// A topic's newest messages.
 struct Ring<M> {
-    /// Messages sent so far.
     sent: u64,
     newest: VecDeque<M>,
 }
 
-/// Change of messages on their way. It is given the clock of who reads, or the stamp of what is written, ns.
+/// Changes messages on their way. Arguments: the reader's clock or the stamp of the written message (ns), and the
+/// messages.
 pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
-/// Place for a wrapper.
 type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
-/// On which way of a row's messages a wrapper stands.
+/// Direction of a row's messages that a wrapper changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum BusSide {
-    /// Messages that it reads.
     Read,
-    /// Messages that it writes.
     Written,
 }
 
-/// State that the ports of one computer have in common, each made when the first asks for it.
+/// State shared by the ports of one computer; each entry is made on first use.
 #[derive(Default)]
 struct Shared {
     rings: BTreeMap<TypeId, Rc<dyn Any>>,
     places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
-/// The bus of one computer, as one of its rows sees it, or somebody outside.
+/// Bus of one computer, as used by one of its rows or by an outside observer.
 #[derive(Clone, Default)]
 pub struct LockStep {
     shared: Rc<RefCell<Shared>>,
     row: Option<ProcessKind>,
 }
 
-/// The value of this type that an entry holds, which is made on first use.
+/// The entry's value of type `T`, made on first use.
 fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
     Rc::clone(made)
         .downcast()
@@ -55,14 +52,14 @@ fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
 }
 
 impl LockStep {
-    /// The bus as this row sees it.
+    /// The bus as used by this row.
     pub fn of(&self, row: ProcessKind) -> LockStep {
         LockStep {
             shared: Rc::clone(&self.shared),
             row: Some(row),
         }
     }
-    /// Stands between a row and the bus from now on, replacing an earlier wrapper; the row may be restarted meanwhile.
+    /// Installs a wrapper between a row and the bus, in place of an earlier one; it survives a restart of the row.
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
@@ -94,14 +91,14 @@ impl LockStep {
         };
         typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
-    /// A port that cannot fail to open.
+    /// A sender, whose opening cannot fail.
     pub fn sender<M: Plain>(&self) -> LockStepSender<M> {
         LockStepSender {
             ring: self.ring(),
             place: self.place(BusSide::Written),
         }
     }
-    /// A port that cannot fail to open: what is sent from now on.
+    /// A receiver of the messages sent from now on; its opening cannot fail.
     pub fn receiver<M: Plain>(&self) -> Receiver<M> {
         let ring = self.ring();
         let read = ring.borrow().sent;
@@ -136,7 +133,7 @@ impl Bus for LockStep {
     }
 }
 
-/// Whether a topic brought something.
+/// Reports whether a topic has new messages.
 pub struct LockStepWake {
     sent: Box<dyn Fn() -> u64>,
     counted: u64,
@@ -158,7 +155,7 @@ impl<M: Plain> LockStepSender<M> {
     fn put(&self, message: M) {
         let mut ring = self.ring.borrow_mut();
         if ring.newest.len() == M::TOPIC.buffer {
-            // Who has not read it has missed it.
+            // A reader that has not read this message misses it.
             ring.newest.pop_front();
         }
         ring.newest.push_back(message);
@@ -182,14 +179,13 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
 
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
-    /// Number read of the messages sent so far.
+    /// Number of messages read, out of those sent.
     read: u64,
     received: ReadCounts,
     place: Place<M>,
 }
 
 impl<M: Plain> Receiver<M> {
-    /// Takes what has not been read yet.
     fn take<T>(&mut self, taken: impl FnOnce(&mut dyn Iterator<Item = &M>) -> T) -> T {
         let ring = self.ring.borrow();
         let new = usize::try_from(ring.sent - self.read).unwrap_or(usize::MAX);

@@ -1,4 +1,4 @@
-//! The drone's cameras in lock-step: images rendered and delivered late, the edge of its rows.
+//! The drone's cameras in lock-step: images are rendered and delivered late. They are the edge of the drone's rows.
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
@@ -12,10 +12,8 @@ use crate::sensors::night::NightConfig;
 use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::render::{Renderer, Shot};
 
-/// Most images under way at a time.
 const MAX_UNDER_WAY: usize = 256;
 
-/// A camera's link: what is exposed arrives late.
 struct ImageDelay {
     latency: Span,
     line: DelayLine<Shot>,
@@ -28,7 +26,6 @@ impl ImageDelay {
             line: DelayLine::new(MAX_UNDER_WAY),
         }
     }
-    /// The images that have arrived by `t`, rendered now.
     fn frames(
         &mut self,
         t: Time<TrueTime>,
@@ -36,7 +33,7 @@ impl ImageDelay {
         mut render: impl FnMut(&Shot) -> Option<GreyImage>,
     ) -> CameraIn {
         for shot in shots {
-            // A full line loses the newest image, no more.
+            // A full line drops the newest image.
             let _full = self.line.push(shot.t + self.latency, *shot);
         }
         let frame = |shot: Shot| {
@@ -52,10 +49,10 @@ impl ImageDelay {
     }
 }
 
-/// Exposure and gain by night, set by the drone's metering.
+/// Exposure and gain by night, which the drone's metering sets.
 struct NightExposure {
     metering: Metering,
-    /// Images begun and images metered so far.
+    /// Number of exposures begun; `metered` counts the images that were metered.
     begun: u64,
     metered: u64,
 }
@@ -63,7 +60,7 @@ struct NightExposure {
 impl NightExposure {
     fn new(night: &NightConfig, longest_s: f64) -> NightExposure {
         let [exposure_s, gain] = night.ranges(longest_s);
-        // As it was by day.
+        // The setting by day.
         let start = Setting {
             exposure_s: exposure_s.low,
             gain: gain.low,
@@ -80,7 +77,7 @@ impl NightExposure {
             at_limit: self.metering.at_limit(),
         }
     }
-    /// These images as the camera is set to take them.
+    /// Applies the present exposure and gain to `shots`.
     fn set(&mut self, shots: &[Shot]) -> Vec<Shot> {
         self.begun += shots.len() as u64;
         let Setting { exposure_s, gain } = self.metering.setting();
@@ -91,7 +88,7 @@ impl NightExposure {
         };
         shots.iter().map(set).collect()
     }
-    /// Images have been looked at; the newest shows this light.
+    /// Meters the light of the newest of `images` processed images.
     fn meter(&mut self, images: usize, light: &Light) {
         if images > 0 {
             self.metered += images as u64;
@@ -100,21 +97,20 @@ impl NightExposure {
     }
 }
 
-/// The belly camera with its way.
 struct Belly {
     renderer: Renderer,
     delay: ImageDelay,
     night: Option<NightExposure>,
 }
 
-/// The belly camera and the ultraviolet one, each with its way, where images take the place of the measurement models.
+/// The belly and ultraviolet cameras with their links, when images replace the measurement models.
 pub struct SimulatedCameras {
     belly: Option<Belly>,
     ultraviolet: Option<(Ultraviolet, ImageDelay)>,
 }
 
 impl SimulatedCameras {
-    /// The cameras of a seed; None where measurement models stand for both.
+    /// The cameras of a seed; None when measurement models replace both.
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
@@ -142,7 +138,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// The belly camera's images that have arrived by `t`, of which these were begun now.
+    /// Images of the belly camera that have arrived by `t`; exposures of `shots` begin now.
     pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();
@@ -155,13 +151,12 @@ impl SimulatedCameras {
         let exposed = belly.night.as_ref().map(NightExposure::exposed);
         CameraIn { exposed, ..input }
     }
-    /// So many of them were looked at, and the newest shows this light.
+    /// Meters the light of the newest of `images` processed images.
     pub fn metered(&mut self, images: usize, light: &Light) {
         if let Some(night) = self.belly.as_mut().and_then(|b| b.night.as_mut()) {
             night.meter(images, light);
         }
     }
-    /// Images of the ultraviolet camera.
     pub fn ultraviolet(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         (self.ultraviolet.as_mut()).map_or_else(CameraIn::default, |(camera, delay)| {
             delay.frames(t, shots, |shot| camera.image(shot))

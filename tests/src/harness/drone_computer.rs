@@ -18,6 +18,7 @@ use super::scenario::{NodeConfigs, Scenario};
 use super::tap::Tap;
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::radio::{ChannelCounts, Session};
+use crate::sensors::bytes::boat::RECEIVER;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
 use alight_bridge::{BridgeConfig, Packet};
@@ -177,7 +178,7 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
             drone_id: DRONE_ID + k as u32,
             ..nodes.bridge.clone()
         },
-        autopilot: scenario.sensors.wired(&nodes.autopilot, "its own"),
+        autopilot: scenario.sensors.wired(&nodes.autopilot, RECEIVER),
         drone,
     }
 }
@@ -460,7 +461,7 @@ impl SimulatedDroneComputer {
         self.step_bridge((t, now), packets, reports_status, tap);
         if self.linked.is_some() {
             self.receive_from_autopilot((t, now), physics, tap);
-            self.sense((t, now), physics);
+            self.sense((t, now), physics, tap);
             self.step_predictor((t, now), physics, foresight, tap);
             self.plans
                 .arrived(t)

@@ -1,8 +1,9 @@
-//! The simulated ends of rows' edges.
+//! Simulated ends of the rows' edges.
 
 use alight_shared::bus::{Bus, Edge, Ports as _, Wired};
 
-/// An edge of two closures: it adds to an input, and takes from an output what goes outside before the bus has it.
+/// An edge of two closures: one adds to the row's input, the other takes from its output, before the bus, what leaves
+/// the computer.
 struct Ends<R, W>(R, W);
 
 impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for Ends<R, W> {
@@ -15,7 +16,7 @@ impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for 
     }
 }
 
-/// The edge of a row of `N` that reads and writes so.
+/// The edge of a row of `N` with these two closures.
 pub(super) fn edge<N: Wired>(
     read: impl FnMut(&mut N::In),
     write: impl FnMut(&N::In, &mut N::Out),

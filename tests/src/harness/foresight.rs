@@ -1,16 +1,17 @@
-//! Forecasts with a part of the truth, for an error budget: what is left of the errors is not that part's.
+//! Forecasts in which a part is replaced by the truth, for an error budget: the remaining error does not come from that
+//! part.
 //!
-//! With the forecast `^`, the truth `*` and the error of the odometry's position `d` and velocity `e`, in whose frame the
+//! Notation: `^` forecast, `*` truth, `d` and `e` the error of the odometry's position and velocity, in whose frame the
 //! drone flies:
 //!
-//! | part | the deck's place `t` ahead |
+//! | part | deck position `t` ahead |
 //! |---|---|
-//! | [`TruePart::Motion`] | `p^(0) + p*(t) - p*(0) + e t`: our state now, true motion from now on |
-//! | [`TruePart::State`] | `p^(t) + (p*(0) + d - p^(0))`, and what the velocity is wrong by, which fades: true state, our modes |
+//! | [`TruePart::Motion`] | `p^(0) + p*(t) - p*(0) + e t`: estimated state, true motion |
+//! | [`TruePart::State`] | `p^(t) + (p*(0) + d - p^(0))`, and the velocity error, which decays: true state, predicted motion |
 //! | [`TruePart::Whole`] | `p*(t) + d + e t` |
-//! | [`TruePart::Contact`] | that of the motion for half a second, ours from a second on |
+//! | [`TruePart::Contact`] | true motion for half a second, blended into the forecast at one second |
 //!
-//! and its attitude likewise.
+//! The attitude is treated likewise.
 
 use std::collections::VecDeque;
 
@@ -27,23 +28,22 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 
-/// The true motion is known for so long before a contact, s.
+/// Horizon of true motion before a contact, s.
 const CONTACT_S: f64 = 0.5;
-/// Ticks between the present and the furthest moment that is asked for: a forecast of 4 s that is up to 0.1 s old.
+/// Ticks to the end of the longest forecast: 4 s, at an age of up to 0.1 s.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
-/// The world's sea and vessel, so many ticks ahead of the world; drones move no deck. A course that a descent changes is not
-/// known to it.
+/// The world's sea and vessel, ahead of the world by [`AHEAD`] ticks. Drones do not move its deck, and it does not know
+/// a course that a descent changes.
 pub(super) struct Foresight {
     config: ForesightConfig,
     ahead: Physics,
-    /// One state a tick, the oldest that of `from`.
+    /// One state per tick; the oldest is that of `from`.
     states: VecDeque<RigidState<Deck>>,
     from: Time<TrueTime>,
 }
 
 impl Foresight {
-    /// From the world's beginning.
     pub(super) fn new(
         scenario: &Scenario,
         config: &ForesightConfig,
@@ -57,7 +57,7 @@ impl Foresight {
             ahead,
         })
     }
-    /// Looks on from `t`.
+    /// Extends the states so that they begin at `t`.
     pub(super) fn look(&mut self, t: Time<TrueTime>) {
         while self.from < t && self.states.pop_front().is_some() {
             self.from += TICK;
@@ -67,7 +67,7 @@ impl Foresight {
             self.states.push_back(self.ahead.deck());
         }
     }
-    /// Makes the configured part of `forecast` true, in a frame whose odometry is wrong by `odometry`.
+    /// Replaces the configured part of `forecast` by the truth; `odometry` is the error of the frame.
     pub(super) fn correct(&self, forecast: &mut DeckForecast, clock: &ClockModel, odometry: &OdometryError) {
         let state = |k: usize| {
             let t = clock.true_time(forecast.header.at + forecast.step * k as i64);
@@ -98,7 +98,7 @@ impl Foresight {
     }
 }
 
-/// By how much the odometry is wrong: position, m, and velocity, m/s.
+/// Error of the odometry: position, m, and velocity, m/s.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OdometryError {
     position: Vector3<f64>,
@@ -106,7 +106,7 @@ pub(super) struct OdometryError {
 }
 
 impl OdometryError {
-    /// The truth is of `now`, `drone` of when it was measured.
+    /// `truth` is at `now`, `drone` at its time of measurement.
     pub(super) fn of(drone: &DroneState, now: Time<DroneClock>, truth: &RigidState<DroneBody>) -> Self {
         let since = (now - drone.header.at).secs();
         let then = truth.velocity.0 - truth.acceleration.0 * since;
@@ -118,7 +118,7 @@ impl OdometryError {
     }
 }
 
-/// A true state as a stage, in a frame that is off by `offset` (m) and drifts by `drift`, m/s.
+/// A true state as a stage, in a frame with the offset `offset` (m) and the drift `drift` (m/s).
 fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
     let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
     DeckStage {
@@ -131,14 +131,14 @@ fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64
     }
 }
 
-/// The present as it is and as the drone takes it to be.
+/// Present state of the deck: true, and as the drone estimates it.
 struct Now {
     truth: DeckStage,
     own: DeckStage,
 }
 
 impl Now {
-    /// The stage `own`, `t` seconds ahead, with this part true.
+    /// The stage `own`, `t` seconds ahead, with this part replaced by the truth.
     fn corrected(&self, part: TruePart, own: &DeckStage, truth: &DeckStage, t: f64) -> DeckStage {
         match part {
             TruePart::Motion => self.moved(truth),
@@ -150,7 +150,7 @@ impl Now {
             }
         }
     }
-    /// The true motion from where the drone takes the deck to be now: `R(t) = R^(0) R*(0)^-1 R*(t)`.
+    /// True motion from the estimated present state: `R(t) = R^(0) R*(0)^-1 R*(t)`.
     fn moved(&self, truth: &DeckStage) -> DeckStage {
         let attitude = |s: &DeckStage| {
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(s.rotation()))
@@ -166,8 +166,8 @@ impl Now {
             ..*truth
         }
     }
-    /// The predicted motion from the true present: what it begins wrong by stays of a place and an angle, and fades of a
-    /// rate, as the prediction lets it.
+    /// Predicted motion from the true present state: an initial error of position or angle persists, one of a rate
+    /// decays as it does in the prediction.
     fn begun(&self, own: &DeckStage, t: f64) -> DeckStage {
         let fades = (-t / FADE_S).exp();
         let gone = FADE_S * (1.0 - fades);
@@ -201,7 +201,7 @@ impl Now {
     }
 }
 
-/// `own` with the degrees of freedom of `config` as `wanted` has them: surge and sway along its heading.
+/// `own` with the degrees of freedom of `config` taken from `wanted`; surge and sway are along its heading.
 fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckStage {
     let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), own.euler[2]);
     let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));
@@ -249,9 +249,9 @@ mod tests {
             own: stage(1.2),
         };
         let (own, truth) = (stage(2.0), stage(2.5));
-        let of = |part, t| now.corrected(part, &own, &truth, t);
-        assert!(distance(&of(TruePart::Whole, 1.0), &truth) < 1e-12);
-        // The present is the truth's where the state is, and the drone's where the motion is.
+        let corrected = |part, t| now.corrected(part, &own, &truth, t);
+        assert!(distance(&corrected(TruePart::Whole, 1.0), &truth) < 1e-12);
+        // At `t` = 0 `State` yields the true state, `Motion` the drone's estimate.
         assert!(
             distance(
                 &now.corrected(TruePart::State, &now.own, &now.truth, 0.0),
@@ -264,8 +264,13 @@ mod tests {
                 &now.own
             ) < 1e-12
         );
-        assert!(distance(&of(TruePart::Contact, 0.4), &of(TruePart::Motion, 0.4)) < 1e-12);
-        assert!(distance(&of(TruePart::Contact, 1.1), &own) < 1e-12);
+        assert!(
+            distance(
+                &corrected(TruePart::Contact, 0.4),
+                &corrected(TruePart::Motion, 0.4)
+            ) < 1e-12
+        );
+        assert!(distance(&corrected(TruePart::Contact, 1.1), &own) < 1e-12);
     }
 
     #[test]

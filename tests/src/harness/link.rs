@@ -1,4 +1,4 @@
-//! A drone's simulated autopilot and the wire to the computer's link, byte by byte.
+//! A drone's simulated autopilot, and the wire between it and the computer's link, byte by byte.
 
 use std::collections::VecDeque;
 
@@ -16,15 +16,14 @@ use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Checkpoint of a crashed predecessor for its successor.
+/// Whether a process that restarts finds the checkpoint of its crashed predecessor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Checkpoints {
-    /// The predecessor's checkpoint.
     Kept,
     Lost,
 }
 
-/// One way of the wire: bytes arrive in order, after a delay that varies.
+/// One direction of the wire: bytes arrive in order, after a varying delay.
 pub struct Wire {
     delay: Span,
     jitter: Span,
@@ -45,9 +44,8 @@ impl Wire {
             encoder: Encoder::default(),
         }
     }
-    /// Puts a message onto the wire.
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
-        // What the dialect does not know is not sent.
+        // Messages that the dialect does not have are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };
@@ -58,7 +56,7 @@ impl Wire {
             .map_or(arrival, |(last, _)| arrival.max(*last));
         self.under_way.push_back((arrival, bytes));
     }
-    /// Bytes that have arrived by `t`; none where the cable is out.
+    /// Bytes that have arrived by `t`; none while the cable is disconnected.
     fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<MavlinkFrame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
@@ -68,24 +66,23 @@ impl Wire {
     }
 }
 
-/// The autopilot and both ends of the wire.
 pub struct LinkedAutopilot {
     pub autopilot: SimulatedAutopilot,
-    /// The cable is out.
+    /// The cable is disconnected.
     pub cut: bool,
-    /// To the link.
+    /// From the autopilot to the link.
     pub up: Wire,
     down: Wire,
-    /// Set-points, modes and orders to arm or disarm that the link has sent.
+    /// Number of set-points, mode changes and arm or disarm commands that the link has sent.
     pub commanded: u32,
-    /// Fraction of its thrust that the first rotor lacks, and that all lack.
+    /// Thrust loss of the first rotor, and of all rotors, 0 to 1.
     weak: [f64; 2],
-    /// The drone is lighter by this fraction of its weight.
+    /// Lost fraction of the drone's weight.
     lighter: f64,
 }
 
 impl LinkedAutopilot {
-    /// The wire's delays come from the streams `link.up` and `link.down`.
+    /// The wire's delays have the random streams `link.up` and `link.down`.
     pub fn new(
         config: &AutopilotConfig,
         streams: &Streams,
@@ -101,7 +98,6 @@ impl LinkedAutopilot {
             lighter: 0.0,
         }
     }
-    /// So much fails of it from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
         let (faults, autopilot) = (&failing.autopilot, &mut self.autopilot);
         (self.cut, self.weak) = (faults.cut, failing.weak);
@@ -118,11 +114,10 @@ impl LinkedAutopilot {
         autopilot.remote_control_lost = faults.remote_control_lost;
         autopilot.data_link_lost = faults.data_link_lost;
     }
-    /// The drone has lost this fraction of its weight.
     pub(super) fn lighten(&mut self, fraction: f64) {
         self.lighter = fraction.clamp(0.0, 0.5);
     }
-    /// A turn of the autopilot: rotor commands for the drone's true state; None: motors off.
+    /// Steps the autopilot: rotor commands for the drone's true state, or None while motors are off.
     pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let arrived = self.down.received(truth.at, self.cut);
         let arrived: Vec<_> = arrived.into_iter().map(|f| f.message).collect();
@@ -132,11 +127,10 @@ impl LinkedAutopilot {
         }
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
-    /// Bytes that have arrived at the link by `t`.
+    /// Frames that have arrived at the link by `t`.
     pub fn received(&mut self, t: Time<TrueTime>) -> Vec<MavlinkFrame> {
         self.up.received(t, self.cut)
     }
-    /// Sends the link's output.
     pub fn send(&mut self, t: Time<TrueTime>, out: &AutopilotOut) {
         for message in &out.messages {
             self.commanded += u32::from(commands(message));
@@ -145,7 +139,7 @@ impl LinkedAutopilot {
     }
 }
 
-/// Whether it makes the autopilot do something.
+/// Whether the message commands the autopilot.
 fn commands(message: &MavlinkMessage) -> bool {
     match message {
         MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => true,

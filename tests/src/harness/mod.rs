@@ -1,4 +1,4 @@
-//! The world in lock-step with the nodes, one landing in it, its judge, and its observers.
+//! The world in lock-step with the nodes: one landing, its judge and its observers.
 
 pub mod bus;
 pub mod cameras;
@@ -16,5 +16,5 @@ pub mod storm;
 pub mod tap;
 pub mod trace;
 pub mod trial;
-mod vessel_computer;
+pub mod vessel_computer;
 pub mod world;

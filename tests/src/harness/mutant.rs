@@ -1,5 +1,5 @@
-//! Mutants: what a node of ours would do with a defect that a storm has to find. Each is a wrapper between one row and the bus in
-//! lock-step, never in the program that flies.
+//! Mutants: nodes with a defect that a storm must find. Each is a wrapper between one row and the bus in lock-step, and
+//! never in the program that flies.
 
 use core::cell::Cell;
 use std::rc::Rc;
@@ -17,43 +17,40 @@ use serde::Serialize;
 
 use super::bus::{BusSide, LockStep};
 
-/// Ranges below this stop the motors of a mutant, m: its legs are 0.3 m long.
+/// Range below which a mutant stops the motors, m; the legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
 
-/// A mutant's deck is released after this.
+/// Silence of the vessel after which a mutant takes the deck for released.
 const SILENT: Span = Span::from_millis(1500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mutant {
-    /// The mission takes no abort on the way down.
+    /// The mission ignores aborts during the descent.
     AbortIgnored,
-    /// The mission takes its last order to land for a new one.
+    /// The mission takes its last order to land for a new order.
     OrderKept,
     /// The motors stop on the rangefinder alone.
     StopsByRange,
-    /// A forecast never grows old.
     StaleForecast,
-    /// A mission's state never grows old.
     StaleMission,
-    /// Jumps of the autopilot's frame are not noticed.
+    /// Resets of the autopilot's frame go unnoticed.
     FramesIgnored,
-    /// A thrust that is not reported counts as zero.
+    /// An unreported thrust counts as zero.
     ThrustMissing,
-    /// A battery that is not reported is full, and so is one that is empty.
+    /// An unreported or empty battery counts as full.
     ReserveWaived,
-    /// Whoever has the deck, each drone takes it for its own.
+    /// Each drone takes the deck for its own, regardless of the grant.
     TwoOwners,
-    /// A vessel that is silent has released its deck.
+    /// A silent vessel is taken to have released its deck.
     DeckReleased,
-    /// The offset of the two clocks stays as it was learnt first.
+    /// The offset between the two clocks keeps its first estimate.
     ClockKept,
-    /// A mission begins by the checkpoint of another boot: the flight's first.
+    /// A mission starts from the checkpoint of another boot, the first of the flight.
     OldCheckpoint,
 }
 
 impl Mutant {
-    /// All of them.
     pub const ALL: [Mutant; 12] = [
         Mutant::AbortIgnored,
         Mutant::OrderKept,
@@ -68,8 +65,8 @@ impl Mutant {
         Mutant::ClockKept,
         Mutant::OldCheckpoint,
     ];
-    /// Puts it between the rows of a drone's computer and their bus; the vessel's clock went `apart` from the drone's since the
-    /// start.
+    /// Installs the mutant between the rows of a drone's computer and their bus; `apart` is the drift of the vessel's
+    /// clock from the drone's since the start.
     pub(super) fn stand(self, bus: &LockStep, drone: u32, apart: &Rc<Cell<Span>>) {
         match self {
             Mutant::AbortIgnored => abort_ignored(bus),
@@ -109,17 +106,16 @@ impl Mutant {
     }
 }
 
-/// Who has the deck, on the drone's clock.
+/// Reservation of the deck on the drone's clock.
 type Grant = DeckGrant<DroneClock>;
 
-/// The grant as if it were the drone's own, and new.
+/// The grant, as if it were new and this drone's own.
 fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     let mut own = *grant;
     (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
     own
 }
 
-/// Changes each message that a row writes.
 fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut M) + 'static) {
     bus.wrap(row, BusSide::Written, move |_, mut written: Vec<M>| {
         written.iter_mut().for_each(&change);
@@ -127,7 +123,7 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
     });
 }
 
-/// Whoever reads it has always read one just now.
+/// Renews the stamp of each message that is read.
 fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     for row in PROCESSES {
         let mut last = None;
@@ -139,7 +135,7 @@ fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     }
 }
 
-/// Changes a row's messages by the mission's newest state.
+/// Changes a row's messages by the newest state of the mission.
 fn by_state<M: Plain>(
     bus: &LockStep,
     (row, way): (ProcessKind, BusSide),
@@ -152,7 +148,7 @@ fn by_state<M: Plain>(
     });
 }
 
-/// On the way down to the deck.
+/// The drone descends to the deck.
 const fn goes_down(state: State) -> bool {
     matches!(state, State::Descent | State::Flare)
 }
@@ -177,7 +173,7 @@ fn order_kept(bus: &LockStep) {
             let landing = |c: &Command| c.kind == CommandKind::Land;
             ordered = commands.iter().copied().rfind(landing).or(ordered);
             if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
-                // As an order that is new.
+                // Stamped as a new order.
                 command.header.at = Time::from_nanos(now_ns);
                 command.header.sequence = command.header.sequence.wrapping_add(1);
                 commands.push(*command);

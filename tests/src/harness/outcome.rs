@@ -1,9 +1,9 @@
-//! Outcome of a trial, judged from the truth, the same for every planner.
+//! Outcome of a trial, judged from the truth with the same criteria for every planner.
 //!
-//! Success: at first foot contact normal and tangential speed relative to the deck at most
-//! 1.0 m/s and tilt difference at most 10 deg; later impacts at most 1.0 m/s; only feet touch and
-//! only the deck; no keep-out volume is entered; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
-//! all four feet on the deck and inside its edges; all within 180 s of the start.
+//! Success: at the first foot contact normal and tangential speed relative to the deck are at most 1.0 m/s and the tilt
+//! difference is at most 10 deg; later impacts are at most 1.0 m/s; only feet touch, and only the deck; no keep-out
+//! volume is entered; motors stop within 2 s of first contact; then, 1 s later, all four feet stay for 3 s on the deck
+//! and inside its edges; all within 180 s of the start.
 
 #[cfg(test)]
 mod tests;
@@ -15,52 +15,44 @@ use serde::{Deserialize, Serialize};
 pub const MAX_CONTACT_MPS: f64 = 1.0;
 /// Maximum angle between the normals of deck and foot plane at first contact, rad.
 pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
-/// The motors stop within this time of first contact, s.
+/// Maximum time from first contact to motor stop, s.
 pub const MAX_STOP_S: f64 = 2.0;
-/// Time to settle after the motors stopped, s.
+/// Time between the stop of the motors and the rest on the deck, s.
 pub const SETTLE_S: f64 = 1.0;
-/// Time at rest on the deck, s.
 pub const REST_S: f64 = 3.0;
-/// Everything happens within this time of the start, s.
 pub const TIME_LIMIT_S: f64 = 180.0;
-/// A foot counts as on the deck when it is no further above it, m.
+/// Maximum height of a foot that counts as on the deck, m.
 pub const ON_DECK_M: f64 = 0.02;
-/// An impact faster than this, in any direction, of any part, at any time, is counted apart, m/s.
+/// Speed above which an impact of any part, in any direction, at any time, is counted separately, m/s.
 pub const FAST_CONTACT_MPS: f64 = 2.0;
-/// Motors stopped with the lowest foot higher than this are a stop in the air, m.
+/// Height of the lowest foot above which stopped motors are a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
-/// The ratio of what was not unsafe, at most.
+/// Maximum limit ratio of a trial that was not unsafe.
 const BELOW_LIMIT: f64 = 1.0 - 1e-9;
-/// Beginning of a reason: nothing else had gone wrong when the time was over.
+/// Reason when the time limit passes and nothing else has failed.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
-/// Ending of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
-    /// At rest on the deck.
     Success,
-    /// A contact with too much speed along the deck's normal.
+    /// A contact that exceeds the normal speed.
     Hard,
-    /// First contact with too much speed along the deck.
+    /// First contact that exceeds the tangential speed.
     Fast,
-    /// First contact with too much tilt between deck and drone.
+    /// First contact that exceeds the tilt difference.
     Tilted,
-    /// First contact off the deck.
     Missed,
-    /// A foot left the deck's edges after landing.
+    /// A foot crossed the deck's edge after landing.
     Slid,
-    /// Something else than a foot touched, or the feet did not stay down.
+    /// Another part than a foot touched, or the feet lifted off.
     Tipped,
-    /// In the water.
     Water,
-    /// Motors stopped in the air.
     FalseStop,
-    /// Not landed, or not stopped, in time.
+    /// Not landed, or motors not stopped, in time.
     Timeout,
-    /// The mission gave up.
     GaveUp,
-    /// Within a keep-out volume, or into another drone.
+    /// Entered a keep-out volume, or hit another drone.
     Collision,
 }
 
@@ -84,149 +76,132 @@ impl Ending {
     }
 }
 
-/// One impact between drone and something else, from the truth just before it.
+/// One impact between the drone and another body, from the truth just before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
-    /// A foot touched (else another part).
+    /// A foot touched; otherwise another part.
     pub foot: bool,
-    /// The deck's upper surface was touched (else its side).
+    /// The upper surface of the deck was touched; otherwise its side.
     pub on_deck: bool,
-    /// Approach speed along the deck's normal, m/s.
     pub normal_mps: f64,
-    /// Speed along the deck, m/s.
     pub tangential_mps: f64,
 }
 
-/// Input of the judge in one tick.
 #[derive(Clone, Debug)]
 pub struct TrialObservation<'a> {
-    /// Time since the start, s.
     pub t_s: f64,
     /// New impacts in this tick.
     pub contacts: &'a [ContactEvent],
     /// Feet in the deck frame: x forward, y right, height above the surface, m.
     pub feet: [[f64; 3]; 4],
-    /// Roll, pitch, yaw of the drone in the deck's axes (drone minus deck), rad.
+    /// Roll, pitch and yaw of the drone relative to the deck, in the deck's axes, rad.
     pub relative_euler: [f64; 3],
-    /// Angle between the normals, rad.
+    /// Angle between the normals of deck and foot plane, rad.
     pub tilt_error: f64,
-    /// Horizontal distance drone to deck centre, m.
+    /// Horizontal distance from the drone to the deck centre, m.
     pub horizontal_m: f64,
-    /// The autopilot's motors turn.
     pub motors_on: bool,
-    /// The mission is in descent or flare.
     pub descending: bool,
-    /// Descents begun so far.
+    /// Number of descents begun.
     pub attempts: u32,
-    /// The mission has given up.
     pub gave_up: bool,
-    /// Why its next state is not entered yet.
+    /// Reason why the mission has not entered its next state.
     pub waiting: Reason,
     /// A part of the drone is under water.
     pub in_water: bool,
-    /// Distance from the drone's body to the nearest keep-out volume, m; negative within one, None without any.
+    /// Distance from the drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
     pub keep_out_gap_m: Option<f64>,
-    /// Collisions with other drones so far.
     pub collisions: u32,
 }
 
 impl TrialObservation<'_> {
-    /// Mean height of the feet above the deck, m.
     pub fn feet_height_m(&self) -> f64 {
         self.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0
     }
 }
 
-/// The outcome of a trial; null where there was no contact.
+/// Outcome of a trial; values of the first contact are null when there was none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Ending of the trial.
     pub outcome: Ending,
-    /// `outcome` is success.
+    /// `outcome` is `success`.
     pub success: bool,
-    /// The ending as text, with the value that decided.
+    /// The ending in text, with the value that decided it.
     pub reason: String,
-    /// Seed of the trial.
     pub seed: u64,
-    /// The sea, as given.
+    /// Name of the sea, as the caller gave it.
     pub sea: String,
     pub planner: String,
-    /// Descents begun.
+    /// Number of descents begun.
     pub attempts: u32,
-    /// Contacts that break the limits.
+    /// Number of contacts that exceed the limits.
     pub unsafe_contacts: u32,
-    /// Contacts with water.
     #[serde(default)]
     pub water_contacts: u32,
-    /// Collisions with other drones.
     #[serde(default)]
     pub collisions: u32,
-    /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// Ratio of the contacts to their limits: the maximum of each metric over its limit; 1 and more exactly where the trial
-    /// was unsafe; 0 without a contact.
+    /// Maximum over the contacts of metric divided by limit: 1 or more exactly when the trial was unsafe; 0 without a
+    /// contact.
     #[serde(default)]
     pub limit_ratio: f64,
-    /// Number of times that the drone entered a keep-out volume; absent without volumes.
+    /// Number of entries into keep-out volumes; absent without volumes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_collisions: Option<u32>,
-    /// Minimum distance from the drone's body to such a volume, m; negative within it.
+    /// Minimum distance from the drone's body to a keep-out volume, m; negative inside.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_gap_m: Option<f64>,
-    /// In the deck plane, deck centre to the feet's centroid at first contact, m.
+    /// Distance in the deck plane from the deck centre to the feet's centroid at first contact, m.
     pub position_error_m: Option<f64>,
     /// Position error at the end of the rest, m.
     pub rest_position_error_m: Option<f64>,
     /// Speed along the deck's normal at first contact, m/s.
     pub touchdown_speed_mps: Option<f64>,
-    /// Speed along the deck at first contact, m/s.
     pub tangential_speed_mps: Option<f64>,
     /// Angle between the normals at first contact, deg.
     pub tilt_error_deg: Option<f64>,
-    /// Drone minus deck in the deck's axes at first contact, deg.
+    /// Roll of the drone relative to the deck, in the deck's axes, at first contact, deg.
     pub roll_error_deg: Option<f64>,
-    /// Drone minus deck in the deck's axes at first contact, deg.
+    /// Pitch of the drone relative to the deck, in the deck's axes, at first contact, deg.
     pub pitch_error_deg: Option<f64>,
-    /// Drone minus deck in the deck's axes at first contact, deg.
+    /// Yaw of the drone relative to the deck, in the deck's axes, at first contact, deg.
     pub yaw_error_deg: Option<f64>,
-    /// First descent to first contact, interruptions included, s.
+    /// Time from the start of the first descent to first contact, interruptions included, s.
     pub landing_time_s: Option<f64>,
-    /// First within 2 m horizontally to first contact, s.
+    /// Time from first being within 2 m horizontally to first contact, s.
     pub over_deck_time_s: Option<f64>,
-    /// First contact to motors stopped, s.
     pub stop_time_s: Option<f64>,
-    /// Age of the vessel's newest estimate in the forecast at first contact, s; none was ever used:
-    /// null.
+    /// Age at first contact of the vessel's newest estimate in the forecast, s; null when no estimate was used.
     #[serde(default)]
     pub radio_age_s: Option<f64>,
-    /// Age of the newest detection in the forecast at first contact, s.
+    /// Age at first contact of the newest detection in the forecast, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
-    /// Position error after the scenario's `stay_s`, m; not watched: null.
+    /// Position error after the scenario's `stay_s`, m; null when it was not observed.
     #[serde(default)]
     pub stay_position_error_m: Option<f64>,
-    /// Mission's probability of success when the last descent began; not known: null.
+    /// Predicted probability of success at the start of the last descent; null when unknown.
     #[serde(default)]
     pub likelihood: Option<f64>,
-    /// Mission's probability of an unsafe contact when the last descent began; not known: null.
+    /// Predicted probability of an unsafe contact at the start of the last descent; null when unknown.
     #[serde(default)]
     pub harm: Option<f64>,
     /// Simulated time, warm-up included, s.
     pub sim_time_s: f64,
-    /// Time it took to compute, s.
     pub wall_time_s: f64,
-    /// Hash of every true state and set-point of the trial: equal digests, equal bits.
+    /// Hash of every true state and set-point of the trial: equal digests mean equal bits.
     pub digest: String,
 }
 
 impl Outcome {
-    /// No landing was completed in time, and no contact broke a limit: it waited, broke off, or came down too late.
+    /// No landing was completed in time, and no contact exceeded a limit: the drone waited, aborted or descended too
+    /// late.
     pub fn is_refused(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
-    /// It neither landed nor was refused.
+    /// The drone neither landed nor was rejected by [`Outcome::is_refused`].
     pub fn is_unsafe(&self) -> bool {
         !self.success && !self.is_refused()
     }
@@ -241,7 +216,6 @@ struct FirstContact {
     euler: [f64; 3],
 }
 
-/// Watches a trial and judges it.
 #[derive(Default)]
 pub struct Judge {
     descent_began: Option<f64>,
@@ -252,9 +226,9 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
-    /// Maximum of a contact's metrics over their limits.
+    /// Maximum ratio of a contact's metrics to their limits.
     nearest: f64,
-    /// Entries into keep-out volumes, the minimum distance from one, and whether it is within one, m.
+    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is inside one.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
     attempts: u32,
@@ -262,15 +236,14 @@ pub struct Judge {
     ended: bool,
 }
 
-/// Deck centre to the feet's centroid, m.
+/// Distance from the deck centre to the feet's centroid, m.
 pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
     let mean = |i: usize| feet.iter().map(|f| f[i]).sum::<f64>() / 4.0;
     mean(0).hypot(mean(1))
 }
 
 impl Judge {
-    /// Judges one tick; `half_deck` is half the deck's length and width, m. True when the trial is
-    /// over.
+    /// Judges one tick; returns true when the trial is over. `half_deck` is half the deck's length and width, m.
     pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
         if o.descending {
@@ -348,12 +321,12 @@ impl Judge {
         if !touch.foot {
             self.fail(
                 Ending::Tipped,
-                format!("something else than a foot touched at {normal:.2} m/s"),
+                format!("something other than a foot touched at {normal:.2} m/s"),
             );
         } else if !touch.on_deck {
             self.fail(
                 Ending::Missed,
-                "a foot touched something else than the deck".into(),
+                "a foot touched something other than the deck".into(),
             );
         } else if normal > MAX_CONTACT_MPS {
             self.fail(
@@ -427,11 +400,10 @@ impl Judge {
     }
 
     fn fail(&mut self, ending: Ending, reason: String) {
-        // The first failure names the outcome; later ones follow from it.
+        // The first failure names the outcome, since later ones follow from it.
         self.failure.get_or_insert((ending, reason));
     }
 
-    /// Time of first contact since the start, s.
     pub fn first_contact_s(&self) -> Option<f64> {
         self.first.as_ref().map(|f| f.t_s)
     }
@@ -479,7 +451,8 @@ impl Judge {
             wall_time_s: 0.0,
             digest: String::new(),
         };
-        // Also what is no ratio is at its limit: motors that stop in the air or go on, the water, an edge, another drone.
+        // Unsafe endings without a metric have the ratio 1, too: motors that stop in the air or run on, water, an edge,
+        // another drone.
         outcome.limit_ratio = if outcome.is_unsafe() {
             outcome.limit_ratio.max(1.0)
         } else {

@@ -1,4 +1,4 @@
-//! Tap: an observer of the world, shown the truth and the steps of the rows, which changes nothing.
+//! Observer of the world: it receives the truth and the steps of the rows, and changes nothing.
 
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::step::Step;
@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
 
-/// Looks on. `t` is the world's time.
+/// Observer. `t` is the world's time.
 pub trait Tap {
-    /// The vessel's reference point, and the drone with the wind that it meets (NED, m/s, towards), at the beginning of the
-    /// tick.
+    /// Truth at the beginning of the tick: the vessel's reference point, and the drone with the wind that acts on it
+    /// (NED, m/s, towards).
     fn truth(
         &mut self,
         _t: Time<TrueTime>,
@@ -18,11 +18,10 @@ pub trait Tap {
         _drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
     }
-    /// A step of the vessel's computer, or of the first drone's bridge, predictor, mission, planner, pilot or link to the
-    /// autopilot, in the order in which data flow.
+    /// A step of a row of the vessel's computer or the first drone's, in the order in which data flow.
     fn step(&mut self, _t: Time<TrueTime>, _step: &Step<'_>) {}
 }
 
-/// An observer that does nothing: compiles to nothing.
+/// An observer that does nothing, and compiles to nothing.
 pub struct NoTap;
 impl Tap for NoTap {}

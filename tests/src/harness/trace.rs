@@ -2,30 +2,25 @@
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TracePoint {
-    /// Time since the start, s.
     pub t_s: f64,
     /// Drone's centre of mass, NED, m.
     pub drone: [f64; 3],
     /// Deck centre, NED, m.
     pub deck: [f64; 3],
-    /// Drone's velocity, m/s.
     pub drone_velocity: [f64; 3],
-    /// Deck centre's velocity, m/s.
     pub deck_velocity: [f64; 3],
     /// Deck's yaw, rad.
     pub deck_yaw: f64,
-    /// Deck centre to the centroid of the feet, in the deck's axes: forward, starboard, and up from its plane, m.
+    /// From the deck centre to the feet's centroid, in the deck's axes: forward, starboard, and up from its plane, m.
     pub displacement: [f64; 3],
-    /// Attitude of the drone in the deck's axes: roll, pitch, yaw, rad.
+    /// Attitude of the drone relative to the deck's axes: roll, pitch, yaw, rad.
     pub relative_euler: [f64; 3],
 }
 
-/// The history of a landing.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
-    /// Time between points, s.
     pub step_s: f64,
     pub points: Vec<TracePoint>,
-    /// Time of first contact, s; none where nothing landed.
+    /// Time of first contact, s; None if the drone did not land.
     pub touchdown_s: Option<f64>,
 }

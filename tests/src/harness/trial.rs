@@ -1,4 +1,4 @@
-//! One landing: `fly(&Scenario, &NodeConfigs, seed)` to an [`Outcome`].
+//! One landing, from a scenario, the nodes' configurations and a seed to an [`Outcome`].
 
 use alight_shared::msg::{CommandKind, Reason, State};
 use alight_shared::time::Span;
@@ -12,31 +12,25 @@ use crate::harness::tap::{NoTap, Tap};
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
-/// Something to show to people as it happens.
+/// Event to show to a user while the trial runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The mission entered a state.
     Phase {
-        /// Time since the start, s.
         t_s: f64,
         name: &'static str,
         reason: Reason,
     },
 }
 
-/// Outputs that a caller asks for.
+/// Outputs that a caller requests.
 pub struct Watch<'a> {
-    /// Called for every event.
     pub on_event: &'a mut dyn FnMut(&Event),
-    /// Keep a trace with this time between points, s.
+    /// Time between points of the trace, s; None: no trace.
     pub trace_step_s: Option<f64>,
 }
 
-/// A flown trial.
 pub struct FlownTrial {
-    /// Outcome of the trial.
     pub outcome: Outcome,
-    /// History of the trial, when it was asked for.
     pub trace: Option<Trace>,
 }
 
@@ -51,7 +45,7 @@ pub fn fly(
     fly_with(scenario, nodes, seed, sea, watch, &mut NoTap)
 }
 
-/// Flies it unwatched.
+/// Flies the trial without events and trace.
 pub fn outcome(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -65,7 +59,7 @@ pub fn outcome(
     Ok(fly(scenario, nodes, seed, sea, watch)?.outcome)
 }
 
-/// Flies as [`fly`] does, shown to a tap.
+/// Flies as [`fly`] does, with an observer.
 pub fn fly_with(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -78,7 +72,7 @@ pub fn fly_with(
     Ok(land(world, scenario, nodes, seed, sea, watch, tap))
 }
 
-/// Flies in a world that was prepared, before its warm-up.
+/// Flies in a prepared world, starting before its warm-up.
 pub fn land(
     mut world: World,
     scenario: &Scenario,
@@ -102,7 +96,7 @@ pub fn land(
     let mut next_point = 0.0;
     let mut ages: Option<[f64; 2]> = None;
     let mut odds = [None; 2];
-    // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
+    // The judge's time limit, in ticks, bounds the loop.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
         rig.advance(tap);

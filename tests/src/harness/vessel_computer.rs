@@ -91,13 +91,19 @@ impl SensorEdge {
 impl VesselSide {
     pub(super) fn new(scenario: &Scenario, nodes: &NodeConfigs, clock: ClockModel, boot: u32) -> VesselSide {
         let bus = LockStep::default();
-        let (sources, boat) = sources(scenario, nodes, clock);
-        let given_by = sources.iter().filter(|s| s.name != QUANTITIES).count();
+        let sensors = sources(scenario, nodes);
+        let with_bytes = |s: &&SourceConfig| s.name != QUANTITIES;
+        let given_by = sensors.sources.iter().filter(with_bytes).count();
+        let boat = devices(
+            scenario,
+            sensors.sources.get(..given_by).unwrap_or_default(),
+            clock,
+        );
         let mut side = VesselSide {
             rows: VesselRows::default(),
             nodes: VesselNodes {
                 id: VESSEL_ID,
-                sensors: SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss),
+                sensors,
                 vessel: nodes.vessel.clone(),
                 deck: nodes.deck.clone(),
                 drones: (DRONE_ID..).take(MAX_DRONES).collect(),
@@ -151,7 +157,7 @@ impl VesselSide {
         (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
         (measured, rtcm): Measured,
         mut received: ComputerIn,
-        look: impl FnOnce(&Step<'_>),
+        mut look: impl FnMut(&Step<'_>),
     ) -> ComputerOut {
         let measured = self.sensors.arrived(t, measured);
         let waited = core::mem::take(&mut self.waiting);
@@ -167,10 +173,9 @@ impl VesselSide {
         }
         if let Some(row) = &mut self.rows.sensors {
             let mut input = self.sensors.input((measured, rtcm), ahead);
-            row.step(
-                || now,
-                &mut edge::<SensorNode>(|i| swap(i, &mut input), |_, _| {}),
-            );
+            let mut device = edge::<SensorNode>(|i| swap(i, &mut input), |_, _| {});
+            let step = row.step(|| now, &mut device);
+            look(&step.of(ProcessKind::Sensors, self.boot));
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
@@ -189,16 +194,14 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, and its devices where the scene has a place on Earth. The last source gives the quantities of
-/// devices without bytes: of an attitude sensor, or of all, where the kind that comes soonest counts for its clock.
-fn sources(scenario: &Scenario, nodes: &NodeConfigs, clock: ClockModel) -> (Vec<SourceConfig>, Option<Boat>) {
+/// Sources of the scene's vessel, as an installer configures them. The last one gives the quantities of devices without bytes: of
+/// an attitude sensor, or of all devices in a scene without a place on Earth. The kind that arrives soonest determines its latency.
+pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
-    let carries = Carries::assign(&sources).filter(|_| !scenario.place.among.is_empty());
-    let boat = carries.map(|carries| Boat::new(&sources, carries, s, clock));
-    let given: Vec<_> = match boat {
-        Some(_) => Vec::new(),
-        None => sources.drain(..DEVICES).collect(),
+    let given: Vec<_> = match scenario.place.among.is_empty() {
+        true => sources.drain(..DEVICES).collect(),
+        false => Vec::new(),
     };
     let attitude_s = s.vessel_attitude.as_ref().map(|a| in_ticks_s(a.latency_s));
     let soonest_s = given
@@ -211,7 +214,13 @@ fn sources(scenario: &Scenario, nodes: &NodeConfigs, clock: ClockModel) -> (Vec<
         latency_s,
         ..SourceConfig::default()
     }));
-    (sources, boat)
+    SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss)
+}
+
+/// Devices of the sources that send bytes; None in a scene without a place on Earth.
+fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> Option<Boat> {
+    let carries = Carries::assign(sources).filter(|_| !scenario.place.among.is_empty())?;
+    Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
 /// Measurements that have arrived from devices that give quantities, dated by their clock: of an attitude sensor alone, or `all`.

@@ -1,18 +1,17 @@
-//! The kinematic state of a rigid body, as truth.
+//! True kinematic state of a rigid body.
 
 use alight_shared::frames::{Frame, Point, Rotation, TrueNed, Vector};
 use nalgebra::Vector3;
 
 use super::spline::Jet;
 
-/// Position and motion of a rigid body's reference point. `B` is its FRD body frame.
+/// Position and motion of a rigid body's reference point; `B` is its FRD body frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
-    /// Position of the reference point.
     pub position: Point<TrueNed>,
     /// Velocity, m/s.
     pub velocity: Vector<TrueNed>,
-    /// Acceleration, m/s² (without gravity: the second derivative of position).
+    /// Second derivative of the position, without gravity, m/s².
     pub acceleration: Vector<TrueNed>,
     /// Rotation NED from body.
     pub attitude: Rotation<TrueNed, B>,
@@ -36,8 +35,8 @@ impl<B> Default for RigidState<B> {
 }
 
 impl<B: Frame> RigidState<B> {
-    /// The state of the point at `lever_arm` (body frame, m) of the same rigid body, with parallel axes
-    /// called `P`: `v = v0 + w x r`, `a = a0 + dw x r + w x (w x r)`.
+    /// State of the point at `lever_arm` (body frame, m) of the same rigid body, with the parallel axes `P`: `v = v0 +
+    /// w x r`, `a = a0 + dw x r + w x (w x r)`.
     pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {
         let (w, dw) = (self.rates.0, self.angular_acceleration.0);
         let turn = |v: Vector3<f64>| self.attitude * Vector::<B>::from(v);
@@ -57,8 +56,8 @@ impl<B: Frame> RigidState<B> {
     }
 }
 
-/// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
-/// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
+/// Body rates (rad/s) and angular acceleration (rad/s²) from ZYX Euler angles and their derivatives: `w = T^-1 e'`
+/// (Fossen 2011, eq. 2.28) and its derivative.
 pub fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
     let (sr, cr) = roll.y.sin_cos();
     let (sp, cp) = pitch.y.sin_cos();

@@ -1,9 +1,8 @@
-//! Natural cubic splines through several channels at the same knots.
+//! Natural cubic splines through several channels with common knots.
 
 /// A value with its first two derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Jet {
-    /// Value.
     pub y: f64,
     /// First derivative.
     pub d: f64,
@@ -12,7 +11,7 @@ pub struct Jet {
 }
 
 impl Jet {
-    /// `(1 - b) a + b c` with all derivatives, the weight `b` a jet itself.
+    /// `(1 - b) a + b c` with its derivatives; the weight `b` is a jet, too.
     pub fn blend(a: Jet, c: Jet, b: Jet) -> Jet {
         let (y, d, dd) = (c.y - a.y, c.d - a.d, c.dd - a.dd);
         Jet {
@@ -21,7 +20,7 @@ impl Jet {
             dd: a.dd + b.dd * y + 2.0 * b.d * d + b.y * dd,
         }
     }
-    /// The jet, `offset` further.
+    /// The jet with `offset` added to its value.
     pub fn shifted(self, offset: f64) -> Jet {
         Jet {
             y: self.y + offset,
@@ -50,7 +49,7 @@ pub struct Splines<const N: usize> {
 }
 
 impl<const N: usize> Splines<N> {
-    /// Through `y` at the strictly ascending `x`; at least two knots of equal number, else None.
+    /// Splines through `y` at the strictly ascending `x`; None unless both have the same number of knots, at least two.
     pub fn through(x: Vec<f64>, y: Vec<[f64; N]>) -> Option<Self> {
         let n = x.len();
         if n < 2 || y.len() != n || !x.windows(2).all(|w| w[0] < w[1]) {
@@ -76,12 +75,11 @@ impl<const N: usize> Splines<N> {
         Some(Splines { x, y, m })
     }
 
-    /// First and last knot.
     pub fn range(&self) -> (f64, f64) {
         (self.x[0], self.x[self.x.len() - 1])
     }
 
-    /// All channels at `at`, held within the range.
+    /// All channels at `at`, clamped to the range.
     pub fn at(&self, at: f64) -> [Jet; N] {
         let (low, high) = self.range();
         let at = at.clamp(low, high);

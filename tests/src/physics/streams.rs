@@ -1,32 +1,33 @@
-//! One named random stream per noise source, so that two planners meet the same sea and a new
-//! source does not shift the others.
+//! Named random streams, one per noise source, so that two planners meet the same sea and a new source does not shift
+//! the others.
 
 use std::convert::Infallible;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng, TryRng};
 
-/// Moves that a family of streams remembers.
+/// Maximum number of moves of a family of streams.
 pub const MOVES: usize = 10;
 
-/// A move of every number of every stream: a wrapping step, drawn from `seed` and smaller by `bits` binary digits than the
-/// whole range. It keeps numbers uniform, and leads back as often as there: what a Markov chain over random numbers needs.
+/// Moves every number of every stream by a step drawn from `seed`, which wraps around; `bits` binary digits smaller
+/// than the whole range. Numbers stay uniform, and a move is as probable as its reverse, which a Markov chain over
+/// random numbers requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Move {
     seed: u64,
     bits: u32,
 }
 
-/// The family of random streams of one seed, and the moves of its numbers since.
+/// Family of random streams of one seed, with the moves of its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Streams {
     seed: u64,
     moves: [Option<Move>; MOVES],
-    /// FNV-1a hash of what stands before every name.
+    /// FNV-1a hash of the prefix of every name.
     prefix: u64,
 }
 
-/// FNV-1a (Fowler, Noll, Vo) of a name that goes on from `hash`.
+/// FNV-1a hash (Fowler, Noll, Vo) of a name, continued from `hash`.
 fn fnv(hash: u64, name: &str) -> u64 {
     name.bytes().fold(hash, |h, b| {
         (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -34,7 +35,6 @@ fn fnv(hash: u64, name: &str) -> u64 {
 }
 
 impl Streams {
-    /// The streams of `seed`.
     pub const fn new(seed: u64) -> Self {
         Streams {
             seed,
@@ -42,7 +42,7 @@ impl Streams {
             prefix: 0xcbf2_9ce4_8422_2325,
         }
     }
-    /// The streams of drone `k`, counted from 0: those of the first are the plain ones.
+    /// Streams of drone `k`, counted from 0; those of the first drone have no prefix.
     pub fn of_drone(&self, k: usize) -> Self {
         let prefix = if k == 0 {
             self.prefix
@@ -51,8 +51,8 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
-    /// These streams with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 redraws
-    /// all, 6 changes each by 0.8 % at most. After [`MOVES`] moves they stay.
+    /// These streams with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0
+    /// redraws all numbers, 6 changes each by 0.8 % at most. After [`MOVES`] moves the streams do not change.
     #[must_use]
     pub fn moved(&self, seed: u64, bits: u32) -> Self {
         let mut moved = *self;
@@ -61,22 +61,22 @@ impl Streams {
         }
         moved
     }
-    /// The stream called `name`: the same for the same seed and name, independent of all others.
+    /// The stream `name`: reproducible for a seed and name, and independent of all others.
     pub fn stream(&self, name: &str) -> Stream {
         let hash = fnv(self.prefix, name);
-        let of = |seed: u64| {
+        let generator = |seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // The hash selects the ChaCha stream.
             rng.set_stream(hash);
             rng
         };
         Stream {
-            plain: of(self.seed),
+            plain: generator(self.seed),
             steps: self
                 .moves
                 .iter()
                 .flatten()
-                .map(|m| (of(m.seed), m.bits))
+                .map(|m| (generator(m.seed), m.bits))
                 .collect(),
         }
     }
@@ -88,17 +88,16 @@ impl From<u64> for Streams {
     }
 }
 
-/// A stream of random numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stream {
     plain: ChaCha8Rng,
-    /// Steps that are added to its numbers, one after the other.
+    /// Steps that are added to its numbers, one after another.
     steps: Vec<(ChaCha8Rng, u32)>,
 }
 
 impl Stream {
-    /// Sum of the moves' steps for the next number. The last 12 binary digits stay: they choose a part of a distribution
-    /// (the ziggurat's layer), where a small step would be a jump.
+    /// Sum of the moves' steps for the next number. The last 12 binary digits do not move: they choose a section of a
+    /// distribution (the ziggurat's layer), where a small step would be a jump.
     fn step(&mut self) -> u64 {
         self.steps.iter_mut().fold(0, |sum: u64, (rng, bits)| {
             let step = (rng.next_u64().cast_signed() >> *bits).cast_unsigned();
@@ -135,13 +134,13 @@ mod tests {
     #[test]
     fn moved_numbers_stay_uniform_and_near() {
         let streams = Streams::new(7);
-        let of = |s: &Streams| -> Vec<f64> {
+        let numbers = |s: &Streams| -> Vec<f64> {
             let mut stream = s.stream("sea");
             (0..4000).map(|_| stream.random::<f64>()).collect()
         };
-        let plain = of(&streams);
+        let plain = numbers(&streams);
         for bits in [0, 3, 6] {
-            let moved = of(&streams.moved(3, bits).moved(4, bits));
+            let moved = numbers(&streams.moved(3, bits).moved(4, bits));
             // On a circle: two steps of at most 2^-bits / 2 each.
             let way = |(a, b): (&f64, &f64)| ((a - b + 1.5).rem_euclid(1.0) - 0.5).abs();
             let most = plain.iter().zip(&moved).map(way).fold(0.0, f64::max);

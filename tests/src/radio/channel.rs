@@ -1,7 +1,7 @@
-//! One direction of a link at layer 3: what becomes of each packet.
+//! One direction of a link at layer 3, which decides the fate of each packet.
 //!
-//! In this order: the sender's queue and rate, the outages, random loss, bursts of loss
-//! (Gilbert 1960, Elliott 1963), duplication, delay with jitter.
+//! In this order: the sender's queue and rate, outages, random loss, bursts of loss (Gilbert 1960, Elliott 1963),
+//! duplication, delay with jitter.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
@@ -11,22 +11,18 @@ use super::SimulatedRadioConfig;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Between two packets of the vessel at its full rates, s.
+/// Time between two packets of the vessel at its full rates, s.
 const BURST_STEP_S: f64 = 0.025;
-/// After so many steps the chain has forgotten where it was.
+/// Number of steps after which the chain's state is independent of its start.
 const MAX_BURST_STEPS: u32 = 1000;
 
-/// Which way packets go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// From the vessel to the drone.
     ToDrone,
-    /// From the drone to the vessel.
     ToVessel,
 }
 
 impl Direction {
-    /// Random stream of the direction.
     const fn stream(self) -> &'static str {
         match self {
             Direction::ToDrone => "radio.to_drone",
@@ -35,31 +31,30 @@ impl Direction {
     }
 }
 
-/// Counts of the packets so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChannelCounts {
-    /// Packets given to the channel.
+    /// Packets passed to the channel.
     pub sent: u64,
-    /// Bytes of them.
+    /// Bytes of these packets.
     pub sent_bytes: u64,
-    /// Lost on the way: by chance, in a burst, in an outage.
+    /// Packets lost on the way: randomly, in a burst, or in an outage.
     pub lost: u64,
-    /// Refused because the queue before a slow link was full.
+    /// Packets dropped because the queue before a slow link was full.
     pub overflowed: u64,
-    /// Came twice.
+    /// Packets that arrived twice.
     pub doubled: u64,
 }
 
-/// Faults of a channel in addition to its usual losses, as long as they last.
+/// Faults of a channel in addition to its usual losses, while they last.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelFault {
-    /// Fraction of packets that is lost, 0 to 1.
+    /// Fraction of packets lost, 0 to 1.
     pub loss: f64,
     /// Added delay, s.
     pub delay_s: f64,
-    /// Further delay, uniform up to this, s: packets overtake each other.
+    /// Maximum of a further, uniform delay, s, which reorders packets.
     pub jitter_s: f64,
-    /// Fraction of packets that comes twice, 0 to 1.
+    /// Fraction of packets that arrive twice, 0 to 1.
     pub doubled: f64,
 }
 
@@ -73,15 +68,15 @@ pub struct RadioChannel {
     last_sent: Option<Time<TrueTime>>,
     outage: Option<[Time<TrueTime>; 2]>,
     fault: ChannelFault,
-    /// When the sender has put everything on the air that it was given.
+    /// Time at which the sender's queue is empty.
     idle_at: Time<TrueTime>,
     last_arrival: Time<TrueTime>,
     counts: ChannelCounts,
 }
 
 impl RadioChannel {
-    /// The channel of this seed in one direction; its streams are `radio.to_drone` and
-    /// `radio.to_vessel`, each with `.burst` for the bursts.
+    /// Channel of this seed in one direction, with the streams `radio.to_drone` and `radio.to_vessel`, each with
+    /// `.burst` for the bursts.
     pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -89,7 +84,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, direction.stream(), streams)
     }
-    /// The way back of `direction`, with a random stream of its own: what acknowledges.
+    /// Return channel of `direction` for acknowledgements, with a separate random stream.
     pub fn back(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_vessel_extra_s,
@@ -97,7 +92,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
     }
-    /// The channel of traffic in addition to the messages, with a random stream of its own.
+    /// Channel for traffic in addition to the messages, with a separate random stream.
     pub fn probe(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -121,9 +116,9 @@ impl RadioChannel {
         }
     }
 
-    /// When a packet of `bytes` that is sent at `t` arrives, and when its double does.
+    /// Arrival times of a packet of `bytes` sent at `t`, and of its duplicate.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize) -> [Option<Time<TrueTime>>; 2] {
-        // All draws are made for every packet, so that an outage does not shift the others.
+        // Every packet makes all draws, so that an outage does not shift the others.
         let (lost, twice) = (
             self.noise.chance(self.config.loss),
             self.noise.chance(self.config.duplicate),
@@ -137,7 +132,7 @@ impl RadioChannel {
             return [None, None];
         };
         let outage = self.outage.is_some_and(|[from, until]| from <= t && t < until);
-        // Whole losses need no draw.
+        // A total loss needs no draw.
         let fails = self.fault.loss >= 1.0 || (self.fault.loss > 0.0 && self.bursts.chance(self.fault.loss));
         if lost || in_burst || outage || fails || self.config.outages_s.cover(t) {
             self.counts.lost += 1;
@@ -157,27 +152,25 @@ impl RadioChannel {
         [Some(arrival), twice.then(|| self.in_order(on_air + second))]
     }
 
-    /// It fails so from now on.
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.fault = fault;
     }
-    /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
-    /// The first such window stays.
+    /// Loses everything sent in the window `[from, until)`; packets under way still arrive. A later call does not
+    /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.outage = Some(self.outage.unwrap_or(window));
     }
-    /// Counts of the packets so far.
     pub const fn counts(&self) -> ChannelCounts {
         self.counts
     }
-    /// Counts a packet as lost after all.
+    /// Counts a packet as lost afterwards.
     pub(super) fn drop_one(&mut self) {
         self.counts.lost += 1;
     }
 
-    /// Whether this packet falls into a burst: a Markov chain of two states over the packets, in
-    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all. While nothing is sent it
-    /// goes on once in [`BURST_STEP_S`]: a fade does not wait for a sender that backs off.
+    /// Whether this packet is lost in a burst: a Markov chain with two states, advanced per packet, in which a burst
+    /// lasts `1 / r` packets and takes the fraction `p / (p + r)` of all. While nothing is sent, it advances every
+    /// [`BURST_STEP_S`], so that a fade ends although the sender backs off.
     fn burst(&mut self, t: Time<TrueTime>) -> bool {
         let fraction = self.config.burst_loss;
         if fraction <= 0.0 {
@@ -198,7 +191,7 @@ impl RadioChannel {
         self.in_burst
     }
 
-    /// When the last bit of the packet has left; None when it does not fit into the queue.
+    /// Time at which the packet's last bit has left; None if it does not fit into the queue.
     fn transmit(&mut self, t: Time<TrueTime>, bytes: usize) -> Option<Time<TrueTime>> {
         let rate = self.config.rate_bps;
         if rate <= 0.0 {
@@ -222,11 +215,11 @@ impl RadioChannel {
         self.last_arrival
     }
 
-    /// A normal delay cut off at the shortest and at ten standard deviations.
+    /// A normal delay, truncated at the minimum and at ten standard deviations.
     fn delay(&mut self) -> Span {
         let c = &self.config;
         let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        // Redrawing keeps the truncated shape; the bound keeps a strange configuration finite.
+        // Redrawing keeps the truncated shape; the bound ends the loop for unusual configurations.
         for _ in 0..8 {
             if d >= c.delay_min_s {
                 break;
@@ -252,7 +245,7 @@ mod tests {
             ..SimulatedRadioConfig::default()
         }
     }
-    /// Fates of `n` packets of `bytes`, `step_s` apart: the time on the way, None when lost.
+    /// Fates of `n` packets of `bytes`, `step_s` apart: the time under way, or None for a lost packet.
     fn fates(config: &SimulatedRadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
         let mut channel = RadioChannel::new(config, Direction::ToDrone, &Streams::new(11));
         (0..n)
@@ -263,7 +256,7 @@ mod tests {
             .collect()
     }
 
-    /// The fraction that bursts of 8 packets, every fifth of them, take from `n`, and their mean length.
+    /// Fraction of `n` packets lost in bursts (configured: 0.2, in bursts of 8), and mean burst length.
     fn bursts(n: usize, step_s: f64) -> (f64, f64) {
         let config = SimulatedRadioConfig {
             burst_loss: 0.2,
@@ -289,7 +282,7 @@ mod tests {
 
     #[test]
     fn burst_loss_with_a_rare_sender() {
-        // Two a second: 20 steps apart, bursts of 8 are over.
+        // Two per second are 20 steps apart, when a burst of 8 is over.
         let (fraction, length) = bursts(40_000, 0.5);
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((1.2..1.4).contains(&length), "{length}");
@@ -316,7 +309,7 @@ mod tests {
             queue_bytes: 2_000,
             ..clean()
         };
-        // 40 packets of 300 B a second are 96 kbit/s: three times what passes.
+        // 40 packets of 300 B per second are 96 kbit/s, three times the link's rate.
         let fates = fates(&config, 4_000, 0.025, 300);
         let passed = fates.iter().flatten().count() as f64 * 300.0 * 8.0 / 100.0;
         assert!((passed - 32_000.0).abs() < 700.0, "{passed} bit/s");

@@ -1,7 +1,7 @@
-//! The radio between vessel and drone: rate, delay, loss, duplication, outages, one direction each.
+//! Radio between vessel and drone: rate, delay, loss, duplication and outages, per direction.
 //!
-//! [`channel`] decides what happens to a packet, the same for the lock-step world, for the impairment
-//! inside a process and for the link emulator; [`SimulatedRadio`] carries what is in the packets.
+//! [`channel`] decides the fate of a packet; the lock-step world, the impairment inside a process and the link emulator
+//! use it. [`SimulatedRadio`] carries the packets' contents.
 
 pub mod channel;
 pub mod session;
@@ -17,67 +17,63 @@ use crate::sensors::noise::Windows;
 pub use channel::{ChannelCounts, ChannelFault, Direction, RadioChannel};
 pub use session::Session;
 
-/// Packets under way in one direction at most; what comes on top is lost.
+/// Maximum number of packets under way in one direction; further ones are lost.
 const QUEUE: usize = 4096;
 
-/// The middleware's framing of a message, bytes (measured).
+/// Framing of a message by the middleware, bytes (measured).
 const FRAMING: usize = 20;
 /// IP and UDP headers, bytes.
 const DATAGRAM_HEADERS: usize = 28;
-/// QUIC's short header, a datagram's frame and the tag of its encryption (RFC 9000, RFC 9221), bytes.
+/// QUIC's short header, the frame of a datagram, and the tag of its encryption (RFC 9000, RFC 9221), bytes.
 const QUIC_FRAME: usize = 32;
 
-/// Bytes on the air of a message of `length` in a datagram.
+/// Bytes on the air for a message of `length` in a datagram.
 pub const fn on_air(length: usize) -> usize {
     length + FRAMING + DATAGRAM_HEADERS
 }
 
-/// Transport of the messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Transport {
-    /// Datagrams: what is lost is lost.
+    /// Datagrams without retransmission.
     #[default]
     Udp,
-    /// A byte stream that repeats what was lost, and holds up what comes after it.
+    /// A byte stream, which retransmits losses and delays everything after them.
     Tcp,
-    /// Datagrams inside an encrypted connection, whose handshake is repeated until it succeeds.
+    /// Datagrams in an encrypted connection, whose handshake is repeated until it succeeds.
     Quic,
 }
 
-/// Congestion control of a kernel's stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Congestion {
-    /// It sends less (Linux's default).
+    /// Reduces its rate at a loss (Linux's default).
     Cubic,
-    /// It keeps to the rate that it has measured (Linux: `net.ipv4.tcp_congestion_control = bbr`), which a radio
-    /// that loses packets without being full needs.
+    /// Keeps the rate that it has measured (Linux: `net.ipv4.tcp_congestion_control = bbr`), as a radio needs that
+    /// loses packets without congestion.
     #[default]
     Bbr,
 }
 
 impl Transport {
-    /// Bytes that a message of `length` is for the channel: a datagram with its headers, or bytes
-    /// of a stream, which has its own.
+    /// Bytes that a message of `length` is for the channel: a datagram with its headers, or the bytes of a stream,
+    /// whose segments have headers of their own.
     pub const fn bytes(self, length: usize) -> usize {
         match self {
             Transport::Udp => on_air(length),
-            // Two bytes hold a message's length in a stream.
+            // A stream has two bytes for the length of a message.
             Transport::Tcp => length + FRAMING + 2,
             Transport::Quic => on_air(length) + QUIC_FRAME,
         }
     }
-    /// An attempt to open a session that takes longer has failed, s
-    /// (`alight_transport::radio`).
+    /// Time after which an attempt to open a session has failed, s (`alight_transport::radio`).
     const fn open_timeout_s(self) -> f64 {
         match self {
             Transport::Udp => 1.0,
             Transport::Tcp | Transport::Quic => 8.0,
         }
     }
-    /// Exchanges of packets until a session is open: the middleware's two, and one of TCP or
-    /// QUIC.
+    /// Packet exchanges until a session is open: two of the middleware, and one of TCP or QUIC.
     const fn exchanges(self) -> usize {
         match self {
             Transport::Udp => 2,
@@ -87,58 +83,58 @@ impl Transport {
 }
 
 config! {
-    /// The radio, both directions.
+    /// Radio, both directions.
     pub struct SimulatedRadioConfig {
-        /// Mean of the delay before truncation, s.
+        /// Mean delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
-        /// Standard deviation of the delay, s. Delays are independent, so packets overtake each other, unless
-        /// the link keeps their order.
+        /// Standard deviation of the delay, s. Delays are independent, so that packets are reordered unless
+        /// `keep_order` is set.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
-        /// Shortest delay, s.
-        /// Chosen: time on air and in two network stacks.
+        /// Minimum delay, s.
+        /// Chosen: time on the air and in two network stacks.
         pub delay_min_s: f64 = 0.005, in 0.0..=10.0;
-        /// More delay from vessel to drone, s.
+        /// Additional delay from vessel to drone, s.
         pub to_drone_extra_s: f64 = 0.0, in 0.0..=10.0;
-        /// More delay from drone to vessel, s.
+        /// Additional delay from drone to vessel, s.
         pub to_vessel_extra_s: f64 = 0.0, in 0.0..=10.0;
         /// Probability that a packet is lost.
         pub loss: f64 = 0.02, in 0.0..=1.0;
-        /// Fraction of the packets that are lost in bursts in addition (Gilbert-Elliott).
+        /// Fraction of packets additionally lost in bursts (Gilbert-Elliott).
         pub burst_loss: f64 = 0.0, in 0.0..=0.95;
         /// Mean length of a burst, packets.
-        /// Chosen: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
+        /// Chosen: a deep fade or a wave in the radio path, a quarter of a second at 40 packets/s.
         pub burst_packets: f64 = 10.0, in 1.0..=1e5;
-        /// Probability that a packet that is not lost comes twice.
-        /// Chosen: datagrams come twice now and then.
+        /// Probability that a packet that is not lost arrives twice.
+        /// Chosen: datagrams are duplicated occasionally.
         pub duplicate: f64 = 0.001, in 0.0..=1.0;
-        /// Bits per second that pass, IP headers included; 0: without limit.
+        /// Bit rate of the link, IP headers included, bit/s; 0: unlimited.
         pub rate_bps: f64 = 0.0, in 0.0..=1e12;
-        /// Bytes that wait before a slow link at most; what comes on top is lost.
-        /// Chosen: as small as radio modems have it; half a second at 64 kbit/s.
+        /// Maximum number of bytes queued before a slow link; further packets are lost.
+        /// Chosen: a small queue, as in radio modems; half a second at 64 kbit/s.
         pub queue_bytes: u32 = 4096, in 100.0..=1e9;
         /// Packets arrive in the order in which they were sent.
         pub keep_order: bool = false;
-        /// Transport of the messages; in lock-step only: live, the processes' own configuration has it.
+        /// Transport of the messages, in lock-step only; live, the processes' own configuration selects it.
         pub transport: Transport = Transport::Udp;
         /// Congestion control of a stream.
         pub congestion: Congestion = Congestion::Bbr;
-        /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
-        /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
+        /// Maximum number of bytes in a stream's socket; further messages are dropped.
+        /// Source: maximum under way on a running kernel whose socket was configured with the 16 kB of
         /// `alight_transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
-        /// A session over datagrams that receives nothing for this long is closed and opened again, s.
+        /// Time without reception after which a session over datagrams is closed and reopened, s.
         /// Source: `alight_transport::radio`.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
-        /// Lease of a session over a stream, s.
+        /// Time without reception after which a session over a stream is closed and reopened, s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// Windows `[start, end)` in which everything sent is lost, s of true time.
+        /// Windows `[start, end)` of the send time in which everything is lost, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
 impl SimulatedRadioConfig {
-    /// A session that receives nothing for this long is closed and opened again, s.
+    /// Time without reception after which a session is closed and reopened, s.
     pub const fn session_lease_s(&self) -> f64 {
         match self.transport {
             Transport::Udp => self.lease_s,
@@ -147,7 +143,6 @@ impl SimulatedRadioConfig {
     }
 }
 
-/// One direction of the radio.
 #[derive(Clone, Debug)]
 pub struct SimulatedRadio<T> {
     channel: RadioChannel,
@@ -155,18 +150,16 @@ pub struct SimulatedRadio<T> {
 }
 
 impl<T: Clone> SimulatedRadio<T> {
-    /// The radio of this seed in one direction.
     pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> Self {
         SimulatedRadio::over(RadioChannel::new(config, direction, streams))
     }
-    /// The radio over a channel.
     pub fn over(channel: RadioChannel) -> Self {
         SimulatedRadio {
             channel,
             line: DelayLine::new(QUEUE),
         }
     }
-    /// Sends a packet of `bytes`, headers included, at `t`.
+    /// Sends a packet of `bytes`, including headers, at `t`.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
         let [first, second] = self.channel.send(t, bytes);
         if let Some(at) = second {
@@ -178,24 +171,21 @@ impl<T: Clone> SimulatedRadio<T> {
             self.channel.drop_one();
         }
     }
-    /// The packets that have arrived by `t`, in the order and with the times of their arrival.
+    /// Packets that have arrived by `t`, in order of arrival, with their arrival times.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
-    /// When the next packet that is under way arrives.
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.line.next()
     }
-    /// It fails so from now on.
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.channel.fail(fault);
     }
-    /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
-    /// The first such window stays.
+    /// Loses everything sent in the window `[from, until)`; packets under way still arrive. A later call does not
+    /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.channel.set_outage(window);
     }
-    /// Counts of the packets so far.
     pub const fn counts(&self) -> ChannelCounts {
         self.channel.counts()
     }
@@ -234,7 +224,7 @@ mod tests {
         assert!((loss - 0.02).abs() < 0.004, "loss {loss}");
         let delays: Vec<f64> = got.iter().map(|g| g.1).collect();
         let (mean, sd) = moments(&delays);
-        // Truncation at 5 ms moves the mean by half a millisecond.
+        // Truncation at 5 ms shifts the mean by half a millisecond.
         assert!((mean - 0.0506).abs() < 0.001, "mean {mean}");
         assert!((sd - 0.0193).abs() < 0.001, "sd {sd}");
         assert!(got.iter().all(|g| g.1 >= 0.005));

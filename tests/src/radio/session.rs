@@ -1,5 +1,5 @@
-//! The radio as the two computers have it: the channels, the transport over them, and the session
-//! that a silence ends and a handshake opens again.
+//! Radio session between the two computers: the channels, the transport over them, and a session that ends after
+//! silence and is reopened by a handshake.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
@@ -9,22 +9,21 @@ use super::{
 };
 use crate::physics::streams::Streams;
 
-/// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
-/// after it, s.
+/// Times of a packet's first transmission and retransmissions in an exchange of a stream's handshake, s after its
+/// start.
 const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
-/// Tries of a stream's first packet, before any round trip is known (Linux since 6.5: once a
-/// second at first).
+/// Transmission times of a stream's first packet, before any round trip is known, s (Linux since 6.5: once a second at
+/// first).
 const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
-/// Tries of QUIC's first packet.
+/// Transmission times of QUIC's first packet, s.
 const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
-/// From the end of a failed attempt to the next, s (the middleware's slowest retry).
+/// Time from a failed attempt to the next, s (the middleware's slowest retry).
 const RETRY_S: f64 = 0.5;
-/// A side without messages sends so many keep-alives within a lease.
+/// Number of keep-alives per lease from a side without messages.
 const KEEP_ALIVES: f64 = 4.0;
-/// Bytes of a handshake's packet and of a keep-alive.
+/// Size of a handshake packet and of a keep-alive, bytes.
 const SMALL: usize = 80;
 
-/// Messages of one direction.
 #[derive(Clone, Debug)]
 enum OneWayLink<T> {
     Datagrams(Box<SimulatedRadio<T>>),
@@ -72,7 +71,7 @@ impl<T: Clone> OneWayLink<T> {
             OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.fail(fault)),
         }
     }
-    /// A new connection: a stream's bytes under way are lost with the old one.
+    /// Replaces the connection; a stream's bytes under way are lost.
     fn reopen(&mut self, config: &SimulatedRadioConfig) {
         match self {
             OneWayLink::Datagrams(_) => {}
@@ -81,25 +80,24 @@ impl<T: Clone> OneWayLink<T> {
     }
 }
 
-/// Both directions, and whether there is a session.
+/// Both directions, and the state of the session.
 #[derive(Clone, Debug)]
 pub struct Session<A, B> {
     config: SimulatedRadioConfig,
     to_drone: OneWayLink<A>,
     to_vessel: OneWayLink<B>,
-    /// Channels of handshakes and keep-alives: to the drone, to the vessel. Random streams of their
-    /// own, so that they do not shift the messages' fates.
+    /// Channels of handshakes and keep-alives, to the drone and to the vessel. Separate random streams keep them from
+    /// shifting the messages' fates.
     probes: [RadioChannel; 2],
-    /// Time at which each side last received the other: the drone, the vessel. None before the first time.
+    /// Time of the last reception by the drone and by the vessel; None before the first.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
-    /// When the next attempt to open is over and has succeeded or not; None while it is open.
+    /// End of the present attempt to open the session, and whether it succeeds; None while the session is open.
     attempt: Option<(Time<TrueTime>, bool)>,
     reopened: u32,
 }
 
 impl<A: Clone, B: Clone> Session<A, B> {
-    /// An open session over the radio of this seed.
     pub fn new(config: &SimulatedRadioConfig, streams: &Streams) -> Session<A, B> {
         Session {
             config: config.clone(),
@@ -139,13 +137,13 @@ impl<A: Clone, B: Clone> Session<A, B> {
         self.note_received(1, came.last().map(|c| c.0));
         came
     }
-    /// Everything sent in the window `[from, until)` is lost, both ways.
+    /// Loses everything sent in the window `[from, until)`, in both directions.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.to_drone.set_outage(window);
         self.to_vessel.set_outage(window);
         self.probes.iter_mut().for_each(|c| c.set_outage(window));
     }
-    /// Both ways fail so from now on: to the drone, to the vessel.
+    /// Applies faults from now on: to the drone, to the vessel.
     pub fn fail(&mut self, [to_drone, to_vessel]: [ChannelFault; 2]) {
         self.to_drone.fail(to_drone);
         self.to_vessel.fail(to_vessel);
@@ -153,11 +151,10 @@ impl<A: Clone, B: Clone> Session<A, B> {
         there.fail(to_drone);
         back.fail(to_vessel);
     }
-    /// Packets of both ways: to the drone, to the vessel.
+    /// Packet counts: to the drone, to the vessel.
     pub fn counts(&self) -> [ChannelCounts; 2] {
         [self.to_drone.counts(), self.to_vessel.counts()]
     }
-    /// Number of times that it was reopened.
     pub const fn reopened(&self) -> u32 {
         self.reopened
     }
@@ -168,7 +165,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// Keep-alives, the lease, and the way back.
+    /// Sends keep-alives, and closes or reopens the session.
     fn poll(&mut self, t: Time<TrueTime>) {
         if let Some((over, succeeds)) = self.attempt {
             if t < over {
@@ -186,7 +183,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
         let lease = Span::from_secs(self.config.session_lease_s());
         if t >= self.keep_alive {
             self.keep_alive = t + Span::from_secs(self.config.session_lease_s() / KEEP_ALIVES);
-            // The vessel sends all the time; only the drone has nothing to send now and then.
+            // The vessel sends continuously; only the drone may have nothing to send.
             let arrival = self.probes[1].send(t, SMALL)[0];
             self.note_received(1, arrival);
         }
@@ -201,16 +198,16 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// An attempt that begins at `from`: when it is over, and whether it succeeds.
+    /// Attempt to open the session, starting at `from`: its end, and whether it succeeds.
     fn handshake(&mut self, from: Time<TrueTime>) -> (Time<TrueTime>, bool) {
         let end = from + Span::from_secs(self.config.transport.open_timeout_s());
         let mut t = from;
         for exchange in 0..self.config.transport.exchanges() {
-            // Datagrams are not repeated.
+            // Datagrams are not retransmitted.
             let tries = match self.config.transport {
                 Transport::Udp => &TRIES_S[..1],
                 Transport::Tcp if exchange == 0 => &FIRST_TRIES_S[..],
-                // RFC 9002: three times the round trip assumed at first, then doubled.
+                // RFC 9002: three times the initial round-trip estimate, then doubled.
                 Transport::Quic if exchange == 0 => &QUIC_TRIES_S[..],
                 Transport::Tcp | Transport::Quic => &TRIES_S[..],
             };
@@ -231,7 +228,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
 mod tests {
     use super::*;
 
-    /// Ages of the newest sample at the drone every 10 ms, samples at 30 Hz from time 0.
+    /// Ages of the newest sample at the drone, every 10 ms; samples are sent at 30 Hz from time 0.
     fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
         let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
         let (mut newest, mut ages) = (f64::NEG_INFINITY, Vec::new());

@@ -1,14 +1,12 @@
-//! A byte stream over a lossy channel: how late a message comes when everything before it has to
-//! come first (head-of-line blocking), as TCP, and TLS over it, have it.
+//! A byte stream over a lossy channel: the delay of a message that waits for everything before it (head-of-line
+//! blocking), as in TCP and TLS over TCP.
 //!
-//! The sender is that of a present-day kernel as far as the age of a message depends on it: a
-//! congestion window in segments that shrinks to 0.7 at a loss (CUBIC, RFC 9438) or does not and has
-//! at least four segments (BBR, Cardwell et al. 2017), losses detected by what was
-//! sent later and came first, with a timer for those that are not late enough yet (RFC 8985, RACK), a
-//! probe of the tail after two round trips while nothing is known to be missing, a retransmission
-//! timer from round-trip times of at least 200 ms that doubles (RFC 6298) and is restarted by every
-//! round trip that is measured, also by a selective acknowledgement, as Linux has it. A message that
-//! does not fit into the socket's buffer is dropped, as the middleware drops it.
+//! The sender models a present-day kernel as far as the age of a message depends on it. The congestion window in
+//! segments shrinks to 0.7 at a loss (CUBIC, RFC 9438), or keeps at least four segments (BBR, Cardwell et al. 2017).
+//! Losses are detected by later segments that arrive first, with a timer for recent ones (RFC 8985, RACK); a tail-loss
+//! probe follows after two round trips without a known loss. The retransmission timer is at least 200 ms, doubles (RFC
+//! 6298), and restarts at every measured round trip, including selective acknowledgements, as in Linux. A message that
+//! does not fit into the socket's buffer is dropped, as by the middleware.
 
 use std::collections::VecDeque;
 
@@ -17,26 +15,25 @@ use alight_shared::time::{Span, Time, TrueTime};
 use super::{ChannelCounts, Congestion, RadioChannel, SimulatedRadioConfig};
 use crate::sensors::delay::DelayLine;
 
-/// Largest payload of a segment, bytes: 1500 without IP and TCP headers and time stamps.
+/// Maximum payload of a segment, bytes: 1500 less IP and TCP headers and time stamps.
 const SEGMENT: u64 = 1448;
-/// Headers of a segment, bytes.
 const HEADERS: usize = 52;
-/// Segments and acknowledgements under way at most.
+/// Maximum number of segments and acknowledgements under way.
 const QUEUE: usize = 4096;
-/// Segments that may be under way at the start.
+/// Initial congestion window, segments.
 const FIRST_WINDOW: f64 = 10.0;
-/// Segments that BBR leaves under way whatever was lost.
+/// Minimum window of BBR after losses, segments.
 const MIN_WINDOW: f64 = 4.0;
-/// Segments that BBR has under way when it is the sender that has no more to send: twice what one
-/// round trip takes of these messages (measured on a running kernel: 10 to 35).
+/// Window of BBR when the sender's data rate limits it, segments: twice one round trip of these messages (measured on a
+/// running kernel: 10 to 35).
 const USUAL_WINDOW: f64 = 24.0;
-/// Shortest retransmission time-out, s.
+/// Minimum retransmission time-out, s.
 const MIN_TIMEOUT_S: f64 = 0.2;
-/// Longest, s.
+/// Maximum retransmission time-out, s.
 const MAX_TIMEOUT_S: f64 = 120.0;
-/// Recoveries after which a patience that was not needed ends.
+/// Number of recoveries after which an unneeded extension of the reordering window ends.
 const REORDER_WINDOW_RECOVERIES: u8 = 16;
-/// Ranges that an acknowledgement names after the first.
+/// Maximum number of further ranges in an acknowledgement.
 const RANGES: usize = 4;
 
 /// Bytes `[from, until)`.
@@ -49,42 +46,38 @@ struct Segment {
     sent_at: Time<TrueTime>,
     arrived: bool,
     lost: bool,
-    /// Sent more than once: its acknowledgement measures no round trip.
+    /// Sent more than once, so that its acknowledgement measures no round trip.
     again: bool,
 }
 
-/// Purpose of a timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Timer {
-    /// Packets that a later one overtook are late enough to be lost.
+    /// Overtaken segments are late enough to be lost.
     Reorder,
-    /// A probe of the tail.
+    /// Tail-loss probe.
     Probe,
-    /// Nothing came for too long.
     TimeOut,
 }
 
 #[derive(Clone, Debug)]
 struct Acknowledgement {
-    /// Everything before came.
+    /// All bytes before this one have arrived.
     first: u64,
-    /// Ranges beyond that came, the newest first.
+    /// Further ranges that have arrived, the newest first.
     ranges: Vec<Range>,
-    /// When the segment that it answers was sent.
+    /// Time at which the acknowledged segment was sent.
     sent_at: Time<TrueTime>,
-    /// That segment had come before (RFC 2883).
+    /// The segment had arrived before (RFC 2883).
     double: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Event {
-    /// A segment comes in.
     Data(Range, Time<TrueTime>),
-    /// An acknowledgement comes in.
     Ack(Acknowledgement),
 }
 
-/// One direction of a stream; its acknowledgements come back on a channel of their own.
+/// One direction of a stream; its acknowledgements return on a separate channel.
 #[derive(Clone, Debug)]
 pub struct RadioStream<T> {
     there: RadioChannel,
@@ -92,7 +85,7 @@ pub struct RadioStream<T> {
     buffer: u64,
     congestion: Congestion,
     events: DelayLine<Event>,
-    // What was written: where it ends, and what it is.
+    // Written messages, each with its end in the stream.
     messages: VecDeque<(u64, T)>,
     written: u64,
     sent: u64,
@@ -101,24 +94,23 @@ pub struct RadioStream<T> {
     window: f64,
     threshold: f64,
     recover: u64,
-    /// The window grows again from one segment, before everything up to `recover` has come.
+    /// The window grows from one segment until everything up to `recover` is acknowledged.
     after_time_out: bool,
     round_trip: Option<(f64, f64)>,
-    /// Shortest round trip so far, s.
+    /// Minimum round trip, s.
     shortest_s: f64,
-    /// When the latest sent of the segments that came was sent, and its round trip, s.
+    /// Send time and round trip (s) of the most recently sent segment that arrived.
     latest: Option<(Time<TrueTime>, f64)>,
-    /// Quarters of the shortest round trip that an overtaken segment is waited for, until when that
-    /// stays, and for how many recoveries (RFC 8985, 7.2).
+    /// Time to wait for an overtaken segment, in quarters of the minimum round trip, the end of that value, and the
+    /// number of recoveries for which it holds (RFC 8985, 7.2).
     reorder_window: u8,
     reorder_window_until: Option<Time<TrueTime>>,
     recoveries: u8,
     backoff: i32,
     probed: bool,
     timer: Option<(Time<TrueTime>, Timer)>,
-    /// When the time-out is due, whatever else the timer is set to meanwhile.
+    /// Due time of the retransmission time-out, whatever the timer is set to.
     time_out_at: Option<Time<TrueTime>>,
-    // The receiver.
     received: Vec<Range>,
     delivered: u64,
     ready: Vec<(Time<TrueTime>, T)>,
@@ -126,7 +118,7 @@ pub struct RadioStream<T> {
 }
 
 impl<T: Clone> RadioStream<T> {
-    /// A stream that has just been opened, with the channel that carries it and the one back.
+    /// A new stream, with its forward and return channels.
     pub fn new(config: &SimulatedRadioConfig, there: RadioChannel, back: RadioChannel) -> RadioStream<T> {
         RadioStream {
             there,
@@ -159,7 +151,7 @@ impl<T: Clone> RadioStream<T> {
             dropped: 0,
         }
     }
-    /// Reopens the stream over the same channels: what was under way is lost.
+    /// Reopens the stream over the same channels; data under way are lost.
     pub fn reopen(&mut self, config: &SimulatedRadioConfig) {
         let fresh = RadioStream::new(config, self.there.clone(), self.back.clone());
         let dropped = self.dropped + self.messages.len() as u64;
@@ -168,16 +160,15 @@ impl<T: Clone> RadioStream<T> {
     pub fn channels(&mut self) -> [&mut RadioChannel; 2] {
         [&mut self.there, &mut self.back]
     }
-    /// Counts of the packets that carry it.
+    /// Counts of the packets that carry the stream.
     pub const fn counts(&self) -> ChannelCounts {
         self.there.counts()
     }
-    /// Messages that did not fit into the buffer or were lost with the connection.
+    /// Number of messages that did not fit into the buffer or were lost with the connection.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Writes a message of `bytes` at `t`.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, message: T) {
         self.advance(t);
         if self.written - self.acknowledged + bytes as u64 > self.buffer {
@@ -188,7 +179,7 @@ impl<T: Clone> RadioStream<T> {
         self.messages.push_back((self.written, message));
         self.transmit(t);
     }
-    /// The messages that have been delivered by `t`, in order, with the times of their arrival.
+    /// Messages delivered by `t`, in order, with their arrival times.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         self.advance(t);
         core::mem::take(&mut self.ready)
@@ -219,11 +210,11 @@ impl<T: Clone> RadioStream<T> {
     fn put(&mut self, t: Time<TrueTime>, range: Range) {
         let bytes = (range.1 - range.0) as usize + HEADERS;
         for at in self.there.send(t, bytes).into_iter().flatten() {
-            // A line that is full is a link that is: the segment is lost.
+            // A full line drops the segment, as a full link does.
             let _lost = self.events.push(at, Event::Data(range, t));
         }
     }
-    /// Sends what the window allows: first again what was lost, then what is new.
+    /// Sends within the window: retransmissions first, then new data.
     fn transmit(&mut self, t: Time<TrueTime>) {
         let mut sent = false;
         while self.under_way() < self.window.floor().max(1.0) {
@@ -234,12 +225,11 @@ impl<T: Clone> RadioStream<T> {
             }
             sent = true;
         }
-        // A write that has to wait leaves the timer where it is.
+        // A write that has to wait does not change the timer.
         if sent {
             self.set_timer(t);
         }
     }
-    /// Sends a segment again.
     fn retransmit(&mut self, t: Time<TrueTime>, k: usize) {
         let Some(segment) = self.flight.get_mut(k) else {
             return;
@@ -251,7 +241,7 @@ impl<T: Clone> RadioStream<T> {
             self.time_out_at = Some(t + self.time_out());
         }
     }
-    /// Sends what has not been sent yet, a segment at most; false when there is nothing.
+    /// Sends at most one segment of new data; returns false if there is none.
     fn send_new(&mut self, t: Time<TrueTime>) -> bool {
         if self.sent == self.written {
             return false;
@@ -293,7 +283,7 @@ impl<T: Clone> RadioStream<T> {
             self.ready
                 .extend(self.messages.pop_front().map(|(_, message)| (t, message)));
         }
-        // The range that has just come is named first.
+        // The range that has just arrived is first.
         let mut ranges = vec![range];
         ranges.extend(self.received.iter().rev().take(RANGES - 1));
         for at in self.back.send(t, HEADERS + 12).into_iter().flatten() {
@@ -344,15 +334,15 @@ impl<T: Clone> RadioStream<T> {
         self.find_lost(t);
         let gained = before.saturating_sub(open(&self.flight)) as f64;
         match self.congestion {
-            // After a time-out it grows with what comes, and is what it was when all of that has come.
+            // After a time-out the window grows with acknowledged segments; it is restored when all are acknowledged.
             Congestion::Bbr => {
                 let recovered = self.after_time_out && self.acknowledged >= self.recover;
-                let grown = if recovered {
+                let window = if recovered {
                     USUAL_WINDOW
                 } else {
                     self.window + gained
                 };
-                self.window = grown.clamp(MIN_WINDOW, USUAL_WINDOW);
+                self.window = window.clamp(MIN_WINDOW, USUAL_WINDOW);
             }
             Congestion::Cubic if limited && (self.after_time_out || self.acknowledged >= self.recover) => {
                 self.window += if self.window < self.threshold {
@@ -365,7 +355,7 @@ impl<T: Clone> RadioStream<T> {
         }
         self.after_time_out &= self.acknowledged < self.recover;
         self.probed &= !progress;
-        // What was sent after the head does not show for how long the head has been away.
+        // A segment sent after the head does not measure how long the head is overdue.
         if progress || head_at.is_some_and(|at| sent_at < at) {
             self.time_out_at = Some(t + self.time_out());
         }
@@ -373,8 +363,8 @@ impl<T: Clone> RadioStream<T> {
         self.set_timer(t);
     }
 
-    /// A segment sent again for nothing was overtaken, not lost: widens the window once a round trip, for as
-    /// long as sixteen recoveries.
+    /// Widens the reordering window once per round trip when a segment was retransmitted needlessly (overtaken, not
+    /// lost), for sixteen recoveries.
     fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
         if double && self.reorder_window_until.is_none_or(|at| t >= at) {
             self.reorder_window = self.reorder_window.saturating_add(1);
@@ -385,14 +375,14 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// Time by which a later segment may be ahead of one that is not lost, s: quarters of the shortest round
-    /// trip, a usual one at most.
+    /// Time by which a later segment may overtake one that is not lost, s: quarters of the minimum round trip, at most
+    /// the mean round trip.
     fn reordering_s(&self) -> f64 {
         let usual_s = self.round_trip.map_or(f64::INFINITY, |r| r.0);
         (0.25 * self.shortest_s.min(usual_s) * f64::from(self.reorder_window)).min(usual_s)
     }
 
-    /// Marks as lost what was sent long enough before something that came.
+    /// Marks segments as lost that were sent long enough before one that arrived.
     fn find_lost(&mut self, t: Time<TrueTime>) {
         let Some((latest_at, round_trip_s)) = self.latest else {
             return;
@@ -418,7 +408,7 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// From the sending of the oldest segment to the time-out.
+    /// Retransmission time-out from the sending of the oldest segment.
     fn time_out(&self) -> Span {
         let (mean, spread) = self.round_trip.unwrap_or((0.5, 0.125));
         let timeout = mean + (4.0 * spread).max(MIN_TIMEOUT_S);
@@ -467,7 +457,7 @@ impl<T: Clone> RadioStream<T> {
                 self.set_timer(t);
             }
             Timer::Probe => {
-                // Something new, or the last one again, so that its acknowledgement shows the gaps.
+                // New data, or the last segment again, so that its acknowledgement shows the gaps.
                 self.probed = true;
                 if !self.send_new(t)
                     && let Some(last) = self.flight.iter().rposition(|s| !s.arrived)
@@ -482,7 +472,7 @@ impl<T: Clone> RadioStream<T> {
                 self.recover = self.sent;
                 self.after_time_out = true;
                 self.backoff = (self.backoff + 1).min(10);
-                // What was sent within a round trip may still come; the oldest is given up.
+                // Segments sent within a round trip may still arrive; the oldest one counts as lost.
                 let round_trip_s = self.latest.map_or(0.0, |l| l.1);
                 let recent = t - Span::from_secs(round_trip_s);
                 for (k, segment) in self.flight.iter_mut().enumerate().filter(|(_, s)| !s.arrived) {

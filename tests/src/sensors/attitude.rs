@@ -1,4 +1,4 @@
-//! The vessel's attitude sensor: the roll, pitch, rates and heave that an inertial navigation system reports.
+//! Attitude sensor of the vessel, with the roll, pitch, rates and heave of an inertial navigation system.
 
 use alight_shared::config;
 use alight_shared::frames::VesselBody;
@@ -12,25 +12,25 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The vessel's attitude sensor.
+    /// Attitude sensor of the vessel.
     pub struct VesselAttitudeConfig {
         /// Measurements per second.
-        /// Chosen: what motion sensors of survey boats send over a serial line.
+        /// Chosen: rate of motion sensors of survey boats on a serial line.
         pub rate_hz: f64 = 20.0, in 1.0..=100.0;
-        /// From measurement to arrival at the estimator, s.
+        /// Delay from measurement to arrival at the estimator, s.
         pub latency_s: f64 = 0.03, in 0.0..=2.0;
         /// White noise of roll and pitch, deg.
         pub white_sd_deg: f64 = 0.02, in 0.0..=10.0;
-        /// Standard deviation of their slow error (acceleration of the boat), deg.
+        /// Standard deviation of the slow roll and pitch error (due to the boat's acceleration), deg.
         pub bias_sd_deg: f64 = 0.05, in 0.0..=10.0;
-        /// Correlation time of the slow errors of roll, pitch and heave, s.
-        /// Chosen: the boat's own accelerations, a few waves.
+        /// Correlation time of the slow roll, pitch and heave errors, s.
+        /// Chosen: a few waves, since the boat's acceleration causes them.
         pub bias_correlation_s: f64 = 20.0, in 0.1..=1e6;
-        /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
+        /// Standard deviation of the misalignment with the hull, per axis, drawn per seed, deg.
         pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
-        /// White noise of its angular rates, rad/s.
+        /// White noise of the angular rates, rad/s.
         pub rate_white_sd_radps: f64 = 0.002, in 0.0..=1.0;
-        /// Standard deviation of its heave's slow error, m.
+        /// Standard deviation of the slow heave error, m.
         /// Source: data sheets of motion sensors, 0.05 m or 5 %.
         pub heave_sd_m: f64 = 0.05, in 0.0..=10.0;
         /// Windows `[start, end)` without measurements, s of true time.
@@ -38,7 +38,6 @@ config! {
     }
 }
 
-/// The vessel's attitude sensor at work.
 #[derive(Clone, Debug)]
 pub(super) struct VesselAttitude {
     config: VesselAttitudeConfig,
@@ -75,7 +74,7 @@ impl VesselAttitude {
                 Some(AttitudeFix {
                     header,
                     tilt: [angles.x + error.x, angles.y + error.y],
-                    // As its data sheet states it: without the mounting.
+                    // As in its data sheet, without the mounting error.
                     tilt_sd: white.hypot(c.bias_sd_deg.to_radians()).max(1e-4),
                     rates: Some(rates.into()),
                     heave: Some(heave),

@@ -1,4 +1,4 @@
-//! The belly camera's mount and lens.
+//! Mount and lens of the belly camera.
 
 use alight_shared::config;
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation, TrueNed, Vector};
@@ -10,21 +10,22 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The camera's mount, and what it is wrong by, unknown to the nodes.
+    /// Mount of the camera and its errors, which nodes do not receive.
     #[derive(Copy)]
     pub struct CameraMountConfig {
-        /// Roll, pitch and yaw about the camera's own axes against the designed mount, deg: the nodes have the same.
+        /// Roll, pitch and yaw about the camera's axes relative to the designed mount, deg; the nodes have the same
+        /// value.
         pub rotation_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
-        /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.
+        /// Standard deviation of the rotation error about each camera axis, drawn per seed, deg.
         pub angle_sd_deg: f64 = 1.0, in 0.0..=30.0;
-        /// Standard deviation of the position, each axis, drawn per seed, m.
+        /// Standard deviation of the position error, per axis, drawn per seed, m.
         pub position_sd_m: f64 = 0.01, in 0.0..=1.0;
     }
 }
 
-/// Rotation drone body from camera as it is designed: the camera looks down and the image's upper
-/// edge is forward, so camera x -> body y (right), camera y -> body -x (aft), camera z -> body z.
-/// That is a turn by +90 deg about the common z axis.
+/// Designed rotation drone body from camera: the camera looks down and the image's upper edge is forward, so camera x
+/// -> body y (right), camera y -> body -x (aft), camera z -> body z. That is a rotation by +90 deg about the common z
+/// axis.
 pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
     Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(
@@ -42,7 +43,7 @@ pub struct CameraMount {
 }
 
 impl CameraMount {
-    /// The mount of this seed: as designed, plus what it is wrong by.
+    /// Mount of this seed: the designed mount with its errors.
     pub fn new(config: &CameraMountConfig, drone: &DroneGeometry, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "drone.camera.mount");
         let turn = noise.normal3() * config.angle_sd_deg.to_radians();
@@ -54,7 +55,7 @@ impl CameraMount {
                 * Rotation::<Camera, Camera>::from(UnitQuaternion::from_scaled_axis(turn)),
         }
     }
-    /// The camera's motion on a drone that moves like `drone`.
+    /// Motion of the camera on a drone with this motion.
     pub fn view(&self, drone: &RigidState<DroneBody>) -> CameraMotion {
         let at = drone.at::<DroneBody>(self.position);
         let camera_from_body = self.attitude.inverse();
@@ -67,7 +68,6 @@ impl CameraMount {
     }
 }
 
-/// The camera at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMotion {
     /// Optical centre.
@@ -85,24 +85,22 @@ impl CameraMotion {
     pub fn to_camera_frame(&self, point: Point<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (point - self.centre)).0
     }
-    /// Velocity in camera coordinates of a point that is at `point` and moves with `velocity`:
-    /// `R (v - v_camera) - w x p`, m/s.
+    /// Velocity in camera coordinates of a point at `point` (camera coordinates, m) that moves with `velocity`: `R (v -
+    /// v_camera) - w x p`, m/s.
     pub fn drift(&self, point: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&point)
     }
 }
 
-/// A pinhole lens without distortion (what is left after rectification).
+/// A pinhole lens without distortion, as after rectification.
 #[derive(Clone, Copy, Debug)]
 pub struct PinholeLens {
-    /// Image size, px.
     pub size_px: [f64; 2],
-    /// Focal length, px.
     pub focal_px: f64,
 }
 
 impl PinholeLens {
-    /// A lens whose image is `width_px` wide over the horizontal field of view `fov_rad`.
+    /// A lens with an image width of `width_px` over the horizontal field of view `fov_rad`.
     pub fn new(width_px: f64, height_px: f64, fov_rad: f64) -> Self {
         PinholeLens {
             size_px: [width_px, height_px],
@@ -113,7 +111,6 @@ impl PinholeLens {
     pub fn project(&self, p: Vector3<f64>) -> Option<Vector2<f64>> {
         (p.z > 1e-3).then(|| p.xy() * (self.focal_px / p.z) + self.centre())
     }
-    /// Whether the pixel lies in the image.
     pub fn holds(&self, px: Vector2<f64>) -> bool {
         (0.0..=self.size_px[0]).contains(&px.x) && (0.0..=self.size_px[1]).contains(&px.y)
     }
@@ -137,8 +134,7 @@ mod tests {
         assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
         assert!((to_body(0.0, 1.0, 0.0) + Vector3::x()).norm() < 1e-15);
         assert!((to_body(0.0, 0.0, 1.0) - Vector3::z()).norm() < 1e-15);
-        // What lies ahead of the drone appears in the upper half of the image, what lies to
-        // starboard in the right half.
+        // Points ahead of the drone are in the upper half of the image, points to starboard in the right half.
         let mount = CameraMount {
             position: Vector3::zeros(),
             attitude: r,

@@ -1,4 +1,4 @@
-//! The two computers' clocks: offset and drift, drawn per seed.
+//! Clocks of the two computers: offset and drift, drawn per seed.
 
 use alight_shared::config;
 use alight_shared::time::{Clock, Span, Time, TrueTime};
@@ -7,15 +7,15 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Differences of the clocks.
+    /// Differences between the clocks.
     #[derive(Copy)]
     pub struct ClockErrorConfig {
-        /// Both clocks read about this at the true time zero, s.
-        /// Chosen: no node may take its clock to begin at zero.
+        /// Approximate reading of both clocks at the true time zero, s.
+        /// Chosen: so that no node can assume that its clock begins at zero.
         pub epoch_s: f64 = 100.0, in 0.0..=1e9;
-        /// Drone clock minus vessel clock at the true time zero is uniform within this, s.
+        /// Bound of the drone clock's uniform offset from the vessel clock at the true time zero, s.
         pub offset_s: f64 = 0.5, in 0.0..=3600.0;
-        /// The clocks drift apart by this much, either way, parts per million.
+        /// Relative drift of the two clocks, of either sign, parts per million.
         pub drift_ppm: f64 = 20.0, in 0.0..=500.0;
     }
 }
@@ -28,34 +28,33 @@ pub struct ClockModel {
 }
 
 impl ClockModel {
-    /// A clock with `offset_s` at the true time zero and `drift` (1 = one second per second).
+    /// A clock with the offset `offset_s` at the true time zero and the rate error `drift` (1 is one second per
+    /// second).
     pub fn new(offset_s: f64, drift: f64) -> Self {
         ClockModel {
             offset: Span::from_secs(offset_s),
             drift,
         }
     }
-    /// This clock, ahead by `by`.
     pub fn ahead(self, by: Span) -> Self {
         ClockModel {
             offset: self.offset + by,
             ..self
         }
     }
-    /// Time that it shows at the true time zero.
+    /// Reading at the true time zero.
     pub const fn offset(&self) -> Span {
         self.offset
     }
-    /// Relative excess of its rate, 1 = one second per second.
+    /// Relative rate error; 1 is one second per second.
     pub const fn drift(&self) -> f64 {
         self.drift
     }
-    /// Time of the clock at `t`.
     pub fn read<C: Clock>(&self, t: Time<TrueTime>) -> Time<C> {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
         Time::<C>::from_nanos(t.nanos()) + self.offset + ahead
     }
-    /// When the clock reads `c`, to a nanosecond.
+    /// True time of the reading `c`, to a nanosecond.
     pub fn true_time<C: Clock>(&self, c: Time<C>) -> Time<TrueTime> {
         let shown = Time::<TrueTime>::from_nanos(c.nanos()) - self.offset;
         let ahead = shown.nanos() as f64 * (self.drift / (1.0 + self.drift));
@@ -63,7 +62,6 @@ impl ClockModel {
     }
 }
 
-/// The vessel's and the drone's clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Clocks {
     pub vessel: ClockModel,
@@ -71,9 +69,8 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Draws the clocks of this seed: the difference of the offsets is uniform within
-    /// `offset_s`, the difference of the drifts is `drift_ppm` with a random sign, and half of
-    /// each belongs to either clock.
+    /// Draws the clocks of this seed. The offsets differ uniformly within `offset_s`, the drifts by `drift_ppm` with a
+    /// random sign; each clock has half of the difference.
     pub fn new(config: &ClockErrorConfig, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "clocks");
         let offset = 0.5 * config.offset_s * (2.0 * noise.uniform() - 1.0);

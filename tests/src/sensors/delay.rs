@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Time, TrueTime};
 
-/// Holds values until their time of arrival, in the order of arrival; equal times keep the order
-/// of sending. A full line drops what comes and counts it.
+/// Queues values until their arrival times, in order of arrival; equal times keep the order of sending. A full line
+/// drops and counts new values.
 #[derive(Clone, Debug)]
 pub struct DelayLine<T> {
     queue: VecDeque<(Time<TrueTime>, T)>,
@@ -14,7 +14,6 @@ pub struct DelayLine<T> {
 }
 
 impl<T> DelayLine<T> {
-    /// A line that holds at most `capacity` values.
     pub const fn new(capacity: usize) -> Self {
         DelayLine {
             queue: VecDeque::new(),
@@ -22,13 +21,13 @@ impl<T> DelayLine<T> {
             dropped: 0,
         }
     }
-    /// Sends `value` so that it arrives at `arrival`; false when the line is full.
+    /// Queues `value` for arrival at `arrival`; returns false if the line is full.
     pub fn push(&mut self, arrival: Time<TrueTime>, value: T) -> bool {
         if self.queue.len() >= self.capacity {
             self.dropped += 1;
             return false;
         }
-        // Arrivals are nearly in order, so the search from the back ends at once.
+        // Arrivals are almost in order, so that the search from the back is short.
         let at = self
             .queue
             .iter()
@@ -37,7 +36,7 @@ impl<T> DelayLine<T> {
         self.queue.insert(at, (arrival, value));
         true
     }
-    /// The next value that has arrived by `now`.
+    /// Removes the next value that has arrived by `now`.
     pub fn pop(&mut self, now: Time<TrueTime>) -> Option<(Time<TrueTime>, T)> {
         let (arrival, _) = self.queue.front()?;
         if *arrival > now {
@@ -45,23 +44,20 @@ impl<T> DelayLine<T> {
         }
         self.queue.pop_front()
     }
-    /// When the next value arrives.
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.queue.front().map(|(arrival, _)| *arrival)
     }
-    /// All values that have arrived by `now`.
+    /// Removes all values that have arrived by `now`.
     pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
         core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()
     }
-    /// Number of items under way.
     pub fn len(&self) -> usize {
         self.queue.len()
     }
-    /// Whether none is under way.
     pub fn is_empty(&self) -> bool {
         self.queue.is_empty()
     }
-    /// Number of items that were dropped because the line was full.
+    /// Number of values dropped because the line was full.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }

@@ -1,4 +1,4 @@
-//! GNSS: a bias that wanders slowly, white noise, an antenna on its lever arm.
+//! GNSS receiver: a slowly varying bias, white noise, and an antenna with a lever arm.
 
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
@@ -13,24 +13,24 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The errors of one GNSS receiver.
+    /// Errors of a GNSS receiver.
     ///
-    /// Defaults: A single-frequency receiver without corrections; values chosen here (issue 2).
+    /// Defaults: A single-frequency receiver without corrections; values chosen here.
     #[derive(Copy)]
     pub struct GnssErrorConfig {
-        /// Standard deviation of the slow bias, each axis, m.
+        /// Standard deviation of the slow bias, per axis, m.
         pub bias_sd_m: f64 = 1.0, in 0.0..=100.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e6;
-        /// Standard deviation of the white position noise, each axis, m.
+        /// Standard deviation of the white position noise, per axis, m.
         pub white_sd_m: f64 = 0.3, in 0.0..=100.0;
-        /// Standard deviation of the white velocity noise, each axis, m/s.
+        /// Standard deviation of the white velocity noise, per axis, m/s.
         pub velocity_sd_mps: f64 = 0.1, in 0.0..=10.0;
     }
 }
 
-/// The errors of one receiver as they run on. Each craft has its own, from its own streams: the
-/// difference of two biases is what displaces the two craft's NED planes.
+/// Errors of one receiver over time. Each craft has its own streams; the difference between the two biases displaces
+/// the NED planes of the two craft.
 #[derive(Clone, Debug)]
 pub struct GnssError {
     config: GnssErrorConfig,
@@ -40,8 +40,8 @@ pub struct GnssError {
 }
 
 impl GnssError {
-    /// The receiver of `craft` ("vessel", "drone"); its streams are `<craft>.gnss.bias`, `.white`
-    /// and `.velocity`.
+    /// Errors of the receiver of `craft` ("vessel", "drone"), with the streams `<craft>.gnss.bias`, `.white` and
+    /// `.velocity`.
     pub fn new(config: &GnssErrorConfig, streams: &Streams, craft: &str) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("{craft}.gnss.{what}"));
         GnssError {
@@ -51,58 +51,57 @@ impl GnssError {
             velocity: noise("velocity"),
         }
     }
-    /// The slow bias now, NED, m: what displaces the craft's NED plane.
+    /// Present slow bias, NED, m, which displaces the craft's NED plane.
     pub fn bias(&self) -> Vector3<f64> {
         self.bias.value()
     }
-    /// Lets the slow bias run on for `dt` seconds and returns it.
+    /// Advances the slow bias by `dt` seconds and returns it.
     pub fn advance(&mut self, dt: f64) -> Vector3<f64> {
         self.bias.step(dt)
     }
-    /// Draws a fresh position error, NED, m: bias plus white.
+    /// Draws a position error, NED, m: bias plus white noise.
     pub fn position(&mut self) -> Vector3<f64> {
         self.bias.value() + self.white.normal3() * self.config.white_sd_m
     }
-    /// Draws a fresh velocity error, NED, m/s.
+    /// Draws a velocity error, NED, m/s.
     pub fn velocity(&mut self) -> Vector3<f64> {
         self.velocity.normal3() * self.config.velocity_sd_mps
     }
 }
 
 config! {
-    /// The vessel's GNSS receiver.
+    /// GNSS receiver of the vessel.
     pub struct VesselGnssConfig {
         /// Measurements per second.
         /// Source: Procházka 2024: GNSS at 10 Hz.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
-        /// From measurement to arrival at the estimator, s.
-        /// Chosen: usual for a receiver over a serial line.
+        /// Delay from measurement to arrival at the estimator, s.
+        /// Chosen: typical of a receiver on a serial line.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
-        /// Antenna in the vessel's body frame, as the estimator has it, m.
+        /// Position of the antenna in the vessel's body frame, as configured in the estimator, m.
         /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
-        /// Standard deviation of what `antenna_m` is wrong by, each axis, drawn per seed, m.
+        /// Standard deviation of the error of `antenna_m`, per axis, drawn per seed, m.
         /// Chosen: a tape measure.
         pub antenna_error_sd_m: f64 = 0.01, in 0.0..=1.0;
         /// Probability that a fix is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Error of its heights, up positive, m: a receiver that leaves out the geoid's height (field 11 of GGA) is
-        /// wrong by 22 to 51 m in seven of 56 logs of vessels.
+        /// Height error, positive up, m. A receiver that omits the geoid's height (field 11 of GGA) is wrong by 22 to
+        /// 51 m in seven of 56 logs of vessels.
         pub height_error_m: f64 = 0.0, in -200.0..=200.0;
-        /// Stated white noise over the true one.
+        /// Ratio of the reported white noise to the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Errors of the receiver.
         pub error: GnssErrorConfig;
     }
 }
 
-/// The vessel's GNSS receiver at work.
 #[derive(Clone, Debug)]
 pub(super) struct VesselGnss {
     config: VesselGnssConfig,
-    /// Origin of the true NED; None: the vessel's own is the true one.
+    /// Origin of the true NED; None: the vessel's origin is the true one.
     place: Option<Datum>,
     antenna: Vector3<f64>,
     error: GnssError,
@@ -133,7 +132,7 @@ impl VesselGnss {
     pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<GnssFix> {
         if let Some(dt) = self.outlet.due(t) {
             self.error.advance(dt);
-            // Drawn even when the fix is lost, so that an outage does not shift the noise.
+            // Drawn even if the fix is lost, so that an outage does not shift the noise.
             let (dp, dv) = (self.error.position(), self.error.velocity());
             let lost = self.dropout.chance(self.config.dropout);
             let (config, place) = (&self.config, self.place);

@@ -1,4 +1,4 @@
-//! The vessel's heading sensor: a compass, or two GNSS antennas.
+//! Heading sensor of the vessel: a compass, or two GNSS antennas.
 
 use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
@@ -11,20 +11,20 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The vessel's heading sensor.
+    /// Heading sensor of the vessel.
     pub struct VesselHeadingConfig {
         /// Measurements per second.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
-        /// From measurement to arrival at the estimator, s.
+        /// Delay from measurement to arrival at the estimator, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
         /// White noise, deg.
         pub white_sd_deg: f64 = 1.0, in 0.0..=45.0;
         /// Standard deviation of the slow bias (deviation, mounting), deg.
-        /// Chosen: a compass is never free of it, and averaging does not remove it.
+        /// Chosen: every compass has a bias, which averaging does not remove.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;
-        /// Stated errors over the true ones.
+        /// Ratio of the reported errors to the true ones.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Probability that a measurement is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
@@ -33,7 +33,6 @@ config! {
     }
 }
 
-/// The vessel's heading sensor at work.
 #[derive(Clone, Debug)]
 pub(super) struct VesselHeading {
     config: VesselHeadingConfig,
@@ -69,7 +68,7 @@ impl VesselHeading {
                 Some(HeadingFix {
                     header,
                     heading: wrap_angle(vessel.euler().z + error),
-                    // As its data sheet states it: the whole error.
+                    // As in its data sheet: the total error.
                     heading_sd: stated,
                     ..HeadingFix::default()
                 })

@@ -1,4 +1,4 @@
-//! The vessel's inertial measurement unit.
+//! Inertial measurement unit of the vessel.
 
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
@@ -13,33 +13,33 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The vessel's IMU.
+    /// IMU of the vessel.
     pub struct VesselImuConfig {
         /// Measurements per second.
         /// Source: Procházka 2024: IMU at 100 Hz.
         pub rate_hz: f64 = 100.0, in 1.0..=100.0;
-        /// From measurement to arrival at the estimator, s.
+        /// Delay from measurement to arrival at the estimator, s.
         /// Chosen: within one step of the estimator.
         pub latency_s: f64 = 0.0, in 0.0..=2.0;
-        /// Place in the vessel's body frame, as the estimator has it, m.
-        /// Chosen: in the payload tray, off the middle.
+        /// Position in the vessel's body frame, as configured in the estimator, m.
+        /// Chosen: in the payload tray, off the centre.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
-        /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.
+        /// Standard deviation of the error of `lever_arm_m`, per axis, drawn per seed, m.
         /// Chosen: a tape measure, a spirit level.
         pub lever_arm_error_sd_m: f64 = 0.01, in 0.0..=1.0;
-        /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
+        /// Standard deviation of the misalignment with the hull, per axis, drawn per seed, deg.
         pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
-        /// White noise of the gyroscope, each axis and sample, rad/s.
+        /// White noise of the gyroscope, per axis and sample, rad/s.
         /// Source: Virtual RobotX WAM-V.
         pub gyro_white_sd_radps: f64 = 0.009, in 0.0..=1.0;
-        /// Standard deviation of the gyroscope's bias, each axis, rad/s.
+        /// Standard deviation of the gyroscope's bias, per axis, rad/s.
         pub gyro_bias_sd_radps: f64 = 0.005, in 0.0..=1.0;
-        /// White noise of the accelerometer, each axis and sample, m/s².
+        /// White noise of the accelerometer, per axis and sample, m/s².
         pub accelerometer_white_sd_mps2: f64 = 0.021, in 0.0..=10.0;
-        /// Standard deviation of the accelerometer's bias, each axis, m/s².
+        /// Standard deviation of the accelerometer's bias, per axis, m/s².
         pub accelerometer_bias_sd_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Chosen: all but constant over a landing.
+        /// Chosen: almost constant over a landing.
         pub bias_correlation_s: f64 = 3600.0, in 1.0..=1e9;
         /// Probability that a sample is missing.
         pub dropout: f64 = 0.0, in 0.0..=1.0;
@@ -48,16 +48,14 @@ config! {
     }
 }
 
-/// Measurement of an ideal inertial sensor at the state's reference point: the angular rate
-/// (rad/s) and the specific force `R' (a - g)` (m/s²), both in the body frame (Groves 2013,
-/// section 4.1).
+/// Measurement of an ideal inertial sensor at the state's reference point: angular rate (rad/s) and specific force `R'
+/// (a - g)` (m/s²), in the body frame (Groves 2013, section 4.1).
 pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
     let gravity = Vector::<TrueNed>::new(0.0, 0.0, GRAVITY);
     let force = state.attitude.inverse() * (state.acceleration - gravity);
     (state.rates.0, force.0)
 }
 
-/// The vessel's IMU at work.
 #[derive(Clone, Debug)]
 pub(super) struct VesselImu {
     config: VesselImuConfig,

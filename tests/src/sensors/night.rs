@@ -1,106 +1,106 @@
-//! The belly camera by night: what its exposure can be, what light of scene, lit tags and a lamp reaches a pixel, and the noise.
+//! The belly camera by night: its exposure range, the light of scene, lit tags and a lamp in a pixel, and its noise.
 //!
-//! Light is counted in lux of a white surface: a surface of luminance `L` gives as much as a white one under `π L` lux. A pixel
-//! of exposure `t` and gain `g` counts and shows
+//! Light is expressed in lux on a white surface: a surface of luminance `L` is as bright as a white one under `π L`
+//! lux. A pixel with exposure `t` and gain `g` has
 //!
 //! ```text
 //! electrons = s E t        grey = 255 g electrons / well        sd² = dark² + (255 g / well)² (read² + electrons)
 //! ```
 //!
-//! A lamp scatters in eye and lens alike; its veil has the luminance `10 E / θ²` (Stiles and Holladay; CIE 146): `E` is its
-//! illuminance at the lens, lux, `θ` the angle from it, deg, 1 deg and more. Lit tags scatter by the same law.
+//! A lamp scatters in the lens as in an eye; its veil has the luminance `10 E / θ²` (Stiles and Holladay; CIE 146),
+//! where `E` is its illuminance at the lens, lux, and `θ` the angle from it, deg, at least 1 deg. Lit tags scatter by
+//! the same law.
 //!
-//! The rendered images and the measurement model of the tags ([`super::tag`]) have this in common and no more: one draws it, the
-//! other has chances and noise that were fitted to the drone's detector on such images.
+//! The rendered images and the measurement model of the tags ([`super::tag`]) have nothing else in common: the first are drawn,
+//! the second has probabilities and noise fitted to the drone's detector on such images.
 
 use alight_shared::config;
 use alight_uav::camera::metering::Setting;
 use core::f64::consts::PI;
 
 config! {
-    /// Light, and the belly camera in it.
+    /// Light, and the belly camera's response to it.
     #[derive(Copy)]
     pub struct NightConfig {
-        /// Illuminance of deck and sea, lux: overcast noon 10 000, sunset 400, a lit quay 20, civil twilight's end 3, full moon 0.2,
-        /// stars 0.001.
+        /// Illuminance of deck and sea, lux: overcast noon 10 000, sunset 400, a lit quay 20, end of civil twilight 3,
+        /// full moon 0.2, stars 0.001.
         pub ambient_lux: f64 = 0.2, in 0.0..=2e5;
-        /// Luminance of the white of lit tags, cd/m²; 0: printed ones.
+        /// Luminance of the white of lit tags, cd/m²; 0: printed tags.
         /// Chosen: LED panels behind film have 50 to 1000.
         pub tags_cdpm2: f64 = 0.0, in 0.0..=1e5;
-        /// Luminous intensity of a lamp on the deck towards the drone, cd; 0: none. A floodlight of 10 W has 150, of 100 W behind a
-        /// narrow mirror 10 000.
+        /// Luminous intensity of a lamp on the deck towards the drone, cd; 0: no lamp. A 10 W floodlight has 150 cd, a
+        /// 100 W lamp with a narrow mirror 10 000 cd.
         pub lamp_cd: f64 = 0.0, in 0.0..=1e6;
-        /// Place of the lamp from the deck's centre: forward, right, down, m.
+        /// Position of the lamp relative to the deck's centre: forward, right, down, m.
         pub lamp_m: [f64; 3] = [-1.5, 0.0, -0.5], in -50.0..=50.0;
-        /// Part of the light of scene and lamp that the camera's filter passes; all of lit tags' passes.
-        /// Source: an infra-red filter before 850 nm passes a hundredth of white LEDs' and next to none of the moon's.
+        /// Fraction of the light of scene and lamp that passes the camera's filter; the light of lit tags passes it
+        /// entirely.
+        /// Source: an infra-red filter below 850 nm passes a hundredth of the light of white LEDs and almost none of
+        /// the moon's.
         pub filter: f64 = 1.0, in 0.0..=1.0;
-        /// Electrons of a pixel per lux of a white surface and second of exposure.
-        /// Source: `T ρ/(4 N²)` of the scene's lux reach the sensor: 0.027 with f/2.8, T 0.9; a pixel of 3 µm collects 22 000
-        /// electrons per lux and second with a quantum efficiency of 0.6.
+        /// Electrons of a pixel per lux on a white surface and second of exposure.
+        /// Source: `T ρ/(4 N²)` of the scene's illuminance reaches the sensor: 0.027 with f/2.8, T 0.9; a pixel of 3 µm
+        /// collects 22 000 electrons per lux and second with a quantum efficiency of 0.6.
         pub electrons: f64 = 600.0, in 0.1..=1e6;
         /// Electrons of grey level 255 at a gain of 1.
         /// Source: `render.shot` by day: a variance of 0.05 grey levels per grey level.
         pub well: f64 = 5100.0, in 100.0..=1e6;
-        /// Standard deviation of a pixel's reading, electrons.
+        /// Read noise of a pixel (standard deviation), electrons.
         /// Source: data sheets of CMOS sensors: 2 to 6.
         pub read: f64 = 4.0, in 0.0..=200.0;
-        /// Most gain over that.
-        /// Source: 24 dB, a usual analogue range.
+        /// Maximum gain, relative to the gain 1 of `well`.
+        /// Source: 24 dB, a typical analogue range.
         pub max_gain: f64 = 16.0, in 1.0..=1e3;
     }
 }
 
-/// Reflectance of a tag's white and black, of a white surface's.
+/// Reflectance of a tag's white and black relative to a white surface.
 pub(super) const TAG: [f64; 2] = [0.95, 0.06];
-/// A lamp's diameter, m.
 const LAMP_M: f64 = 0.06;
-/// Coefficient of the veil, cd/m² deg² per lux, and the smallest angle of its law, deg.
+/// Coefficient of the veil, cd/m² deg² per lux, and minimum angle of its law, deg.
 const VEIL: f64 = 10.0;
 const MIN_VEIL_DEG: f64 = 1.0;
-/// Shortest exposure, s.
 const MIN_EXPOSURE_S: f64 = 1e-4;
-/// Grey level of a tag's white that is aimed at.
+/// Target grey level of a tag's white.
 const AIM: f64 = 180.0;
 
-/// Lux of white per lux at the lens of a source `angle` rad away.
+/// Veil in lux on white, per lux at the lens, of a source at `angle` rad.
 pub(super) fn veil(angle: f64) -> f64 {
     PI * VEIL / angle.to_degrees().max(MIN_VEIL_DEG).powi(2)
 }
 
 impl NightConfig {
-    /// Lux of the scene that pass the filter.
+    /// Illuminance of the scene after the filter, lux.
     pub(super) fn scene_lux(&self) -> f64 {
         self.ambient_lux * self.filter
     }
-    /// Lux of white that the white and the black of a tag are worth.
+    /// Equivalent illuminance on white of a tag's white and black, lux.
     pub(super) fn tag_lux(&self) -> [f64; 2] {
         let [white, black] = TAG.map(|reflectance| reflectance * self.scene_lux());
         [white + PI * self.tags_cdpm2, black]
     }
-    /// The lamp's illuminance at a lens `distance_m` away, through the filter, lux.
+    /// Illuminance of the lamp at a lens `distance_m` away, after the filter, lux.
     pub(super) fn lamp_lux(&self, distance_m: f64) -> f64 {
         self.lamp_cd * self.filter / distance_m.max(LAMP_M).powi(2)
     }
-    /// Lux of white that its surface is worth, and its diameter, m.
+    /// Equivalent illuminance on white of the lamp's surface, lux, and its diameter, m.
     pub(super) fn lamp_surface(&self) -> (f64, f64) {
         let area = 0.25 * PI * LAMP_M * LAMP_M;
         (PI * self.lamp_cd * self.filter / area, LAMP_M)
     }
-    /// Grey levels of one electron.
     fn step(&self, gain: f64) -> f64 {
         255.0 * gain / self.well
     }
-    /// Grey levels per lux of white.
+    /// Grey levels per lux on white.
     pub(super) fn grey_per_lux(&self, setting: &Setting) -> f64 {
         self.electrons * setting.exposure_s * self.step(setting.gain)
     }
-    /// Standard deviation of a pixel at this grey level with this gain, to which `dark` is added as squares, grey levels.
+    /// Standard deviation of a pixel at this grey level and gain, grey levels; `dark` is added as root of squares.
     pub(super) fn noise(&self, grey: f64, gain: f64, dark: f64) -> f64 {
         let step = self.step(gain);
         (dark * dark + step * step * self.read * self.read + step * grey.max(0.0)).sqrt()
     }
-    /// Metering that has come to rest on a white of so many lux: exposure first, up to `longest_s`, then gain.
+    /// Setting to which metering converges on a white under `white_lux`: exposure first, up to `longest_s`, then gain.
     pub fn settled(&self, white_lux: f64, longest_s: f64) -> Setting {
         let exposure_s = |gain: f64| AIM / (self.electrons * self.step(gain) * white_lux.max(1e-9));
         Setting {
@@ -108,11 +108,10 @@ impl NightConfig {
             gain: (exposure_s(1.0) / longest_s).clamp(1.0, self.max_gain),
         }
     }
-    /// Whether both are at their limits.
     pub(super) fn at_limit(&self, setting: &Setting, longest_s: f64) -> bool {
         setting.exposure_s >= longest_s && setting.gain >= self.max_gain
     }
-    /// Ranges of exposure and gain as a device states them.
+    /// Ranges of exposure and gain as reported by a device.
     pub fn ranges(&self, longest_s: f64) -> [alight_uav::camera::metering::SettingRange; 2] {
         let range = |low, most, step| alight_uav::camera::metering::SettingRange { low, most, step };
         let min_s = MIN_EXPOSURE_S.min(longest_s);
@@ -132,7 +131,7 @@ mod tests {
     #[test]
     fn exposure_before_gain_up_to_both_limits() {
         let night = NightConfig::default();
-        // White of 180 grey levels are 3600 electrons.
+        // A white of 180 grey levels is 3600 electrons.
         let grey = |lux: f64| lux * night.grey_per_lux(&night.settled(lux, LONGEST_S));
         for lux in [2e3, 1e4, 5e4] {
             let s = night.settled(lux, LONGEST_S);
@@ -141,7 +140,7 @@ mod tests {
         }
         let s = night.settled(300.0, LONGEST_S);
         assert!((s.exposure_s, s.gain) == (LONGEST_S, 5.0) && (grey(300.0) - 180.0).abs() < 1e-6);
-        // 24 dB end at 94 lux; a tenth of it gives a tenth of the level.
+        // 24 dB are reached at 94 lux; a tenth of that yields a tenth of the level.
         let s = night.settled(9.4, LONGEST_S);
         assert!(
             night.at_limit(&s, LONGEST_S) && (grey(9.4) - 18.0).abs() < 0.1,
@@ -152,9 +151,9 @@ mod tests {
     #[test]
     fn noise_of_photons_and_reading() {
         let night = NightConfig::default();
-        // By day as a rendered image has it: a variance of 0.05 per grey level.
+        // As in an image rendered by day: a variance of 0.05 per grey level.
         assert!((night.noise(200.0, 1.0, 2.0).powi(2) - 14.04).abs() < 1e-9);
-        // At 24 dB an electron is 0.8 grey levels.
+        // At 24 dB one electron is 0.8 grey levels.
         assert!((night.noise(0.0, 16.0, 0.0) - 3.2).abs() < 1e-9);
         assert!((night.noise(160.0, 16.0, 0.0) - (10.24 + 128.0_f64).sqrt()).abs() < 1e-9);
     }

@@ -11,20 +11,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::{Stream, Streams};
 
-/// One named random stream and the draws that sensors need.
+/// A named random stream with the draws that sensors need.
 #[derive(Clone, Debug)]
 pub struct Noise(Stream);
 
 impl Noise {
-    /// The noise of the stream called `name`.
+    /// Noise of the stream `name`.
     pub fn new(streams: &Streams, name: &str) -> Self {
         Noise(streams.stream(name))
     }
-    /// A standard normal draw.
     pub fn normal(&mut self) -> f64 {
         self.0.sample(StandardNormal)
     }
-    /// Three independent standard normal draws.
     pub fn normal3(&mut self) -> Vector3<f64> {
         Vector3::new(self.normal(), self.normal(), self.normal())
     }
@@ -32,15 +30,15 @@ impl Noise {
     pub fn uniform(&mut self) -> f64 {
         self.0.random()
     }
-    /// True with probability `p`; draws always, so that `p` does not shift what follows.
+    /// True with probability `p`; always draws, so that `p` does not shift later draws.
     pub fn chance(&mut self, p: f64) -> bool {
         self.uniform() < p
     }
 }
 
-/// A first-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section
-/// 2.9): `db/dt = -b / tau + w`, stationary with the standard deviation `sd` and the correlation
-/// `exp(-dt / tau)`, discretised exactly and begun in its stationary distribution.
+/// First-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section 2.9): `db/dt = -b / tau +
+/// w`, stationary with the standard deviation `sd` and the correlation `exp(-dt / tau)`, discretised exactly and
+/// started in its stationary distribution.
 #[derive(Clone, Debug)]
 pub struct GaussMarkovError {
     noise: Noise,
@@ -50,7 +48,7 @@ pub struct GaussMarkovError {
 }
 
 impl GaussMarkovError {
-    /// A process with `sd` (unit of the value) and `correlation_s` (s), from its own stream.
+    /// Process with `sd` (unit of the value) and `correlation_s` (s), from the given stream.
     pub fn new(noise: Noise, sd: f64, correlation_s: f64) -> Self {
         let mut noise = noise;
         let value = noise.normal3() * sd;
@@ -61,7 +59,6 @@ impl GaussMarkovError {
             value,
         }
     }
-    /// Present value.
     pub fn value(&self) -> Vector3<f64> {
         self.value
     }
@@ -74,9 +71,8 @@ impl GaussMarkovError {
     }
 }
 
-/// Decides on which ticks a sensor of a lower rate measures. A rate that does not divide the tick
-/// rate alternates between neighbouring intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); the stamp
-/// is the tick's exact time either way.
+/// Decides on which ticks a sensor of a lower rate measures. A rate that does not divide the tick rate alternates
+/// between neighbouring intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); stamps are always the exact time of the tick.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleSchedule {
     rate_hz: f64,
@@ -84,13 +80,12 @@ pub struct SampleSchedule {
 }
 
 impl SampleSchedule {
-    /// Measures `rate_hz` times per second.
     pub const fn new(rate_hz: f64) -> Self {
         SampleSchedule { rate_hz, last: None }
     }
-    /// The seconds since the previous measurement (0 at the first) when one is due at `t`.
+    /// Time since the previous measurement (0 at the first), s, if one is due at `t`.
     pub fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
-        // The nudge keeps 0.29 s * 100 Hz from falling to 28.
+        // The offset keeps 0.29 s * 100 Hz from rounding down to 28.
         let index = (t.secs() * self.rate_hz + 1e-6).floor() as i64;
         match self.last {
             Some((last, _)) if index <= last => None,
@@ -106,13 +101,13 @@ impl SampleSchedule {
     }
 }
 
-/// Windows `[start, end)` of true time, s, in which something is missing.
+/// Windows `[start, end)` of true time, s, without data.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Windows(pub Vec<[f64; 2]>);
 
 impl Windows {
-    /// Whether one of them covers `t`.
+    /// Whether a window contains `t`.
     pub fn cover(&self, t: Time<TrueTime>) -> bool {
         let s = t.secs();
         self.0.iter().any(|[start, end]| (*start..*end).contains(&s))

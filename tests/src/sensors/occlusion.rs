@@ -1,4 +1,4 @@
-//! Occlusion of the tags by the drone itself: its legs, and its shadow on the deck.
+//! Occlusion of the tags by the drone: by its legs, and by its shadow on the deck.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
@@ -9,25 +9,24 @@ use super::camera::{CameraMotion, CameraMount};
 /// Radius of a leg, m.
 /// Chosen: a carbon tube of 16 mm with its clamps.
 const LEG_RADIUS_M: f64 = 0.01;
-/// Radius of what casts a shadow (plates, battery, arms' roots) in lengths of an arm. Spinning rotors let 9 of 10 parts of
-/// the light through.
+/// Radius of the parts that cast a shadow (plates, battery, arms' roots), in lengths of an arm. Spinning rotors pass
+/// nine tenths of the light.
 /// Chosen: as on a Tarot T650.
 const BODY: f64 = 0.4;
-/// Points along a leg: closer together than its radius.
+/// Number of points along a leg, so that their distance is below its radius.
 const POINTS: usize = 60;
 
-/// Legs and body in the camera's axes, in which they rest, and the sun.
+/// Legs and body in the camera's axes, in which they are fixed, and the sun.
 #[derive(Clone, Debug)]
 pub struct Occlusion {
-    /// Points along the legs in front of the camera: image at unit distance and radius there.
+    /// Points along the legs in front of the camera: image coordinates and radius at unit distance.
     pub(super) legs: Vec<(Vector2<f64>, f64)>,
     body: Vector3<f64>,
     radius_m: f64,
-    /// Direction to the sun.
     sun: Vector<TrueNed>,
 }
 
-/// Region that the body shades from the sun: a cylinder along the sun's direction.
+/// Region that the body shades: a cylinder along the sun's direction.
 pub(super) struct Shadow {
     body: Vector3<f64>,
     radius_m: f64,
@@ -35,7 +34,6 @@ pub(super) struct Shadow {
 }
 
 impl Shadow {
-    /// Whether this point lies in it.
     pub(super) fn covers(&self, point: Vector3<f64>) -> bool {
         let to_body = self.body - point;
         let along = to_body.dot(&self.sun);
@@ -44,7 +42,7 @@ impl Shadow {
 }
 
 impl Occlusion {
-    /// Occlusion by this drone with this mount of its camera in this light.
+    /// Occlusion by this drone for a camera mount and a direction to the sun.
     pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
         let to_camera = |p: Vector3<f64>| mount.attitude.inverse().0 * (p - mount.position);
         let [x, y] = drone.feet_span_m.map(|span| 0.5 * span);
@@ -66,7 +64,7 @@ impl Occlusion {
             sun,
         }
     }
-    /// The body's shadow in the camera's axes.
+    /// Shadow of the body in the camera's axes.
     pub(super) fn shadow(&self, view: &CameraMotion) -> Shadow {
         Shadow {
             body: self.body,
@@ -74,7 +72,7 @@ impl Occlusion {
             sun: (view.camera_from_world * self.sun).0,
         }
     }
-    /// Whether a leg crosses the convex quadrilateral at unit distance, its corners clockwise as [`super::tag`] has them.
+    /// Whether a leg crosses the convex quadrilateral at unit distance, with corners clockwise as in [`super::tag`].
     pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
         self.legs.iter().any(|(at, radius)| {
             (0..4).all(|k| {
@@ -103,7 +101,7 @@ mod tests {
             position: Vector3::from(drone.camera_m),
             attitude: body_from_camera(),
         };
-        // From ahead, 45 deg high.
+        // From ahead, at an elevation of 45 deg.
         let half = core::f64::consts::FRAC_1_SQRT_2;
         let hidden = Occlusion::new(&drone, &mount, Vector::new(half, 0.0, -half));
         // The right front foot is at 0.1 / 0.22 to the right and up in the image.
@@ -113,7 +111,7 @@ mod tests {
         };
         assert!(hidden.covers(&quad(0.45, -0.45)));
         assert!(!hidden.covers(&quad(0.0, 0.0)) && !hidden.covers(&quad(0.45, 0.2)));
-        // A metre above the deck its shadow lies a metre aft of it.
+        // At 1 m above the deck, the shadow is 1 m aft.
         let view = mount.view(&RigidState::<DroneBody>::default());
         let below = |ahead: f64| view.to_camera_frame(alight_shared::frames::Point::new(ahead, 0.0, 1.0));
         let shadow = hidden.shadow(&view);

@@ -1,4 +1,4 @@
-//! Outlet of every sensor: rate, latency, outages, and headers with its sender's identity and clock.
+//! Output of every sensor: rate, latency, outages, and headers with the sender's identity and clock.
 
 use core::marker::PhantomData;
 
@@ -9,29 +9,28 @@ use super::clocks::ClockModel;
 use super::delay::DelayLine;
 use super::noise::{SampleSchedule, Windows};
 
-/// Most measurements of one sensor under way at a time.
+/// Maximum number of measurements of one sensor under way.
 const QUEUE: usize = 256;
 
-/// Identity that a sender writes into headers.
+/// Identity of a sender in message headers.
 #[derive(Clone, Copy, Debug)]
 pub struct SenderIdentity {
     pub vessel: u32,
-    /// The drone; 0 from the vessel.
+    /// Number of the drone; 0 for the vessel.
     pub drone: u32,
-    /// The start of the sender.
+    /// Number of the sender's start.
     pub boot: u32,
-    /// Clock of the sender.
     pub clock: ClockModel,
 }
 
 impl SenderIdentity {
-    /// The header of its message number `sequence` at `t`.
+    /// Header of message number `sequence` at `t`.
     pub fn header<C: Clock>(&self, sequence: u32, t: Time<TrueTime>) -> Header<C> {
         Header::new(self.vessel, self.drone, self.boot, sequence, self.clock.read(t))
     }
 }
 
-/// The way of a sensor's measurements `M`, stamped on the clock `C`.
+/// Output of a sensor's measurements `M`, stamped by the clock `C`.
 #[derive(Clone, Debug)]
 pub(crate) struct Outlet<M, C> {
     schedule: SampleSchedule,
@@ -55,11 +54,11 @@ impl<M, C: Clock> Outlet<M, C> {
             clock: PhantomData,
         }
     }
-    /// Seconds since the previous measurement (0 at the first) when one is due at `t`.
+    /// Time since the previous measurement (0 at the first), s, if one is due at `t`.
     pub(crate) fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
         self.schedule.due(t)
     }
-    /// Sends the measurement of `t` unless it is missed or falls into an outage.
+    /// Sends the measurement of `t` unless it is missing or in an outage.
     pub(crate) fn send(
         &mut self,
         t: Time<TrueTime>,
@@ -74,7 +73,6 @@ impl<M, C: Clock> Outlet<M, C> {
             self.line.push(t + self.latency, measurement);
         }
     }
-    /// Messages that have arrived by `t`.
     pub(crate) fn arrived(&mut self, t: Time<TrueTime>) -> Vec<M> {
         self.line.arrived(t)
     }

@@ -1,4 +1,4 @@
-//! The belly rangefinder: distance along the body's down axis to the deck, else to the water.
+//! Belly rangefinder: distance along the body's down axis to the deck, or else to the water.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody};
@@ -13,44 +13,42 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Fault of a rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RangefinderFault {
-    /// It does not.
     #[default]
     None,
-    /// Spray on its window: it reads the distance of the feet, whatever is below.
+    /// Spray on its window: it measures the distance to the feet in all cases.
     Feet,
-    /// A wet deck mirrors the beam: it reads the distance of the water beneath.
+    /// A wet deck mirrors the beam: it measures the distance to the water below.
     Water,
-    /// It reads 0 m, its maker's sign of an invalid reading.
+    /// It reports 0 m, the manufacturer's value for an invalid reading.
     Invalid,
 }
 
 config! {
-    /// The rangefinder.
+    /// Rangefinder of the drone.
     pub struct RangefinderConfig {
         /// Readings per second.
-        /// Chosen: a usual small lidar.
+        /// Chosen: a typical small lidar.
         pub rate_hz: f64 = 50.0, in 0.1..=100.0;
-        /// From measurement to arrival, s.
+        /// Delay from measurement to arrival, s.
         pub latency_s: f64 = 0.01, in 0.0..=2.0;
-        /// Furthest reading, m; no reading beyond it.
+        /// Maximum range, m; no readings beyond it.
         pub max_range_m: f64 = 30.0, in 0.1..=500.0;
-        /// Nearest reading, m; no reading below it.
+        /// Minimum range, m; no readings below it.
         pub min_range_m: f64 = 0.05;
         /// White noise, m.
         pub white_sd_m: f64 = 0.03, in 0.0..=5.0;
         /// Probability that a reading from the deck is missing.
         pub deck_miss: f64 = 0.005, in 0.0..=1.0;
-        /// Probability that a reading from the water is missing: water mirrors the beam away.
+        /// Probability that a reading from the water is missing, since water reflects the beam away.
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Fault, for good, once it comes as near to the deck as `fails_below_m`.
+        /// Permanent fault, which begins at a reading from the deck below `fails_below_m`.
         pub fault: RangefinderFault = RangefinderFault::None;
-        /// Reading from the deck at which it fails, m.
+        /// Reading from the deck below which the fault begins, m.
         pub fails_below_m: f64 = 0.8, in 0.0..=500.0;
     }
     check |this, at| {
@@ -58,7 +56,7 @@ config! {
     }
 }
 
-/// Echo of the beam.
+/// Surface that reflects the beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Echo {
     Deck(f64),
@@ -66,7 +64,6 @@ enum Echo {
     None,
 }
 
-/// The rangefinder at work.
 #[derive(Clone, Debug)]
 pub(super) struct Rangefinder {
     config: RangefinderConfig,
@@ -150,7 +147,7 @@ impl Rangefinder {
         }
         self.outlet.arrived(t)
     }
-    /// Follows the beam to a deck's rectangle: how far that is, m.
+    /// Distance along the beam to the deck's rectangle, m.
     fn on_deck(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
         let eye = drone.at::<DroneBody>(self.place).position;
         let beam = drone.attitude.down();
@@ -163,8 +160,8 @@ impl Rangefinder {
         }
         None
     }
-    /// Meets the surface by fixed-point steps along the beam: each evaluates the surface under
-    /// the last guess. They contract by (slope x tan tilt), below 0.2 in flight.
+    /// Finds the water's surface by fixed-point steps along the beam, each of which evaluates the surface below the
+    /// last estimate. They contract by (slope x tan tilt), below 0.2 in flight.
     fn water(&self, eye: Vector3<f64>, beam: Vector3<f64>, water: impl Fn(f64, f64) -> f64) -> Echo {
         if !(beam.z > 0.2) {
             return Echo::None;

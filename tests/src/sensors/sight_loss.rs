@@ -1,10 +1,9 @@
-//! Losses of vision: glare, spray, something that lies on the tag.
+//! Losses of vision: glare, spray, or an object on the tag.
 //!
-//! Each cause is an alternating renewal process of its own with exponential times in both states (the chain of
-//! two states of Gilbert 1960 in continuous time), begun in its stationary distribution: absent for
-//! `interval_s` on average, then present for `duration_s`, which makes it present for
-//! `duration_s / (interval_s + duration_s)` of all time. It runs whether or not a camera looks, so two planners
-//! meet the same losses at the same time.
+//! Each cause is a separate alternating renewal process with exponential times in both states (the two-state chain of
+//! Gilbert 1960 in continuous time), started in its stationary distribution: absent for `interval_s` on average, then
+//! present for `duration_s`, which is the fraction `duration_s / (interval_s + duration_s)` of the time. It does not
+//! depend on the camera, so that two planners meet the same losses at the same times.
 
 use alight_shared::config;
 use alight_shared::time::{Span, Time, TrueTime};
@@ -13,36 +12,36 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Causes for which the camera loses the tag for a while. With the defaults 7 % of the images are lost.
+    /// Temporary losses of the tag by the camera. With the defaults 7 % of the images are lost.
     #[derive(Copy)]
     pub struct SightLossConfig {
-        /// Mean time between two glares (the sun's mirror image on a wet deck or in the lens), s.
-        /// Chosen: every few waves the deck's normal passes the direction that mirrors the sun.
+        /// Mean time between two glares (mirror image of the sun on a wet deck or in the lens), s.
+        /// Chosen: every few waves the deck's normal passes the direction that reflects the sun.
         pub glare_interval_s: f64 = 20.0, in 0.01..=1e6;
-        /// Mean time for which a glare hides the tag, s; 0: none.
-        /// Chosen: a deck that rocks at 10 deg/s leaves the direction of the mirrored sun, a few degrees
-        /// wide on wet paint, in 0.3 to 1 s.
+        /// Mean duration of a glare, s; 0: no glare.
+        /// Chosen: a deck that rocks at 10 deg/s passes the reflecting direction, a few degrees wide on wet paint, in
+        /// 0.3 to 1 s.
         pub glare_duration_s: f64 = 0.6, in 0.0..=60.0;
         /// Mean time between two clouds of spray, s.
         /// Chosen: one bow wave in a few breaks over the deck.
         pub spray_interval_s: f64 = 30.0, in 0.01..=1e6;
-        /// Mean time for which spray hides the tag, s; 0: none.
-        /// Chosen: drops that rise by half a metre are back after 0.6 s and are dense for about half of it.
+        /// Mean duration of a cloud of spray, s; 0: no spray.
+        /// Chosen: drops that rise by half a metre fall back after 0.6 s and are dense for about half of that time.
         pub spray_duration_s: f64 = 0.3, in 0.0..=60.0;
-        /// Mean time between two covers: a rope, a net, a puddle, foam on the tag, s.
+        /// Mean time between two covers of the tag (a rope, a net, a puddle, foam), s.
         /// Chosen: about once in a landing.
         pub cover_interval_s: f64 = 60.0, in 0.01..=1e6;
-        /// Mean time for which something covers part of the tag, s; 0: none.
-        /// Chosen: what the next roll of the deck or two move on.
+        /// Mean duration of a cover of part of the tag, s; 0: no cover.
+        /// Chosen: the next roll of the deck, or two, move the object on.
         pub cover_duration_s: f64 = 3.0, in 0.0..=600.0;
-        /// Chance that a frame is decoded all the same while part of the tag is covered.
-        /// Chosen: the detector corrects one wrong bit of 36, so it sees past a thin rope in some frames.
+        /// Probability that a frame is decoded although part of the tag is covered.
+        /// Chosen: the detector corrects one wrong bit of 36, so that it decodes the tag past a thin rope in some
+        /// frames.
         pub cover_chance: f64 = 0.3, in 0.0..=1.0;
     }
 }
 
 impl SightLossConfig {
-    /// Nothing ever hides the tag.
     pub fn none() -> Self {
         SightLossConfig {
             glare_duration_s: 0.0,
@@ -53,7 +52,7 @@ impl SightLossConfig {
     }
 }
 
-/// One cause that comes and goes.
+/// A cause of losses, which alternates between present and absent.
 #[derive(Clone, Debug)]
 struct Cause {
     noise: Noise,
@@ -75,7 +74,7 @@ impl Cause {
             until: None,
         }
     }
-    /// Whether it is present at `t`, which never goes back.
+    /// Whether the cause is present at `t`; `t` must not decrease.
     fn present(&mut self, t: Time<TrueTime>) -> bool {
         if self.duration_s <= 0.0 {
             return false;
@@ -88,7 +87,7 @@ impl Cause {
         self.until = Some(until);
         self.present
     }
-    /// Time for which it stays in its state; exponential, and a millisecond at least, so that time goes on.
+    /// Time until the state changes: exponential, but at least 1 ms, so that the loop in [`Cause::present`] ends.
     fn stay(&mut self) -> Span {
         let mean_s = if self.present {
             self.duration_s
@@ -99,7 +98,6 @@ impl Cause {
     }
 }
 
-/// The causes at work.
 #[derive(Clone, Debug)]
 pub(crate) struct SightLoss {
     glare: Cause,
@@ -110,7 +108,7 @@ pub(crate) struct SightLoss {
 }
 
 impl SightLoss {
-    /// The losses of this seed; each cause has a random stream of its own.
+    /// Losses of this seed; each cause has a separate random stream.
     pub(crate) fn new(c: &SightLossConfig, streams: &Streams) -> SightLoss {
         let cause = |name: &str, interval_s, duration_s| {
             let stream = Noise::new(streams, &format!("drone.tag.{name}"));
@@ -124,9 +122,8 @@ impl SightLoss {
             cover_chance: c.cover_chance,
         }
     }
-    /// Whether the image of `t` is lost.
     pub(crate) fn hides(&mut self, t: Time<TrueTime>) -> bool {
-        // All are asked for every image: none shifts the draws of another.
+        // Every image evaluates all causes, so that none shifts the draws of another.
         let decoded = self.decoded.chance(self.cover_chance);
         let [glare, spray, cover] = [&mut self.glare, &mut self.spray, &mut self.cover].map(|c| c.present(t));
         glare || spray || (cover && !decoded)
@@ -137,7 +134,7 @@ impl SightLoss {
 mod tests {
     use super::*;
 
-    /// Whether each of `n` images `step_s` apart is lost.
+    /// Whether each of `n` images, `step_s` apart, is lost.
     fn lost(config: &SightLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
         let mut loss = SightLoss::new(config, &Streams::new(seed));
         (0..n)
@@ -152,8 +149,8 @@ mod tests {
             ..SightLossConfig::none()
         }
     }
-    /// The fraction that is lost, and the mean length of a loss, s.
-    fn share_and_length(lost: &[bool], step_s: f64) -> (f64, f64) {
+    /// Fraction of lost images, and mean length of a loss, s.
+    fn fraction_and_length(lost: &[bool], step_s: f64) -> (f64, f64) {
         let count = lost.iter().filter(|l| **l).count() as f64;
         let bursts = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
         (count / lost.len() as f64, count * step_s / bursts)
@@ -161,32 +158,41 @@ mod tests {
 
     #[test]
     fn vision_loss_bursts() {
-        for (config, share, length_s) in [
+        for (config, fraction, length_s) in [
             (only(0.6, 0.0, 0.0), 0.6 / 20.6, 0.6),
             (only(0.0, 0.3, 0.0), 0.3 / 30.3, 0.3),
         ] {
-            // 5.5 hours: 660 bursts or more, whose mean is known to 4 %.
-            let (is, of) = share_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
-            assert!((is / share - 1.0).abs() < 0.13, "{is} of {share}");
-            assert!((of / length_s - 1.0).abs() < 0.12, "{of} of {length_s} s");
+            // 5.5 hours: at least 660 bursts, whose mean is accurate to 4 %.
+            let (lost_fraction, mean_s) = fraction_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
+            assert!(
+                (lost_fraction / fraction - 1.0).abs() < 0.13,
+                "{lost_fraction}, expected {fraction}"
+            );
+            assert!(
+                (mean_s / length_s - 1.0).abs() < 0.12,
+                "{mean_s} s, expected {length_s} s"
+            );
         }
     }
 
     #[test]
     fn covered_tag_detection_rate() {
         let lost = lost(&only(0.0, 0.0, 3.0), 4, 2_000_000, 1.0 / 30.0);
-        let share = lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64;
+        let fraction = lost.iter().filter(|l| **l).count() as f64 / lost.len() as f64;
         let expected = 0.7 * 3.0 / 63.0;
-        assert!((share / expected - 1.0).abs() < 0.12, "{share} of {expected}");
+        assert!(
+            (fraction / expected - 1.0).abs() < 0.12,
+            "{fraction} of {expected}"
+        );
     }
 
     #[test]
     fn vision_loss_rate() {
-        // The first images count as much as the last: 3000 starts.
+        // The first images count as much as later ones: 3000 starts.
         let config = SightLossConfig::default();
         let images = (0..3000).flat_map(|seed| lost(&config, seed, 30, 1.0 / 30.0));
-        let share = images.filter(|l| *l).count() as f64 / 90_000.0;
-        assert!((0.055..0.085).contains(&share), "{share}");
+        let fraction = images.filter(|l| *l).count() as f64 / 90_000.0;
+        assert!((0.055..0.085).contains(&fraction), "{fraction}");
     }
 
     #[test]
@@ -195,7 +201,7 @@ mod tests {
         let (slow, fast) = (lost(&config, 5, 3_000, 0.1), lost(&config, 5, 30_000, 0.01));
         assert!(slow.iter().any(|l| *l));
         assert!(slow.iter().zip(fast.iter().step_by(10)).all(|(a, b)| a == b));
-        // And one cause does not move another.
+        // Causes do not affect each other.
         let glare = lost(&only(0.6, 0.0, 0.0), 5, 3_000, 0.1);
         assert!(slow.iter().zip(&glare).all(|(both, one)| *both || !one));
         assert!(!lost(&SightLossConfig::none(), 5, 3_000, 0.1).contains(&true));

@@ -1,31 +1,30 @@
-//! The detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded or not by itself; one that is partly
-//! outside of the image, behind a leg or touched by the drone's shadow is not.
+//! Detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded or not independently. A tag that is
+//! partly outside the image, behind a leg or in the drone's shadow is not decoded.
 //!
-//! Chance of a detection and noise of the corners follow the camera node on rendered images
-//! (`study camera` at commit 2bb52893): 4000 of them at random over range, incidence and motion. Two measures of the
-//! image predict it: the tag's narrowest width in it `w` (area over longest side) and its motion during the
-//! exposure `b`, both in px. Incidence needs nothing of its own, because an oblique tag is a narrow one.
+//! Detection probability and corner noise follow the camera node on rendered images (`study camera` at commit
+//! 2bb52893): 4000 random ones over range, incidence and motion. Two quantities in the image, in px, predict them: the
+//! tag's narrowest width `w` (area over longest side), and its motion during the exposure `b`. Incidence needs no term,
+//! because an oblique tag is narrow.
 //!
 //! ```text
 //! chance = 1 / (1 + ((w0 + c b²) / w)^(1/s))
 //! sd²    = corner² + (small min(1, (w1/w)⁴))² + (k b²/w)²
 //! ```
 //!
-//! Maximum likelihood gave `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1`
-//! 16.1 px, `k` 0.198.
+//! Maximum-likelihood fit: `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1` 16.1 px, `k` 0.198.
 //!
-//! By night ([`super::night`]) two more factors follow from the tag's contrast `c`, white less black, and a pixel's noise `n`, and
-//! the noise adds to the corners':
+//! By night ([`super::night`]) the tag's contrast `c`, white less black, and a pixel's noise `n` add two factors to the
+//! probability, and a term to the corner noise:
 //!
 //! ```text
 //! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! `m0` is 16 grey levels, the minimum margin of the node's detector without its sharpening by a quarter, with `m1` 0.5:
-//! of images with `c/2` of 17 all are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and `k` 1.05.
+//! `m0` is 16 grey levels, the minimum margin of the node's detector without its sharpening by a quarter, with `m1`
+//! 0.5: with `c/2` of 17 all images are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and
+//! `k` 1.05.
 //!
-//! Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
-//! its own.
+//! Temporary covers of the tag are not included; [`super::sight_loss`] models them.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
@@ -46,73 +45,70 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The tag detector and its camera.
+    /// Tag detector and its camera.
     pub struct TagConfig {
         /// Frames per second.
         /// Source: 30 Hz, 50 ms late, 1 px at 640 x 480.
         pub rate_hz: f64 = 30.0, in 0.1..=100.0;
-        /// From exposure to delivery, s.
+        /// Delay from exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
         /// Image width, px.
         pub width_px: f64 = 640.0, in 16.0..=1e4;
         /// Image height, px.
         pub height_px: f64 = 480.0, in 16.0..=1e4;
         /// Horizontal field of view, deg.
-        /// Chosen: a usual wide lens without fisheye.
+        /// Chosen: a typical wide lens that is not a fisheye.
         pub fov_deg: f64 = 90.0, in 10.0..=150.0;
-        /// Noise of each coordinate of each corner of a large, sharp tag, px.
-        /// Source: Rendered images give 0.072 to a large, sharp tag. More, because no lens is
-        /// calibrated perfectly and no paint is flat; the camera's mount is wrong by far more than
-        /// that.
+        /// Noise of each corner coordinate of a large, sharp tag, px.
+        /// Source: rendered images have 0.072 for a large, sharp tag. It is larger here, because no lens is calibrated
+        /// perfectly and no paint is flat; the error of the camera's mount is far larger.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
-        /// Standard deviation added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
-        /// Source: Rendered images, these six.
+        /// Standard deviation added (root of squares) for a tag of at most [`TagConfig::small_width_px`], px.
+        /// Source: rendered images; likewise the next five keys.
         pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
-        /// Width in the image from which on that falls with the fourth power of the width, px.
+        /// Width in the image beyond which `small_sd_px` decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// Standard deviation by motion, as a fraction of blur²/width.
+        /// Standard deviation due to motion, as a fraction of blur²/width.
         pub blur_sd: f64 = 0.2, in 0.0..=20.0;
-        /// The detector states at least this much, px.
-        /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of
-        /// it.
+        /// Minimum standard deviation that the detector reports, px.
+        /// Source: the camera node reports 0.15 for a large, sharp tag. Chosen: larger, to be conservative.
         pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
-        /// Standard deviation that the detector assumes of several tags' places, m, each axis.
-        /// Source: the camera node's.
+        /// Standard deviation that the detector assumes for the positions of several tags, m, per axis.
+        /// Source: the camera node.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// The tags as the camera's node has them; none: as they are. Of what is drawn.
+        /// The tags in the camera node's configuration; empty: the true ones. Set when the world is drawn.
         #[serde(skip)]
         pub known: Tags = Tags::new();
-        /// Narrowest width of the tag in the image at which half of the frames are decoded, px: this limits
-        /// range and, with the width that an oblique view leaves, incidence.
+        /// Narrowest width of the tag in the image at which half of the frames are decoded, px. It limits range and,
+        /// through the width in an oblique view, incidence.
         pub min_width_px: f64 = 13.3, in 1.0..=1e4;
-        /// Spread of that limit (logistic in the logarithm of the width); 0: all or nothing.
+        /// Spread of that limit (logistic in the logarithm of the width); 0: a step.
         pub width_spread: f64 = 0.093, in 0.0..=10.0;
-        /// By how much blur raises it, per px of squared blur.
+        /// Increase of that limit by blur, per px of squared blur.
         pub blur_cost_per_px: f64 = 0.27, in 0.0..=100.0;
-        /// Largest angle between the line of sight and the tag's normal, deg.
-        /// Source: As far as images were rendered.
+        /// Maximum angle between the line of sight and the tag's normal, deg.
+        /// Source: maximum of the rendered images.
         pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
-        /// Shortest distance along the optical axis that is in focus, m.
-        /// Source: circle of confusion `f a (1/d - 1/s)`: 320 px of focal length, an aperture of 0.7 mm (1.9 mm f/2.8) and
-        /// focus at 1 m blur by 1.6 px at 0.12 m, a tenth of a cell of the smallest tag there.
+        /// Minimum distance along the optical axis that is in focus, m.
+        /// Source: circle of confusion `f a (1/d - 1/s)`: a focal length of 320 px, an aperture of 0.7 mm (1.9 mm
+        /// f/2.8) and a focus at 1 m blur by 1.6 px at 0.12 m, a tenth of a cell of the smallest tag there.
         pub min_distance_m: f64 = 0.12, in 0.01..=100.0;
         /// Exposure, s.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
-        /// Largest motion of the tag in the image during the exposure, px.
+        /// Maximum motion of the tag in the image during the exposure, px.
         pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
-        /// Losses of the tag for a while: glare, spray, a cover.
+        /// Temporary losses of the tag: glare, spray, a cover.
         pub loss: SightLossConfig;
         /// Windows `[start, end)` without detections, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
-/// The tag detector at work.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedTagDetector {
     config: TagConfig,
     lens: PinholeLens,
-    /// As they are, and as the camera's node has them.
+    /// True tags, and the tags in the camera node's configuration.
     tags: Tags,
     known: Tags,
     occlusion: Option<Occlusion>,
@@ -123,7 +119,7 @@ pub(crate) struct SimulatedTagDetector {
 }
 
 impl SimulatedTagDetector {
-    /// With the streams `NAME.corner` and `NAME.read`.
+    /// Detector with the streams `NAME.corner` and `NAME.read`.
     pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, name: &str, streams: &Streams) -> Self {
         SimulatedTagDetector {
             lens: PinholeLens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
@@ -141,35 +137,35 @@ impl SimulatedTagDetector {
             config: config.clone(),
         }
     }
-    /// The detector below a drone that hides part of the deck.
+    /// Adds the occlusion by the drone.
     pub(crate) fn below(self, occlusion: Occlusion) -> Self {
         SimulatedTagDetector {
             occlusion: Some(occlusion),
             ..self
         }
     }
-    /// The detector by night, if it is night.
+    /// Switches to night if `night` is given.
     pub(crate) fn at_night(self, night: Option<&NightConfig>) -> Self {
         SimulatedTagDetector {
             night: night.copied(),
             ..self
         }
     }
-    /// Exposure and gain of an image from there: by day fixed, by night settled on the tags' light.
+    /// Exposure and gain of an image from this view: fixed by day, converged on the tags' light by night.
     pub(crate) fn setting(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Setting {
-        let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
-        self.settled(&sights)
+        let tag_views: Vec<_> = self.tag_views(view, deck).into_iter().flatten().collect();
+        self.converged_setting(&tag_views)
     }
-    /// The light in such an image; None by day.
+    /// Light in an image from this view; None by day.
     pub(crate) fn light(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Option<CameraLight> {
         let night = self.night.as_ref()?;
-        let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
-        let setting = self.settled(&sights);
+        let tag_views: Vec<_> = self.tag_views(view, deck).into_iter().flatten().collect();
+        let setting = self.converged_setting(&tag_views);
         let grey = |lux: f64| (lux * night.grey_per_lux(&setting)).min(255.0);
         let [white, black] = night.tag_lux();
         // A tag with its margin is half white; a deck is half as bright as white, a sea a quarter.
-        let tag = |s: &Sight| grey(0.5 * (white + black) + s.veil_lux);
-        let brightest = sights
+        let tag = |s: &TagView| grey(0.5 * (white + black) + s.veil_lux);
+        let brightest = tag_views
             .iter()
             .map(tag)
             .fold(grey(0.5 * night.scene_lux()), f64::max);
@@ -178,20 +174,22 @@ impl SimulatedTagDetector {
             mean: grey(0.25 * night.scene_lux()),
             exposure_s: Some(setting.exposure_s),
             dark: night.at_limit(&setting, self.config.exposure_s) && !lamp && brightest < MIN_MARGIN,
-            glare: self.glare(night, &setting, &sights, self.lamp(view, deck)),
+            glare: self.glare(night, &setting, &tag_views, self.lamp(view, deck)),
             ..CameraLight::default()
         })
     }
-    /// The part of the image that the lamp at `lamp` (camera's axes, m) brings to its limit, where its veil leaves no tag that can be
-    /// decoded: a circle about it, out to the angle with `pi VEIL E / angle²` of 255 grey levels.
+    /// Fraction of the image that the lamp at `lamp` (camera's axes, m) saturates, if its veil prevents the decoding of
+    /// every tag: a circle about it, out to the angle at which `pi VEIL E / angle²` is 255 grey levels.
     fn glare(
         &self,
         night: &NightConfig,
         setting: &Setting,
-        sights: &[Sight],
+        tag_views: &[TagView],
         lamp: Vector3<f64>,
     ) -> Option<f64> {
-        let lost = sights.iter().all(|s| self.image(s, setting).chance < MIN_CHANCE);
+        let lost = tag_views
+            .iter()
+            .all(|s| self.image(s, setting).chance < MIN_CHANCE);
         let grey_at_1_rad = night.lamp_lux(lamp.norm()) * veil(1.0) * night.grey_per_lux(setting);
         let radius_px = self.lens.focal_px * (grey_at_1_rad / 255.0).sqrt();
         let circle_px2 = core::f64::consts::PI * radius_px * radius_px;
@@ -204,11 +202,14 @@ impl SimulatedTagDetector {
         let lamp_m = self.night.map_or([0.0; 3], |night| night.lamp_m);
         view.to_camera_frame(deck.at::<Deck>(Vector3::from(lamp_m)).position)
     }
-    /// Each tag as it is in the image, where it is.
-    fn sights(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vec<Option<Sight>> {
-        self.tags.iter().map(|tag| self.sight(view, deck, tag)).collect()
+    /// View of each tag; None for a tag that is not wholly in the image.
+    fn tag_views(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vec<Option<TagView>> {
+        self.tags
+            .iter()
+            .map(|tag| self.tag_view(view, deck, tag))
+            .collect()
     }
-    fn settled(&self, sights: &[Sight]) -> Setting {
+    fn converged_setting(&self, tag_views: &[TagView]) -> Setting {
         let longest_s = self.config.exposure_s;
         let Some(night) = &self.night else {
             return Setting {
@@ -216,12 +217,11 @@ impl SimulatedTagDetector {
                 gain: 1.0,
             };
         };
-        let largest = sights.iter().max_by(|a, b| a.width.total_cmp(&b.width));
-        // Without a tag the mean is metered, a third of the white's level for a quarter of its light.
+        let largest = tag_views.iter().max_by(|a, b| a.width.total_cmp(&b.width));
+        // Without a tag the mean is metered: a third of the white's level for a quarter of its light.
         let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
         night.settled(white_lux, longest_s)
     }
-    /// The detection in the image of `t`.
     pub(crate) fn detect(
         &mut self,
         t: Time<TrueTime>,
@@ -229,18 +229,18 @@ impl SimulatedTagDetector {
         deck: &RigidState<Deck>,
     ) -> Option<TagPose> {
         let hidden = self.loss.hides(t);
-        let sights = self.sights(view, deck);
-        let shown: Vec<_> = sights.iter().flatten().copied().collect();
-        let setting = self.settled(&shown);
+        let tag_views = self.tag_views(view, deck);
+        let shown: Vec<_> = tag_views.iter().flatten().copied().collect();
+        let setting = self.converged_setting(&shown);
         let detected: Vec<SeenTag> = (0..self.tags.len())
             .filter_map(|k| {
-                // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
+                // The noise of a frame is drawn even if the tag is not detected, so that two planners meet the same
                 // noise at the same time.
                 let noise: [Vector2<f64>; 4] =
                     core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
                 let luck = self.read.uniform();
-                let sight = sights.get(k)?.as_ref()?;
-                let image = Some(self.image(sight, &setting)).filter(|i| !hidden && luck < i.chance)?;
+                let tag_view = tag_views.get(k)?.as_ref()?;
+                let image = Some(self.image(tag_view, &setting)).filter(|i| !hidden && luck < i.chance)?;
                 self.measure(self.known.get(k)?, &image, &noise)
             })
             .collect();
@@ -253,7 +253,7 @@ impl SimulatedTagDetector {
             ..TagPose::default()
         })
     }
-    /// The only tag in an image; None when it cannot be decoded at all.
+    /// Image of a single tag; None if it cannot be decoded at all.
     #[cfg(test)]
     pub(super) fn image_of(
         &self,
@@ -261,17 +261,17 @@ impl SimulatedTagDetector {
         deck: &RigidState<Deck>,
         tag: &DeckTag,
     ) -> Option<TagImage> {
-        let sight = self.sight(view, deck, tag)?;
-        let setting = self.settled(&[sight]);
-        (sight.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
-            .then(|| self.image(&sight, &setting))
+        let tag_view = self.tag_view(view, deck, tag)?;
+        let setting = self.converged_setting(&[tag_view]);
+        (tag_view.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
+            .then(|| self.image(&tag_view, &setting))
     }
-    /// A tag as the camera has it before it; None when it is not wholly in the image.
-    fn sight(&self, view: &CameraMotion, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<Sight> {
+    /// View of a tag; None if it is not wholly in the image.
+    fn tag_view(&self, view: &CameraMotion, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagView> {
         let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
         let centre = view.to_camera_frame(state.position);
         let rotation = view.camera_from_world * state.attitude;
-        // The printed face looks along -z of the tag.
+        // The printed face is turned to -z of the tag.
         let cos_incidence = rotation.down().0.dot(&centre) / centre.norm();
         if !(centre.z >= self.config.min_distance_m)
             || !(cos_incidence >= self.config.max_incidence_deg.to_radians().cos())
@@ -287,10 +287,11 @@ impl SimulatedTagDetector {
             }
         }
         if let Some(drone) = &self.occlusion {
-            // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is whole in the image.
+            // The shadow is far larger than a tag of a few centimetres, and far away when a larger tag is wholly in the
+            // image.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
-            // What lights the night comes from everywhere.
+            // Light by night comes from all directions.
             let shaded = self.night.is_none() && points.into_iter().any(|p| shadow.covers(p));
             if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
                 return None;
@@ -300,7 +301,7 @@ impl SimulatedTagDetector {
         let speed_pxps =
             (moves.xy() - centre.xy() * (moves.z / centre.z)).norm() * self.lens.focal_px / centre.z;
         let width = width(&pixels);
-        Some(Sight {
+        Some(TagView {
             pixels,
             width,
             speed_pxps,
@@ -313,11 +314,11 @@ impl SimulatedTagDetector {
             }),
         })
     }
-    /// Image of it with this exposure and gain.
-    fn image(&self, sight: &Sight, setting: &Setting) -> TagImage {
-        let (width, blur) = (sight.width, sight.speed_pxps * setting.exposure_s);
+    /// Image of the tag with this exposure and gain.
+    fn image(&self, tag_view: &TagView, setting: &Setting) -> TagImage {
+        let (width, blur) = (tag_view.width, tag_view.speed_pxps * setting.exposure_s);
         let night = self.night.map(|night| {
-            let grey = |lux: f64| ((lux + sight.veil_lux) * night.grey_per_lux(setting)).min(255.0);
+            let grey = |lux: f64| ((lux + tag_view.veil_lux) * night.grey_per_lux(setting)).min(255.0);
             let [white, black] = night.tag_lux().map(grey);
             let noise = night.noise(0.5 * (white + black), setting.gain, DARK_SD);
             (white - black, noise / (white - black).max(1e-6))
@@ -328,19 +329,19 @@ impl SimulatedTagDetector {
                 1.0 / (1.0 + (NOISE_LIMIT * width.max(1.0).powf(NOISE_WIDTH) * noise).powf(NOISE_STEEPNESS));
             (margin * clear, CORNER_NOISE * noise)
         });
-        // What moves that far is not drawn in the images that gave the law.
+        // Motion beyond this limit is outside the images to which the model was fitted.
         let chance = if blur <= self.config.max_blur_px {
             self.config.chance(width, blur) * factor
         } else {
             0.0
         };
         TagImage {
-            pixels: sight.pixels,
+            pixels: tag_view.pixels,
             chance,
             sd_px: self.config.sd_px(width, blur).hypot(noise_px),
         }
     }
-    /// Detection of it: noisy corners, and the noise that it states of them.
+    /// Detection of the tag: noisy corners with their reported noise.
     fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<SeenTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
@@ -359,56 +360,55 @@ impl SimulatedTagDetector {
     }
 }
 
-/// Half of the contrast with which half of the tags are decoded, grey levels, and the logistic spread of the chance about it.
+/// Half of the contrast at which half of the tags are decoded, grey levels, and the logistic spread of the probability.
 const MIN_MARGIN: f64 = 16.0;
 const MARGIN_SPREAD: f64 = 0.5;
-/// A tag that is decoded in no more of the images counts as lost.
+/// Probability of decoding below which a tag counts as lost.
 const MIN_CHANCE: f64 = 0.05;
-/// Contrast over noise with which half of the tags of 1 px are decoded, the power of the width with which that falls, and how
-/// steeply the chance rises about it.
+/// Ratio of contrast to noise at which half of the tags of 1 px are decoded, the power of the width with which it
+/// decreases, and the steepness of the probability.
 const NOISE_LIMIT: f64 = 7.0;
 const NOISE_WIDTH: f64 = -0.23;
 const NOISE_STEEPNESS: f64 = 9.0;
-/// Corner error by noise over contrast, px.
+/// Corner error per ratio of noise to contrast, px.
 const CORNER_NOISE: f64 = 1.05;
-/// Noise of the sensor in the dark, grey levels, as rendered images have it.
+/// Noise of the sensor in the dark, grey levels, as in rendered images.
 const DARK_SD: f64 = 2.0;
-/// Scatter of a tag's own white, half of its square, per logarithm of its half width in degrees: `10 · 0.52 · 2π (π/180)²`.
+/// Scatter of a tag's own white, half of its square, per logarithm of its half width in degrees: `10 · 0.52 · 2π
+/// (π/180)²`.
 const OWN_VEIL: f64 = 0.01;
 
-/// A tag before the camera.
 #[derive(Clone, Copy, Debug)]
-struct Sight {
+struct TagView {
     /// True pixels of its corners.
     pixels: [Vector2<f64>; 4],
     /// Narrowest width of the tag, px.
     width: f64,
     /// Speed of its centre in the image, px/s.
     speed_pxps: f64,
-    /// By night what lamp and tag scatter over it, lux of white.
+    /// Light that lamp and tag scatter over the tag by night, lux on white.
     veil_lux: f64,
 }
 
-/// The tag as an image holds it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TagImage {
     /// True pixels of its corners.
     pixels: [Vector2<f64>; 4],
-    /// Chance that it is decoded.
+    /// Probability that it is decoded.
     pub(crate) chance: f64,
-    /// Noise of each coordinate of each corner, px.
+    /// Noise of each corner coordinate, px.
     pub(crate) sd_px: f64,
 }
 
 impl TagConfig {
-    /// Chance that a tag of that width with that blur is decoded.
+    /// Probability that a tag with this width and blur is decoded.
     fn chance(&self, width_px: f64, blur_px: f64) -> f64 {
         let need = self.min_width_px + self.blur_cost_per_px * blur_px.powi(2);
-        // A spread of nothing is a step.
+        // A spread of zero is a step.
         let steep = 1.0 / self.width_spread.max(1e-9);
         1.0 / (1.0 + ((need / width_px.max(1e-9)).ln() * steep).exp())
     }
-    /// Noise of its corners, px.
+    /// Noise of the corners, px.
     fn sd_px(&self, width_px: f64, blur_px: f64) -> f64 {
         let width = width_px.max(1.0);
         let small = self.small_sd_px * (self.small_width_px / width).powi(4).min(1.0);
@@ -417,7 +417,7 @@ impl TagConfig {
     }
 }
 
-/// Narrowest width of a quadrilateral: its area over its longest side, px.
+/// Narrowest width of a quadrilateral, px: its area over its longest side.
 fn width(p: &[Vector2<f64>; 4]) -> f64 {
     let longest = (0..4)
         .map(|i| (p[(i + 1) % 4] - p[i]).norm())

@@ -1,16 +1,16 @@
-//! UVDAR: blinking ultraviolet markers on the deck, detected by a fisheye camera from further away
-//! than the tag (Walter et al. 2019, "UVDAR system for visual relative localization").
+//! UVDAR: blinking ultraviolet markers on the deck, which a fisheye camera detects from further away than the tag
+//! (Walter et al. 2019, "UVDAR system for visual relative localization").
 //!
-//! Share of images with a fix and errors of a fix follow the camera node on rendered markers
-//! (`study camera` at commit 279526b7): a camera sees all blinking markers lit in 58 images of 100 whatever the range,
-//! what is off across the line of sight is a length rather than an angle, and the distance is off in
-//! proportion to itself, until the markers run together.
+//! The fraction of images with a fix and the errors of a fix follow the camera node on rendered markers (`study camera`
+//! at commit 279526b7). All blinking markers are lit in 58 of 100 images at any range. The error across the line of
+//! sight is a length rather than an angle, and the distance error is proportional to the distance, until the markers
+//! merge.
 //!
 //! ```text
 //! bearing² = (b g)² + (a/r)²,  distance / r = d g,  g = max(1, r/far)^8
 //! ```
 //!
-//! The stated deviation of a fix is the node's, which is four times as cautious up to `far`.
+//! The reported deviation of a fix is that of the node, which is four times the error up to `far`.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
@@ -25,52 +25,50 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// The UVDAR system. Its fixes are given in the frame of the belly camera.
+    /// UVDAR system. Its fixes are in the frame of the belly camera.
     pub struct UvdarConfig {
         /// Fixes per second.
         pub rate_hz: f64 = 20.0, in 0.1..=100.0;
-        /// From exposure to delivery, s.
+        /// Delay from exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
-        /// Furthest distance, m.
-        /// Source: Rendered markers: 57 % of the images at 28 m, 10 % at 34 m.
+        /// Maximum distance, m.
+        /// Source: rendered markers: 57 % of the images at 28 m, 10 % at 34 m.
         pub max_range_m: f64 = 31.0, in 0.0..=500.0;
-        /// Nearest distance, m: nearer, the markers leave the image.
+        /// Minimum distance, m, below which markers leave the image.
         pub min_range_m: f64 = 1.5, in 0.1..=500.0;
         /// Full cone of the fisheye lens, deg.
-        /// Chosen: one fisheye lens that sees from straight ahead to straight down and behind.
+        /// Chosen: one fisheye lens that covers the directions from straight ahead to straight down and aft.
         pub fov_deg: f64 = 180.0, in 10.0..=360.0;
         /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
-        /// Standard deviation of the bearing of far markers, each of two axes, deg: `b`.
-        /// Source: Rendered markers.
+        /// Standard deviation of the bearing of distant markers, in each of two axes, deg: `b`.
+        /// Source: rendered markers.
         pub bearing_sd_deg: f64 = 0.06, in 1e-3..=45.0;
-        /// Standard deviation across the line of sight, each of two axes, m: `a`.
+        /// Standard deviation across the line of sight, in each of two axes, m: `a`.
         pub aside_sd_m: f64 = 0.024, in 0.0..=10.0;
         /// Standard deviation of the distance relative to the distance: `d`.
         pub distance_sd: f64 = 0.022, in 1e-4..=1.0;
-        /// Distance from which on both grow with its eighth power, m: `far`.
+        /// Distance beyond which both grow with its eighth power, m: `far`.
         pub far_m: f64 = 24.0, in 0.1..=500.0;
-        /// Minimum standard deviation of the bearing that a fix states, deg.
-        /// Source: The node's.
+        /// Minimum reported standard deviation of the bearing, deg.
+        /// Source: the camera node.
         pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
-        /// Standard deviation of the distance that a fix states, relative to it.
+        /// Reported standard deviation of the distance, relative to the distance.
         pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
-        /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
-        /// changes slowly.
+        /// Correlation time of the distance error, s. Its cause, the apparent geometry of the markers, changes slowly.
         pub distance_correlation_s: f64 = 0.5, in 1e-3..=1e4;
         /// Probability that a fix is missing.
-        /// Source: Rendered markers: in the other images some marker is dark.
+        /// Source: rendered markers: in the other images a marker is dark.
         pub miss: f64 = 0.42, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
-/// The UVDAR system at work.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedUvdar {
     config: UvdarConfig,
-    /// Axis of the lens in camera coordinates.
+    /// Optical axis in camera coordinates.
     axis: Vector3<f64>,
     distance: GaussMarkovError,
     bearing: Noise,
@@ -111,7 +109,7 @@ impl SimulatedUvdar {
             let [bearing, far] = self.config.sd(in_camera.norm());
             let above = deck.position.0.z > view.centre.0.z;
             let missed = missed || !above || !self.visible(in_camera);
-            // The part of the turn along the line of sight does nothing.
+            // The component of the turn along the line of sight has no effect.
             let turn = UnitQuaternion::from_scaled_axis(turn * bearing);
             let measured = turn * in_camera * (1.0 + far * stretch).max(0.1);
             let variance = self.variance(measured);
@@ -141,16 +139,16 @@ impl SimulatedUvdar {
 }
 
 impl UvdarConfig {
-    /// Standard deviations at a distance in metres: bearing, rad; distance, relative to it.
+    /// Standard deviations at a distance in metres: bearing, rad; distance, relative.
     pub fn sd(&self, range_m: f64) -> [f64; 2] {
-        let grown = (range_m / self.far_m).max(1.0).powi(8);
+        let factor = (range_m / self.far_m).max(1.0).powi(8);
         let aside = self.aside_sd_m / range_m.max(1e-3);
         [
-            (self.bearing_sd_deg.to_radians() * grown).hypot(aside),
-            self.distance_sd * grown,
+            (self.bearing_sd_deg.to_radians() * factor).hypot(aside),
+            self.distance_sd * factor,
         ]
     }
-    /// Standard deviations as a fix states them.
+    /// Standard deviations reported in a fix.
     fn stated(&self, range_m: f64) -> [f64; 2] {
         let [bearing, far] = self.sd(range_m);
         [

@@ -1,5 +1,5 @@
-//! Landings that end on the way down: aborted, held or without a planner from a random height on, over the hulls and
-//! seas of `study seas` with a vessel that drifts or drives. What the drone touches afterwards, and how hard.
+//! Interrupted landings: aborted, held, or without a planner from a random height on, over the hulls and seas of `study
+//! seas`, with a vessel that drifts or makes way. Measures subsequent contacts of the drone and their speed.
 
 use alight_shared::msg::{CommandKind, Phase};
 
@@ -10,27 +10,24 @@ use crate::harness::world::World;
 use crate::physics::vessel::VesselCourse;
 use alight_shared::process::ProcessKind;
 
-/// Time in which the drone comes so low, s.
+/// Maximum time until the drone reaches the height of the interruption, s.
 const LIMIT_S: f64 = 150.0;
-/// Flown on afterwards, s: longer than a climb to the tracking height.
+/// Flight time after the interruption, s: longer than a climb to the tracking height.
 const REST_S: f64 = 20.0;
-/// Until its feet are so high above the deck the drone has to stay above it, m ...
+/// Height of the feet above the deck below which the drone must stay above it, m.
 const CLEAR_M: f64 = 3.0;
-/// ... no further from above its centre than this, m.
+/// Maximum distance from the deck's centre below that height, m.
 const STRAYED_M: f64 = 3.0;
 
-/// Interruption of a landing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interruption {
-    /// An operator aborts it.
     Abort,
-    /// An operator commands a hold.
     Hold,
-    /// The planner's process dies for good.
+    /// The planner's process is killed permanently.
     PlanLost,
 }
 
-/// A vessel that drifts, or drives straight on at this speed (m/s).
+/// Lets the vessel drift, or make way straight ahead at this speed (m/s).
 pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
     let vessel = &mut scenario.vessel;
     vessel.course = if speed_mps > 0.0 {
@@ -42,27 +39,24 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
     vessel.power_for(speed_mps);
 }
 
-/// Result of an interrupted landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interrupted {
-    /// The hardest impact afterwards along the deck's normal, m/s; 0 without one.
+    /// Maximum impact speed along the deck's normal after the interruption, m/s; 0 without an impact.
     pub hardest_mps: f64,
-    /// Something else than feet on the deck met it, or at more than the limit of a successful landing.
+    /// Another part than feet touched the deck, or faster than the limit of a successful landing.
     pub unsafe_contact: bool,
-    /// In the water, motors on.
+    /// In the water with motors on.
     pub water: bool,
-    /// Distance from above the deck's centre that it reached before it was clear of the deck, m.
+    /// Maximum distance from the deck's centre before the drone was clear of the deck, m.
     pub strayed_m: f64,
-    /// It entered a keep-out volume.
     pub collided: bool,
 }
 
 impl Interrupted {
-    /// It left the place above the deck before it was clear of it.
+    /// The drone left the deck's centre before it was clear of the deck.
     pub fn strayed(&self) -> bool {
         self.strayed_m > STRAYED_M
     }
-    /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
         !self.unsafe_contact && !self.water && !self.collided && !self.strayed()
     }
@@ -72,8 +66,8 @@ impl Interrupted {
     }
 }
 
-/// Lands until the lowest foot is `height_m` above the deck, and flies on after the interruption. None when the drone
-/// never came so low.
+/// Lands until the lowest foot is `height_m` above the deck, interrupts the landing, and continues the flight. Returns
+/// None if the drone never reaches that height.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

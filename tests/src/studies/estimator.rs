@@ -1,5 +1,5 @@
-//! The vessel's estimator and its prediction against the truth, in the vessel's own GNSS frame:
-//! truth plus the receiver's bias at that instant.
+//! The vessel's estimator and its prediction compared with the truth, in the vessel's own GNSS frame: truth plus the
+//! receiver's bias at that instant.
 
 use alight_shared::frames::{euler_rates, wrap_angle};
 use alight_shared::msg::{VesselEstimate, VesselPrediction};
@@ -10,31 +10,29 @@ use alight_usv::{VesselNode, VesselNodeConfig};
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::{Scenario, SetupError};
 
-/// `eta` and its derivative in the order of [`VesselEstimate`].
 #[derive(Clone, Copy, Debug)]
 pub struct VesselTruth {
-    /// Position in the vessel's NED (m), roll, pitch, yaw (rad).
+    /// Position in the vessel's NED (m) and roll, pitch, yaw (rad), in the order of [`VesselEstimate`].
     pub eta: [f64; 6],
     pub eta_dot: [f64; 6],
-    /// Height against the still water, without the receiver's bias, m down.
+    /// Height relative to the still water, without the receiver's bias, positive down, m.
     pub heave: f64,
 }
 
-/// Per stage of a prediction: standard deviations of heave about the level, m, roll and pitch, rad.
+/// Standard deviations per stage of a prediction: heave about the mean level, m, roll and pitch, rad.
 pub type StageDeviations = Vec<[f64; 3]>;
 
-/// Record of vessel and truth in one run, from the end of the warm-up on.
+/// Record of the vessel's output and the truth in one run, from the end of the warm-up on.
 #[derive(Clone, Debug)]
 pub struct EstimatorRun {
-    /// Truth at every tick since the world began.
+    /// True state at every tick since the start of the world.
     pub truth: Vec<VesselTruth>,
-    /// Tick and estimate.
+    /// Estimates with their ticks.
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
-    /// Tick (fractional) of the first stage, and prediction.
+    /// Predictions with the (fractional) tick of their first stage.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// With each prediction: where the filter takes the mean water level to be (m down), and its stages' deviations.
+    /// For each prediction: the filter's mean water level (positive down, m), and the deviations of its stages.
     pub levels: Vec<(f64, StageDeviations)>,
-    /// The last confidence in the wave model.
     pub confidence: f32,
 }
 
@@ -59,7 +57,7 @@ pub fn run(
         ticks(scenario.start.warm_up_s),
         ticks(scenario.start.warm_up_s + span_s),
     );
-    // Three seconds more, so that the last predictions have a truth.
+    // Three more seconds, so that the last predictions have a truth.
     for k in 0..last + 300 {
         let (now, state) = (physics.vessel_now(), physics.vessel());
         let readings = physics.vessel_readings();
@@ -90,7 +88,7 @@ pub fn run(
     Ok(out)
 }
 
-/// `a - b` in degree of freedom `dof`, angles along the shorter way.
+/// `a - b` in degree of freedom `dof`, with angles wrapped.
 pub fn difference(dof: usize, a: f64, b: f64) -> f64 {
     if dof < 3 { a - b } else { wrap_angle(a - b) }
 }
@@ -99,16 +97,14 @@ fn rms(squares: &[f64]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// Errors of the state, over all runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StateErrors {
     /// RMSE per axis of position (m), attitude (rad), velocity (m/s), rates (rad/s).
     pub per_axis: [f64; 4],
-    /// Mean NEES of each degree of freedom's (eta, eta_dot); 2 when the covariance is right.
+    /// Mean NEES of each degree of freedom's (eta, eta_dot); 2 for a consistent covariance.
     pub nees: [f64; 6],
 }
 
-/// Errors of the state.
 pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
     let (mut squares, mut nees) = ([const { Vec::new() }; 4], [const { Vec::new() }; 6]);
     for r in runs {
@@ -136,19 +132,18 @@ pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
 pub struct PredictionError {
     /// Error of the broadcast prediction.
     pub model: f64,
-    /// Error of holding the last state.
+    /// Error of a prediction that holds the last state.
     pub hold: f64,
-    /// Error of rolling the last velocity on.
+    /// Error of a prediction with the last velocity.
     pub velocity: f64,
 }
 
-/// The broadcast prediction of `dof` `horizon_s` ahead, from its origin.
+/// Broadcast prediction of `dof`, `horizon_s` after its origin.
 pub fn predicted(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
     let (eta, _sd) = p.at(horizon_s)?;
     Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))
 }
 
-/// RMSE of the prediction in `dof`, `horizon_s` ahead.
 pub fn prediction_error(runs: &[EstimatorRun], dof: usize, horizon_s: f64) -> PredictionError {
     let mut squares = [const { Vec::new() }; 3];
     for r in runs {

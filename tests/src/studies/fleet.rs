@@ -1,6 +1,6 @@
-//! Several drones above one deck: orders, aborts, outages of their radios, a deck that the crew closes and opens, drones
-//! that stay on the deck and drones that the crew takes away, all at random. What must not happen: two drones below the
-//! waiting height, a descent to an occupied or closed deck, a collision.
+//! Several drones above one deck with random orders, aborts, radio outages, closings and openings of the deck by the
+//! crew, drones that stay on the deck, and drones that the crew removes. Prohibited: two drones below the waiting
+//! height, a descent to an occupied or closed deck, a collision.
 
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
@@ -13,76 +13,65 @@ use crate::physics::sea::SeaConfig;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Flown, s.
 const FLOWN_S: f64 = 180.0;
-/// A drone is below the waiting height when it is so far below the height of the approach, m: further than
-/// the heave and the height by GNSS take one that waits there.
+/// Distance below the approach height from which a drone counts as below the waiting height, m: more than heave and
+/// GNSS height errors of a waiting drone.
 const BELOW_M: f64 = 5.0;
-/// A drone whose motors are off within this distance of the deck's centre stands there, m.
+/// Maximum distance from the deck's centre of a drone with motors off that counts as on the deck, m.
 const ON_DECK_M: f64 = 3.0;
-/// After the crew has closed the deck, drones know it or have no fresh grant, s.
+/// Time after the crew closes the deck by which drones know it, or have no fresh grant, s.
 const KNOWN_AFTER_S: f64 = 2.5;
 
-/// After an outage of its radio the vessel has a drone's report again, s.
+/// Time after the end of a drone's radio outage by which the vessel has its report, s.
 const REPORTED_AFTER_S: f64 = 1.5;
 
-/// Result of a trial.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FleetReport {
-    /// Landings on the deck.
     pub landings: u32,
-    /// Descents begun.
     pub descents: u32,
-    /// Aborts and holds that were commanded.
     pub stops: u32,
-    /// Outages of a drone's radio.
     pub outages: u32,
-    /// Number of times that the crew closed the deck.
+    /// Number of closings of the deck by the crew.
     pub closures: u32,
     /// Number of times that a second drone came below the waiting height.
     pub two_below: u32,
-    /// Ticks of a descent to a deck on which another drone stood.
+    /// Number of ticks of a descent to a deck with another drone on it.
     pub on_occupied: u32,
-    /// Descents begun to a closed deck.
     pub on_closed: u32,
-    /// Collisions of drones.
     pub collisions: u32,
-    /// Drones that fell into the water.
     pub in_water: u32,
-    /// Smallest distance between two drones in the air, m.
+    /// Minimum distance between two drones in the air, m.
     pub nearest_m: f64,
 }
 
 impl FleetReport {
-    /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
         self.two_below + self.on_occupied + self.on_closed + self.collisions == 0
     }
 }
 
-/// A drone as the judge of the fleet sees it.
+/// State of a drone for the judge of the fleet.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     state: State,
-    /// Whether its mission has reached its altitude once since it appeared.
+    /// Whether its mission has reached its altitude since it appeared.
     risen: bool,
     below: bool,
     on_deck: bool,
     in_water: bool,
-    /// When somebody takes it away, s.
+    /// Time at which the crew removes it, s.
     taken_at: Option<f64>,
-    /// Until when its radio is out, s.
+    /// End of its radio outage, s.
     silent_until: f64,
 }
 
-/// A trial under way.
 struct Flight {
     world: World,
     draw: Noise,
     drones: Vec<Watched>,
-    /// Since when the deck is closed, and until when, s.
+    /// Start and end of the time for which the deck is closed, s.
     closed: Option<[f64; 2]>,
-    /// A drone that stays on the deck once it has landed.
+    /// Drone that stays on the deck after its landing.
     stays: Option<usize>,
     report: FleetReport,
 }
@@ -95,7 +84,7 @@ impl Flight {
         ((self.draw.uniform() * n as f64) as usize).min(n.saturating_sub(1))
     }
 
-    /// Something happens to a drone or the deck.
+    /// Draws an event for a drone or the deck.
     fn happen(&mut self, t: f64) {
         let k = self.one_of(self.drones.len());
         match self.one_of(10) {
@@ -124,8 +113,8 @@ impl Flight {
         }
     }
 
-    /// Acts of the crew that are due: it opens the deck, and takes a landed drone away. To open the deck is to report that
-    /// no silent drone stands there, and the crew looks first.
+    /// Due actions of the crew: it opens the deck, and removes a landed drone. By opening the deck the crew reports
+    /// that no silent drone is on it, so it checks that first.
     fn attend(&mut self, t: f64) {
         let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
         let found = self.drones.iter().any(silent);
@@ -175,7 +164,7 @@ impl Flight {
         }
         let below = self.drones.iter().filter(|d| d.below).count();
         self.report.two_below += u32::from(below > 1 && below > had_below);
-        // The one that stands there may not know yet that it has landed.
+        // A drone on the deck may not know yet that it has landed.
         let descends = |d: &Watched| !d.on_deck && matches!(d.state, State::Descent | State::Flare);
         let stands = self.drones.iter().any(|d| d.on_deck);
         self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));
@@ -195,7 +184,7 @@ impl Flight {
     }
 }
 
-/// Flies so many drones; the sea, the vessel's speed and all that happens are drawn for the seed.
+/// Flies a number of drones; the sea, the vessel's speed and all events are drawn from the seed.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

@@ -1,4 +1,4 @@
-//! Two planners on the same seeds: differences pair by pair, so that the sea is not in them.
+//! Comparison of two planners on the same seeds by paired differences, which cancel the effect of the sea.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,6 @@ use serde::Serialize;
 use crate::harness::outcome::Outcome;
 use crate::studies::statistics::{OutcomeMetric, bootstrap_mean, wilson};
 
-/// Metrics that are compared.
 pub const COMPARED: [OutcomeMetric; 6] = [
     ("position_error_m", |o| o.position_error_m),
     ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
@@ -17,67 +16,61 @@ pub const COMPARED: [OutcomeMetric; 6] = [
     ("over_deck_time_s", |o| o.over_deck_time_s),
 ];
 
-/// The mean of `other - first` over the pairs in which both touched.
+/// Mean of `other - first` over the pairs in which both touched down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Name of the figure.
     pub metric: &'static str,
     pub mean: f64,
-    /// Bootstrap interval of 95 % of the difference.
+    /// Bootstrap 95 % interval of the difference.
     pub interval: [f64; 2],
     pub pairs: usize,
 }
 
-/// Success rates of both.
+/// Success rates of both planners.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rates {
-    /// Successes of the first, and of the other.
+    /// Successes of the first and of the other planner.
     pub successes: [usize; 2],
     /// Wilson's 95 % interval of each rate.
     pub wilson: [[f64; 2]; 2],
-    /// Seeds on which only the first succeeds, and only the other.
+    /// Seeds on which only the first planner succeeds, and only the other.
     pub only: [usize; 2],
     /// Difference of the rates, `other - first`.
     pub difference: f64,
-    /// Bootstrap interval of 95 % of the difference over pairs.
+    /// Bootstrap 95 % interval of the difference over pairs.
     pub interval: [f64; 2],
 }
 
-/// A planner against the first one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Scenario; None for all together.
+    /// Scenario; None for all scenarios.
     pub scenario: Option<String>,
-    /// The first planner.
     pub first: String,
     pub other: String,
-    /// Seeds that both flew.
     pub pairs: usize,
-    /// Successes.
     pub rates: Rates,
-    /// Differences of the metrics.
     pub differences: Vec<Difference>,
 }
 
 type Pair<'a> = (&'a Outcome, &'a Outcome);
 
-/// Outcomes of both planners by scenario and seed, where both are there.
+/// Outcomes of both planners by scenario and seed, where both exist.
 pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
-    let of = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
+    let flown_by = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
         outcomes
             .iter()
             .filter(|o| o.planner == planner && scenario.is_none_or(|s| s == o.sea))
             .map(|o| ((o.sea.as_str(), o.seed), o))
             .collect()
     };
-    let others = of(other);
-    of(first)
+    let others = flown_by(other);
+    flown_by(first)
         .into_iter()
         .filter_map(|(key, a)| others.get(&key).map(|b| (a, *b)))
         .collect()
 }
 
-/// `other` against `first` in one scenario, or in all. None without a common seed.
+/// Compares `other` with `first` in one scenario, or in all; None without a common seed.
 pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
     let pairs = pairs(outcomes, scenario, first, other);
     let n = pairs.len();
@@ -142,7 +135,7 @@ mod tests {
         for seed in 0..40 {
             let sea = 0.1 * (seed % 7) as f64;
             all.push(flown("a", "x", seed, Some(sea), true));
-            // Not in the order of the seeds, and one more than the first has flown.
+            // Not in the order of the seeds, and one seed more than the first planner's.
             all.insert(0, flown("b", "x", seed, Some(sea + 0.05), seed % 4 != 0));
         }
         all.push(flown("b", "x", 99, Some(9.0), false));

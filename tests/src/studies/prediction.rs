@@ -1,8 +1,8 @@
-//! The vessel's broadcast prediction against the truth, 1 s ahead.
+//! The vessel's broadcast prediction compared with the truth, 1 s ahead.
 //!
-//! *Heave* (Fossen 2011) is height against the mean water level. Height in the vessel's NED is heave and the receiver's
-//! slow bias, which wanders by 0.08 m in a second under 0.3 m of white noise at 10 Hz, so that no filter knows it better
-//! than 0.09 m; the drone measures that bias by vision.
+//! *Heave* (Fossen 2011) is the height relative to the mean water level. Height in the vessel's NED is heave plus the
+//! receiver's slow bias. That bias changes by 0.08 m in a second, with 0.3 m of white noise at 10 Hz, so that no filter
+//! estimates it better than to 0.09 m; the drone measures it by vision.
 
 use alight_shared::msg::VesselPrediction;
 use alight_shared::time::VesselClock;
@@ -12,20 +12,19 @@ use super::estimator::{EstimatorRun, StageDeviations, difference, predicted, run
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{Scenario, SetupError};
 
-/// Time ahead, s.
+/// Prediction horizon, s.
 const AHEAD_S: f64 = 1.0;
-/// 95 % of the chi-square distribution with one, two and three degrees of freedom.
+/// 95 % quantiles of the chi-square distribution with one, two and three degrees of freedom.
 const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 
-/// Errors of one quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     count: u64,
-    /// Sum of the squared errors (of the norm, where there are several components).
+    /// Sum of squared errors (of the norm, for several components).
     squares: f64,
-    /// Sum of the normalised squared errors per component: `count` when the covariance is right.
+    /// Sum of normalised squared errors per component; `count` for a consistent covariance.
     normalised: f64,
-    /// Predictions whose 95 % ellipse holds the truth.
+    /// Number of predictions whose 95 % ellipse contains the truth.
     inside: u64,
 }
 
@@ -50,28 +49,26 @@ impl Tally {
             inside: self.inside + o.inside,
         }
     }
-    /// Root mean square of the error.
     pub fn rmse(&self) -> f64 {
         (self.squares / self.count.max(1) as f64).sqrt()
     }
-    /// Mean normalised squared error per component, 1 when the covariance is right.
+    /// Mean normalised squared error per component; 1 for a consistent covariance.
     pub fn nees(&self) -> f64 {
         self.normalised / self.count.max(1) as f64
     }
-    /// Fraction of the truths inside the 95 % ellipse.
+    /// Fraction of truths inside the 95 % ellipse.
     pub fn inside(&self) -> f64 {
         self.inside as f64 / self.count.max(1) as f64
     }
 }
 
-/// Errors of the broadcast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
-    /// Height of the reference point against the mean water level, m.
+    /// Height of the reference point relative to the mean water level, m.
     pub heave: Tally,
     /// Roll and pitch, rad.
     pub tilt: Tally,
-    /// Heave, roll and pitch together: the ellipsoid of the deck in waves. Its RMSE means nothing.
+    /// Heave, roll and pitch together: the ellipsoid of the deck in waves, whose RMSE has no meaning.
     pub deck: Tally,
 }
 
@@ -86,7 +83,7 @@ impl Scores {
     }
 }
 
-/// The vessel's broadcast over `span_s` after the warm-up.
+/// Scores of the vessel's broadcast over `span_s` after the warm-up.
 pub fn vessel(
     scenario: &Scenario,
     node: &VesselNodeConfig,
@@ -107,7 +104,7 @@ pub fn vessel(
     Ok(scores)
 }
 
-/// Heave (m), roll and pitch (rad) as predicted less the truth.
+/// Predicted minus true heave (m), roll and pitch (rad).
 fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
     let tick = start + AHEAD_S / TICK.secs();
     let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
@@ -120,7 +117,7 @@ fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, lev
     Some([heave, angle(3)?, angle(4)?])
 }
 
-/// The stated standard deviations of the same.
+/// Reported standard deviations of heave (m), roll and pitch (rad).
 fn deviations(p: &VesselPrediction<VesselClock>, sds: &StageDeviations) -> Option<[f64; 3]> {
     let x = AHEAD_S / f64::from(p.step_s);
     let (i, f) = (x.floor() as usize, x.fract());

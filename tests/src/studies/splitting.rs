@@ -1,12 +1,11 @@
-//! Probability of an unsafe landing where that is rare: splitting by how near to a limit a landing comes.
+//! Probability of a rare unsafe landing, by splitting on the distance of a landing from a limit.
 //!
-//! A population of landings is flown; the quarter that came nearest to a limit is kept, and each of it is moved some times:
-//! all its random numbers change, by much or by little, and the landing that follows takes its place where it comes at least
-//! as near. After `k` levels the probability is the product of the fractions that were kept, times the
-//! fraction of the last population that is beyond a limit:
-//! `P = p_1 p_2 ... p_k p_last` (Kahn and Harris 1951; subset simulation, Au and Beck 2001). Each population is flown from
-//! the beginning: no state of a flight is copied. Independent runs give mean and interval. The estimate has a bias of the
-//! order of one over the population, towards more.
+//! A population of landings is flown. The quarter closest to a limit is kept, and each of these is moved several times:
+//! all its random numbers change, by much or by little, and the new landing replaces it if it comes at least as close.
+//! After `k` levels the probability is the product of the kept fractions, times the fraction of the last population
+//! beyond a limit: `P = p_1 p_2 ... p_k p_last` (Kahn and Harris 1951; subset simulation, Au and Beck 2001). Each
+//! population is flown from the start; no state of a flight is copied. Independent runs yield mean and interval. The
+//! estimate has an upward bias of the order of one over the population.
 
 use rand::RngExt;
 use rayon::prelude::*;
@@ -22,19 +21,18 @@ use crate::studies::statistics::{at_most_95, student_95};
 
 /// Fraction of a population that is kept.
 const KEPT: f64 = 0.25;
-/// Levels, at most: a probability of 1e-6, and each is a move.
+/// Maximum number of levels, each of which is a move: reaches a probability of 1e-6.
 const MAX_LEVELS: usize = MOVES;
-/// A move is smaller than the range of a number by a power of two, drawn up to this one: how small a step a landing bears
-/// near its limit is not known before.
+/// Maximum exponent of the power of two by which a move is smaller than the range of a number. It is drawn, because the
+/// step that suits landings near their limit is not known in advance.
 const SMALLEST: u32 = 9;
 
-/// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
     /// A quarter of the last population was beyond a limit.
     Limit,
-    /// Nothing of the last population came nearer than all of it, as where every landing is broken off.
+    /// No landing of the last population was closer than the others, as when every landing is aborted.
     Plateau,
     /// Ten levels were not enough.
     Levels,
@@ -42,17 +40,13 @@ pub enum End {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingRun {
-    /// Probability that a landing is unsafe.
     pub probability: f64,
-    /// Product of the fractions that were kept: the probability of what the last population is drawn from.
+    /// Product of the kept fractions: the probability of the set from which the last population is drawn.
     pub reached: f64,
-    /// Landings of the last population that were unsafe.
     pub beyond: usize,
-    /// Why it ended.
     pub end: End,
-    /// The levels: how near to a limit a landing had to come, 1 is the limit.
+    /// Levels: required limit ratio of a landing; 1 is the limit.
     pub levels: Vec<f64>,
-    /// Landings that were flown.
     pub landings: usize,
 }
 
@@ -60,16 +54,16 @@ pub struct SplittingRun {
 pub struct SplittingEstimate {
     /// Mean of the runs' probabilities.
     pub probability: f64,
-    /// Interval of 95 %, by Student's distribution over the runs, from 0 with one run; its upper end at least what the
-    /// last populations alone leave open (Clopper and Pearson 1934). Of few runs of a rare event it covers less.
+    /// 95 % interval by Student's distribution over the runs; starts at 0 with one run. Its upper end is at least the
+    /// bound by the last populations alone (Clopper and Pearson 1934). With few runs of a rare event its coverage is
+    /// lower.
     pub interval: [f64; 2],
-    /// Landings that were flown.
     pub landings: usize,
     pub runs: Vec<SplittingRun>,
 }
 
 impl SplittingEstimate {
-    /// Estimate of these runs, with populations of `population`; none without any.
+    /// Estimate of these runs, with populations of `population`; None without runs.
     pub fn of(runs: Vec<SplittingRun>, population: usize) -> Option<SplittingEstimate> {
         let probabilities: Vec<f64> = runs.iter().map(|r| r.probability).collect();
         let n = runs.len() as f64;
@@ -88,10 +82,10 @@ impl SplittingEstimate {
     }
 }
 
-/// A draw of all streams, and how near to a limit its landing comes.
+/// Random streams, and the limit ratio of their landing.
 type Particle = (Streams, f64);
 
-/// One run with populations of `population`; `near` flies a landing and gives how near to a limit it comes.
+/// One run with populations of `population`; `near` flies a landing and returns its limit ratio.
 pub fn split<E: Send>(
     population: usize,
     seed: u64,
@@ -143,8 +137,7 @@ pub fn split<E: Send>(
     }
 }
 
-/// The quarter that came nearest comes at least so near; where that is as far as all of them, the nearest above that. None
-/// where all are equal.
+/// Limit ratio that the closest quarter reaches; if all landings reach it, the next larger one. None if all are equal.
 fn next_level(particles: &[Particle]) -> Option<f64> {
     let mut near: Vec<f64> = particles.iter().map(|(_, n)| *n).collect();
     near.sort_by(|a, b| b.total_cmp(a));
@@ -156,12 +149,12 @@ fn next_level(particles: &[Particle]) -> Option<f64> {
     near.into_iter().rev().find(|n| *n > lowest)
 }
 
-/// All numbers moved.
+/// Moves all numbers.
 fn moved(streams: &Streams, draw: &mut Stream) -> Streams {
     streams.moved(draw.random(), draw.random_range(0..=SMALLEST))
 }
 
-/// Lands in the world of these streams; how near to a limit it comes ([`Outcome::limit_ratio`]).
+/// Flies a landing in the world of these streams, and returns its limit ratio ([`Outcome::limit_ratio`]).
 pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Result<f64, SetupError> {
     let watch = Watch {
         on_event: &mut |_| {},
@@ -176,13 +169,16 @@ pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Resu
 mod tests {
     use super::*;
 
-    /// A landing whose nearness is the largest of one uniform number from each of three streams, so that it passes `limit`
-    /// in `1 - limit^3` of all; a fraction `broken_off` has no contact.
+    /// A landing whose limit ratio is the maximum of one uniform number from each of three streams, so that it exceeds
+    /// `limit` with the probability `1 - limit^3`; a fraction `broken_off` has no contact.
     fn near(limit: f64, broken_off: f64) -> impl Fn(&Streams) -> Result<f64, ()> {
         move |streams| {
-            let of = |name: &str| streams.stream(name).random::<f64>();
-            let largest = ["sea", "wind", "gnss"].map(of).into_iter().fold(0.0, f64::max);
-            let flies = of("mission") >= broken_off;
+            let uniform = |name: &str| streams.stream(name).random::<f64>();
+            let largest = ["sea", "wind", "gnss"]
+                .map(uniform)
+                .into_iter()
+                .fold(0.0, f64::max);
+            let flies = uniform("mission") >= broken_off;
             Ok(if flies { largest / limit } else { 0.0 })
         }
     }
@@ -198,7 +194,7 @@ mod tests {
             let (truth, [low, high]) = (rarity * (1.0 - broken_off), estimate.interval);
             assert!(low < truth && truth < high, "{rarity}: {estimate:?}");
             assert!(high < 3.0 * truth, "{rarity}: {estimate:?}");
-            // By counting a thousandth takes some ten thousands of landings for that.
+            // Direct simulation needs some ten thousand landings for a probability of a thousandth.
             assert!(estimate.landings < 16_000, "{}", estimate.landings);
             assert!(estimate.runs.iter().all(|r| r.end == End::Limit), "{estimate:?}");
         }
@@ -218,7 +214,7 @@ mod tests {
         );
         assert_eq!(SplittingEstimate::of(Vec::new(), 20), None);
         assert_eq!(SplittingEstimate::of(vec![always], 20).unwrap().interval[1], 1.0);
-        // Forty landings without an event leave 7 % open.
+        // Forty landings without an event leave a bound of 7 %.
         let estimate = SplittingEstimate::of(vec![never.clone(), never], 20).unwrap();
         assert!((estimate.interval[1] - 0.0722).abs() < 1e-3, "{estimate:?}");
     }

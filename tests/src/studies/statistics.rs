@@ -5,20 +5,18 @@ use serde::Serialize;
 
 use crate::harness::outcome::{Ending, Outcome};
 
-/// Mean, standard deviation, 95th percentile and maximum of one figure.
+/// Mean, standard deviation, 95th percentile and maximum of a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SampleStatistics {
     pub mean: f64,
-    /// Sample standard deviation.
     pub sd: f64,
-    /// 95th percentile (nearest rank).
     pub p95: f64,
     pub max: f64,
 }
 
 impl SampleStatistics {
-    /// Statistics of the given values; None without any. Percentile and maximum are of the values as they
-    /// are: for signed values the spread is `sd`.
+    /// Statistics of the given values; None without values. Percentile and maximum apply to signed values as they are;
+    /// the spread of signed values is `sd`.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
         let mut v: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
         let p95 = quantile(&mut v, 0.95)?;
@@ -46,22 +44,22 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
     ((centre - half).max(0.0), (centre + half).min(1.0))
 }
 
-/// Successes without a failure after which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2) >= rate`.
-/// A rate of 1 is never shown: the count stays below 40 000.
+/// Number of successes without a failure for which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2) >= rate`.
+/// A rate of 1 cannot be shown; the count stays below 40 000.
 pub fn successes_to_show(rate: f64) -> usize {
     let z2 = 1.959_964_f64.powi(2);
     let n = (z2 * rate / (1.0 - rate).max(1e-4)).ceil();
     n.max(1.0) as usize
 }
 
-/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): the largest `p` for which
-/// `P(X <= events) >= 0.05`, X binomial of `trials` and `p`. It covers at least 95 % of all cases, whatever the rate.
+/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): the largest `p` for which `P(X <=
+/// events) >= 0.05`, with X binomial of `trials` and `p`. Its coverage is at least 95 % for any rate.
 pub fn at_most_95(events: usize, trials: usize) -> f64 {
     if events >= trials {
         return 1.0;
     }
     let n = trials as f64;
-    // P(X <= events), each term from the one before it in logarithms: (1 - p)^n alone leaves the range of f64.
+    // P(X <= events), each term from the previous one in logarithms, since (1 - p)^n alone underflows f64.
     let tail = |p: f64| {
         let (mut log_term, odds) = (n * (-p).ln_1p(), (p / (1.0 - p)).ln());
         let mut sum = log_term.exp();
@@ -83,21 +81,21 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     high
 }
 
-/// Student's two-sided 95 % interval of the mean of independent values; from minus to plus infinity of one, none without any.
+/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None without values.
 pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
-    // Quantiles by the degrees of freedom from 1 on.
+    // Quantiles by degrees of freedom, from 1 on.
     const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
     let SampleStatistics { mean, sd, .. } = SampleStatistics::of(values.iter().copied())?;
     let half = match values.len() {
         1 => f64::INFINITY,
-        // More degrees of freedom than these have a smaller one.
+        // More degrees of freedom have a smaller quantile.
         count => STUDENT.get(count - 2).copied().unwrap_or(2.262) * sd / (count as f64).sqrt(),
     };
     Some([mean - half, mean + half])
 }
 
-/// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
-/// stream, so that a report is reproducible. None without values.
+/// Percentile bootstrap (Efron 1979) of the mean: 95 % interval from 1000 resamples of a fixed stream, so that a report
+/// is reproducible; None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
@@ -116,10 +114,10 @@ pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     ])
 }
 
-/// A named figure of an outcome.
+/// A named metric of an outcome.
 pub type OutcomeMetric = (&'static str, fn(&Outcome) -> Option<f64>);
 
-/// Every figure of the summary: name (as in the outcome) and where it comes from.
+/// All metrics of the summary: name (as in the outcome) and source.
 pub const METRICS: &[OutcomeMetric] = &[
     ("position_error_m", |o| o.position_error_m),
     ("rest_position_error_m", |o| o.rest_position_error_m),
@@ -139,20 +137,18 @@ pub const METRICS: &[OutcomeMetric] = &[
     ("wall_time_s", |o| Some(o.wall_time_s)),
 ];
 
-/// Trials that ended in one way for one reason.
+/// Trials with the same ending and reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailureCount {
-    /// Ending of the trials.
     pub outcome: &'static str,
-    /// Why; `N` stands for each figure.
+    /// Reason, with `N` for each number.
     pub reason: String,
-    /// Number of the trials.
     pub count: u32,
-    /// One of them: the first.
+    /// Seed of the first of these trials.
     pub seed: u64,
 }
 
-/// These failures (ending, reason, seed) by ending and reason, the most frequent first.
+/// Counts failures (ending, reason, seed) by ending and reason, most frequent first.
 fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
     let mut counts: Vec<FailureCount> = Vec::new();
     for (ending, reason, seed) in failures {
@@ -174,7 +170,7 @@ fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) ->
     counts
 }
 
-/// A text with an `N` for each number in it, its sign included.
+/// Replaces each number in a text, including its sign, by `N`.
 fn without_numbers(text: &str) -> String {
     let is_figure = |part: &str| {
         let digits = part.trim_start_matches(['-', '+']);
@@ -192,59 +188,52 @@ fn without_numbers(text: &str) -> String {
     out.join(" ")
 }
 
-/// The summary of a set of trials: metrics over all that touched the deck.
+/// Summary of a set of trials; metrics cover the trials that touched the deck.
 #[derive(Clone, Debug)]
 pub struct Summary {
-    /// Number of trials.
     pub trials: usize,
-    /// Number of successes.
     pub successes: usize,
-    /// Descents begun, and those of them that ended badly: in any other way than at rest on the deck or
-    /// broken off without a contact.
+    /// Number of descents begun, and of those that ended badly: neither at rest on the deck nor aborted without a
+    /// contact.
     pub descents: [u32; 2],
-    /// Trials that neither succeeded nor were refused.
+    /// Number of trials that neither succeeded nor ended without a landing and safely ([`Outcome::is_refused`]).
     pub unsafe_trials: usize,
-    /// Contacts that broke the limits.
     pub unsafe_contacts: u32,
-    /// Contacts with water.
     pub water_contacts: u32,
-    /// Entries into keep-out volumes; None where there are none.
+    /// Number of entries into keep-out volumes; None without volumes.
     pub keep_out_collisions: Option<u32>,
-    /// Contacts at more than 2 m/s.
     pub contacts_above_2_mps: u32,
-    /// Why trials failed.
     pub failures: Vec<FailureCount>,
-    /// Endings of the trials' last descents, by the mission's probability of success.
+    /// Endings of the trials' last descents, by the predicted probability of success.
     pub likelihood: Vec<OddsBin>,
-    /// Unsafe contacts of the trials' last descents, by the mission's probability of one.
+    /// Unsafe contacts of the trials' last descents, by their predicted probability.
     pub harm: Vec<OddsBin>,
     /// Metrics under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
-/// Bounds of the bins of likelihood, and of harm.
+/// Bounds of the bins of success probability, and of unsafe-contact probability.
 const LIKELIHOODS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
 const HARMS: [f64; 7] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 1.0];
 
-/// Descents by an estimated probability.
+/// Descents within a range of predicted probability.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OddsBin {
-    /// Their probabilities lie between these.
+    /// Range of predicted probability.
     pub between: [f64; 2],
-    /// Number of descents.
     pub descents: usize,
-    /// Number in which it came true.
+    /// Number of descents in which the event occurred.
     pub came: usize,
-    /// Mean of their probabilities.
     pub predicted: f64,
-    /// Wilson's interval of the part in which it came true, 95 %.
+    /// Wilson's 95 % interval of the fraction in which the event occurred.
     pub interval: (f64, f64),
 }
 
-/// Distance from the deck's centre at which a drone has left it for certain, m: half the diagonal of the default deck.
+/// Distance from the deck's centre beyond which a drone has certainly left it, m: half the diagonal of the default
+/// deck.
 const LEFT_M: f64 = 1.5;
 
-/// Bins of what was estimated, each probability with whether it came true.
+/// Bins of predicted probabilities, each with whether the event occurred.
 fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     let bins = bounds.windows(2).filter_map(|b| {
         let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
@@ -261,7 +250,7 @@ fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     });
     bins.collect()
 }
-/// Whether a trial's last descent ended at rest on the deck, and the drone stayed within it while it was watched.
+/// Whether a trial's last descent ended at rest on the deck, and the drone stayed there while it was observed.
 fn has_landed(o: &Outcome) -> bool {
     o.success && o.stay_position_error_m.is_none_or(|m| m < LEFT_M)
 }
@@ -274,7 +263,6 @@ fn ended_badly(o: &Outcome) -> bool {
 }
 
 impl Summary {
-    /// Summary of these outcomes.
     pub fn of(outcomes: &[Outcome]) -> Summary {
         let touched = || outcomes.iter().filter(|o| o.position_error_m.is_some());
         let estimated =
@@ -308,7 +296,6 @@ impl Summary {
                 .collect(),
         }
     }
-    /// A figure by name.
     pub fn metric(&self, name: &str) -> Option<SampleStatistics> {
         self.metrics
             .iter()
@@ -334,12 +321,13 @@ mod tests {
 
     #[test]
     fn upper_bound_of_published_values() {
-        // Without an event 1 - 0.05^(1/n), about 3/n (Hanley and Lippman-Hand 1983).
+        // Without an event: 1 - 0.05^(1/n), about 3/n (Hanley and Lippman-Hand 1983).
         for n in [1, 5, 35, 100, 3000] {
             let exact = 1.0 - 0.05_f64.powf(1.0 / n as f64);
             assert!((at_most_95(0, n) - exact).abs() < 1e-9, "{n}");
         }
-        // The upper end of the two-sided 90 % interval: 1 of 10 is 0.3942, 5 of 10 is 0.7776 (tables of Clopper and Pearson).
+        // Upper end of the two-sided 90 % interval: 1 of 10 is 0.3942, 5 of 10 is 0.7776 (tables of Clopper and
+        // Pearson).
         for (k, n, p) in [(1, 10, 0.3942), (5, 10, 0.7776), (10, 10, 1.0), (0, 0, 1.0)] {
             assert!(
                 (at_most_95(k, n) - p).abs() < 1e-4,
@@ -347,7 +335,7 @@ mod tests {
                 at_most_95(k, n)
             );
         }
-        // Far out of the range of (1 - p)^n: close to the normal one.
+        // Far beyond the range of (1 - p)^n: close to the normal approximation.
         assert!((at_most_95(20_000, 40_000) - (0.5 + 1.645 * 0.5 / 200.0)).abs() < 1e-4);
     }
 

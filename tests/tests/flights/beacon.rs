@@ -1,4 +1,5 @@
-//! A vessel that is known by a beacon alone: the drone flies to its place, looks for the tags there and lands by them.
+//! A vessel located by its beacon alone: the drone flies to the beacon's position, searches for the tags there and
+//! lands by them.
 
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
 use alight_sim::harness::outcome::Outcome;
@@ -10,7 +11,7 @@ use alight_sim::sensors::beacon::BeaconConfig;
 
 use crate::{at_sea, judged};
 
-/// A silent vessel 300 m away with a beacon of 5 m, once a second.
+/// A silent vessel 300 m away, whose beacon has an error of 5 m and a rate of 1 Hz.
 fn scenario() -> Scenario {
     let mut scenario = at_sea("0.5,5");
     scenario.radio.loss = 1.0;
@@ -25,7 +26,7 @@ fn nodes() -> NodeConfigs {
     nodes
 }
 
-/// Course of a flight: when the tags were found, s, and how it ended.
+/// Time at which the tags were found, s, and ending of a flight.
 struct Flown {
     found_s: Option<f64>,
     outcome: Outcome,
@@ -67,7 +68,7 @@ fn deck_found_by_its_beacon() {
     assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
 }
 
-/// Thirty metres to the side of its beacon no deck is found, and the search ends.
+/// At thirty metres to the side of its beacon the deck is not found, and the search ends.
 #[test]
 fn deck_that_is_not_at_its_beacon() {
     let mut scenario = scenario();
@@ -87,8 +88,8 @@ fn deck_that_is_not_at_its_beacon() {
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
 }
 
-/// A vessel on a hull of a table, 150 m away and without ultraviolet markers, is received until the drone is on its way, and never
-/// again: it goes on to where the vessel was going, and looks for the tags there.
+/// A vessel with a hull from a table, 150 m away and without ultraviolet markers, is received until the drone is on its
+/// way, and then never again. The drone flies to the vessel's predicted position and searches for the tags there.
 #[test]
 fn radio_lost_for_good_on_the_way() {
     let (mut scenario, mut nodes) = (Scenario::default(), nodes());

@@ -1,4 +1,4 @@
-//! The calibrations on the simulated vehicles, whose truth is known here and nowhere else.
+//! Calibrations of the simulated vehicles, whose true parameters only this test knows.
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::step::Step;
@@ -20,7 +20,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::at_sea;
 
-/// Hands the calibration what the predictor reads, once the drone stands.
+/// Passes the predictor's inputs to the calibration once the drone is on the deck.
 struct Press {
     calibration: DeckCalibration,
     stands: bool,
@@ -34,7 +34,7 @@ impl Tap for Press {
     }
 }
 
-/// Receivers with corrections, and a tag that the camera sees from the deck.
+/// GNSS receivers with corrections, and a tag that the camera detects from the deck.
 fn scene() -> Scenario {
     let mut s = at_sea("slight");
     s.deck.tag_side_m = Some(0.12);
@@ -46,8 +46,8 @@ fn scene() -> Scenario {
     s
 }
 
-/// Lands, then stands for `seconds`; what the calibration finds, and the truth: deck's centre in the
-/// vessel's body, and where the drone really stands on the deck.
+/// Lands, then stays on the deck for `seconds`. Returns the calibration, and the truth: the deck's centre in the
+/// vessel's body frame, and the drone's position on the deck.
 fn press(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -121,7 +121,6 @@ fn deck_calibration_of_a_displaced_deck() {
     }
 }
 
-/// Records the vessel's sensors.
 #[derive(Default)]
 struct Recorder(Record);
 
@@ -133,7 +132,7 @@ impl Tap for Recorder {
     }
 }
 
-/// Calibration by a recording of `seconds` of this vessel.
+/// Calibration from a recording of `seconds` of this vessel.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
@@ -146,8 +145,8 @@ fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibra
     recorder.0.identify(&nodes.vessel)
 }
 
-/// Damping and stiffness per mass of small motions: sway and roll, surge and pitch share inertia because
-/// the centre of gravity lies above the water, so what counts is the diagonal of the inverse of M.
+/// Damping and stiffness per mass of small motions. The centre of gravity above the water couples the inertia of sway
+/// with roll, and of surge with pitch; therefore the diagonal of the inverse of M is used.
 fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
     let inertia = Vector3::from(v.inertia_kgm2);
     let added =
@@ -167,14 +166,14 @@ fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
     of
 }
 
-/// Pushed in every degree of freedom three times, on calm water.
+/// A scenario in which every degree of freedom is pushed three times on calm water.
 fn pushed(strength: f64) -> Scenario {
     let mut s = at_sea("0,5");
-    // Drag that grows with the square of the speed has no place in a linear model.
+    // A linear model cannot contain drag that is quadratic in speed.
     s.vessel.quadratic_drag_ns2pm2 = [0.0; 2];
     s.vessel.quadratic_yaw_drag_nms2 = 0.0;
     let mut t = 20.0;
-    // Pressed for 3 s and let go; shoved for a second and let go.
+    // A load of 3 s, then none; a load of 1 s, then none.
     for (dof, by, for_s, rest_s) in [
         (ROLL, 800.0, 3.0, 12.0),
         (PITCH, 1200.0, 3.0, 12.0),
@@ -215,7 +214,7 @@ fn vessel_calibration_from_pushes() {
                     "{} {what} {figure:?} truth {truth:.3}, {} pushes",
                     DOF_NAMES[dof], d.pushes
                 );
-                // The hull is no linear model: 5 % are its own.
+                // The hull is not a linear model: 5 % of the error are due to that.
                 assert!(
                     off <= 3.0 * figure.sd + 0.05 * truth,
                     "{} {what} {figure:?} {truth}",

@@ -1,5 +1,5 @@
-//! The last second before the deck and the first after it, with a fault at each of its tenths: no contact is hard, the
-//! motors stop soon, and nothing takes off again.
+//! Faults at each tenth of the last second before contact and the first second after it: no contact is hard, the motors
+//! stop soon, and nothing takes off again.
 
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
@@ -10,33 +10,28 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use crate::{BOTH, at_sea};
 
-/// Time in which everything is over, s.
 const LIMIT_S: f64 = 150.0;
-/// Flown on after the motors stopped, s.
 const STOPPED_S: f64 = 2.0;
-/// Faults begin so long before the first contact, s, and then at each of these steps.
+/// Time before the first contact at which the earliest fault begins, s, and the step between faults.
 const BEFORE_S: f64 = 1.0;
 const STEP_S: f64 = 0.1;
-/// More steps than there are until the stop.
+/// Number of steps; the motors stop before the last one.
 const LAST_STEP: usize = 30;
-/// Feet no higher than this rest on the deck, m.
+/// Maximum height of feet that rest on the deck, m.
 const RESTS_M: f64 = 0.05;
-/// A drone has taken off that has climbed by more than this and is as high above the deck after it has rested there, m: a deck
-/// that sinks away from a drone which its autopilot holds is no take-off.
+/// Climb above which a drone that rested on the deck has taken off, m, if it is as high above the deck. A deck that
+/// sinks away from a drone held by its autopilot is not a take-off.
 const TAKES_OFF_M: f64 = 0.4;
 
-/// Result of a flight.
 #[derive(Debug, Default)]
 struct Flown {
-    /// The first contact, s.
     contact_s: Option<f64>,
-    /// The hardest, m/s.
     hardest_mps: f64,
-    /// Height that the drone has climbed above the deck after it had rested there, m.
+    /// Climb above the deck after a rest on it, m.
     rose_m: f64,
-    /// At rest on the deck since, s.
+    /// Start of the present rest on the deck, s.
     rests_s: Option<f64>,
-    /// When the motors stopped for good, s.
+    /// Time at which the motors stopped permanently, s.
     stopped_s: Option<f64>,
     water: bool,
 }
@@ -53,13 +48,13 @@ impl Flown {
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = at_sea("0.5,5");
-    // Not far: what is tested begins above the deck.
+    // A short approach, since the test begins above the deck.
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
     scenario.drone.autopilot.firmware = firmware;
     scenario
 }
 
-/// A landing with one order; `fault` is called after every tick.
+/// A landing with one order; calls `fault` after every tick.
 fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> Flown {
     let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
     let (mut flown, mut lowest) = (Flown::default(), None);
@@ -90,7 +85,7 @@ fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> F
 }
 
 #[test]
-#[ignore = "some 35 flights: CI flies them by name"]
+#[ignore = "some 35 flights; CI runs them by name"]
 fn link_killed_around_the_contact() {
     let mut wrong = Vec::new();
     for (odd, firmware) in BOTH.into_iter().enumerate() {
@@ -98,7 +93,7 @@ fn link_killed_around_the_contact() {
         for (seed, flown) in &undisturbed {
             assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
         }
-        // Of each four steps two, so that every autopilot flies both seas and both restarts.
+        // Two of each four steps, so that every autopilot flies both seas and both restarts.
         for k in (0..LAST_STEP).filter(|k| k.div_ceil(2) % 2 == odd) {
             let (seed, flown) = &undisturbed[k % 2];
             let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
@@ -129,8 +124,8 @@ fn link_killed_around_the_contact() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The autopilot lands by itself on the deck that is sent to it, and nothing is commanded but, where that is allowed, the
-/// disarm: how the flight went, how many disarms came, and at most how high above the deck.
+/// The autopilot lands by itself on the published deck. Nothing is commanded except, if permitted, the disarm. Returns
+/// the flight, the number of disarm commands, and their maximum height above the deck.
 fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
     let mut scenario = scenario(firmware);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);
@@ -183,7 +178,7 @@ fn disarm_in_the_autopilots_own_landing() {
             "{firmware:?}: {after_s:?} s, {disarms} at {highest_m} m: {flown:?}"
         );
     }
-    // Not where it is not permitted.
+    // No disarm without permission.
     let (flown, disarms, _) = own_landing(Firmware::Px4, 80, false);
     assert_eq!(disarms, 0, "{flown:?}");
 }

@@ -1,5 +1,5 @@
-//! Reservation of the deck in the whole world: drones ask the vessel's arbiter over the radio before
-//! they descend.
+//! Reservation of the deck in the whole world: drones request it from the vessel's arbiter over the radio before they
+//! descend.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
@@ -15,21 +15,21 @@ fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
     scenario.drones = drones;
     Rig::landing(&scenario, nodes, seed).unwrap()
 }
-/// Two drones, flown until one descends: who does, and who waits.
+/// Flies two drones until one descends; returns the numbers of the one that descends and of the one that waits.
 fn pair(seed: u64) -> (Rig, usize, usize) {
     let mut fleet = fleet(2, &NodeConfigs::default(), seed);
     fleet.until(120.0, |f| !f.using_the_deck().is_empty());
     let first = fleet.using_the_deck()[0];
     (fleet, first, 1 - first)
 }
-/// The nodes of a drone that must reserve the deck.
+/// Nodes of a drone that must reserve the deck.
 fn reserving() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;
     nodes
 }
 
-/// Until a drone is in this state, which it must reach.
+/// Flies until a drone is in this state, which it must reach.
 #[track_caller]
 fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
     fleet.until(limit_s, |f| f.state(k) == state);
@@ -39,7 +39,7 @@ fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
 fn assert_state(fleet: &Rig, k: usize, state: State) {
     assert_eq!(fleet.state(k), state, "{:?}", fleet.visited(k));
 }
-/// Distance of a drone from above the deck, and its height over it, m.
+/// Horizontal distance of a drone from the deck's centre, and its height above the deck, m.
 fn place(fleet: &Rig, k: usize) -> [f64; 2] {
     let physics = fleet.world.physics();
     let r = physics.drone(k).unwrap().position.0 - physics.deck().position.0;
@@ -72,7 +72,7 @@ fn two_drones_one_after_the_other() {
         waiting.to_string().contains(&format!("drone {}", first + 1)),
         "{waiting}"
     );
-    // A person takes the first away.
+    // The crew removes the first drone.
     fleet.restart_drone(first);
     fly_to(&mut fleet, 60.0, second, State::Landed);
     let on_deck = fleet.world.physics().observation(second, fleet.mission(second));
@@ -125,7 +125,7 @@ fn deck_occupied_during_a_descent() {
     assert!(fleet.using_the_deck().is_empty(), "it breaks off");
     sense(&mut fleet, false);
     fleet.until(120.0, |f| f.state(0) == State::Landed);
-    // Its own weight.
+    // The sensor detects the drone's own weight.
     sense(&mut fleet, true);
     fleet.run(10.0);
     assert_state(&fleet, 0, State::Landed);

@@ -1,5 +1,5 @@
-//! Jumps of the autopilot's estimate: the heading that is aligned after the origin was reported, and resets of position and
-//! height on the way down, counted or not.
+//! Jumps of the autopilot's estimate: a heading alignment after the report of the origin, and resets of position and
+//! height during the descent, counted or not.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
@@ -16,7 +16,7 @@ fn scenario(firmware: Firmware) -> Scenario {
     scenario
 }
 
-/// Flown until the deck is detected, however late the heading is aligned.
+/// The drone detects the deck, however late the heading is aligned.
 #[test]
 fn deck_detected_after_a_late_heading() {
     for firmware in BOTH {
@@ -29,7 +29,7 @@ fn deck_detected_after_a_late_heading() {
     }
 }
 
-/// Before the heading is aligned nothing is known of directions: no odometry, no mode, no set-point.
+/// Before the heading is aligned, directions are unknown: no odometry, no mode, no set-point.
 #[test]
 fn nothing_flown_before_the_heading_is_aligned() {
     for firmware in BOTH {
@@ -57,7 +57,8 @@ fn nothing_flown_before_the_heading_is_aligned() {
     }
 }
 
-/// Ending of a landing in which the autopilot's position is reset by `by` (m) so long (s) after a state was entered.
+/// Ending of a landing in which the autopilot's position is reset by `by` (m) at a delay (s) after the entry of a
+/// state.
 fn landed(
     firmware: Firmware,
     seed: u64,
@@ -78,7 +79,7 @@ fn landed(
     outcome
 }
 
-/// Each seventh of all resets in all phases, over the autopilots by turns.
+/// Every seventh combination of resets and phases, with alternating autopilots.
 #[test]
 fn position_resets_in_every_phase() {
     let phases = [

@@ -1,5 +1,5 @@
-//! The vessel's estimator against the truth of the simulated sea, vessel and sensors (which share no
-//! model with it), in the vessel's own GNSS frame: truth plus the receiver's bias at that instant.
+//! The vessel's estimator compared with the truth of the simulated sea, vessel and sensors (which share no model with
+//! it), in the vessel's own GNSS frame: truth plus the receiver's bias at that instant.
 
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
@@ -37,8 +37,8 @@ fn estimate_and_prediction_accuracy() {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
     }
-    // Per axis, compared with Procházka 2024. Position is at the sensor's own limit: a bias of 1 m with
-    // 300 s wanders by 0.08 m a second under 0.3 m of white noise at 10 Hz, sqrt(q r) = 0.088 m.
+    // Per axis, compared with Procházka 2024. Position is at the limit of the sensor: a bias of 1 m with 300 s changes
+    // by 0.08 m per second, with 0.3 m of white noise at 10 Hz, sqrt(q r) = 0.088 m.
     let errors = state_errors(&runs);
     let names = ["position", "attitude", "velocity", "rates"];
     for ((e, limit), name) in errors
@@ -52,7 +52,8 @@ fn estimate_and_prediction_accuracy() {
     for (d, mean) in errors.nees.iter().enumerate() {
         assert!((0.5..=4.0).contains(mean), "NEES of {d}: {mean} (ideal 2)");
     }
-    // Prediction against constant state and velocity. Heave carries the 0.09 m of the receiver's wander.
+    // Prediction compared with constant state and constant velocity. Heave includes the 0.09 m of the receiver's slow
+    // bias.
     for dof in [2, 3, 4] {
         for horizon in [0.5, 1.0, 2.0] {
             let e = prediction_error(&runs, dof, horizon);
@@ -66,9 +67,9 @@ fn estimate_and_prediction_accuracy() {
     }
 }
 
-/// Not pushed sideways by the waves, the hull leaves the water on the crests of the steepest sea and slams;
-/// harmonics of tilt made the identification hold on to the last half minute only, in which waves this near
-/// each other cannot be distinguished.
+/// Without sideways coupling to the waves, the hull leaves the water on top of the steepest waves and slams. Harmonics
+/// of tilt made the identification use the last half minute only, in which waves this close in frequency cannot be
+/// separated.
 #[test]
 fn estimate_of_a_slamming_hull() {
     let mut scenario = at_sea("0.8,5");
@@ -79,13 +80,14 @@ fn estimate_of_a_slamming_hull() {
         assert!(r.confidence > 0.5, "seed {seed}: {}", r.confidence);
         runs.push(r);
     }
-    // 1.7 deg and 0.25 m/s while slams were refused and late fixes rolled back through them.
+    // Formerly 1.7 deg and 0.25 m/s, when slamming was rejected and late fixes were rolled back through it.
     let errors = state_errors(&runs).per_axis;
     assert!(errors[1].to_degrees() < 0.7, "attitude: {} rad", errors[1]);
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// A second ahead of a hull that is not carried along by the water's particles, and meets crests sharper than any sum of the waves.
+/// Prediction at 1 s for a hull that is not carried along by the water's particles, and meets waves steeper than any
+/// sum of the components.
 #[test]
 fn prediction_in_sharp_crests() {
     let mut scenario = at_sea("0.8,5");
@@ -95,9 +97,9 @@ fn prediction_in_sharp_crests() {
         all = all.and(vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap());
     }
     let [heave, tilt] = [all.heave, all.tilt].map(|t| t.rmse());
-    // 0.070 rad as a sum of three waves, 0.055 rad by ridge regression.
+    // 0.070 rad with a sum of three waves, 0.055 rad with ridge regression.
     assert!(tilt < 0.04, "{tilt} rad");
-    // 0.33 m as a sum of three waves, 0.26 m by ridge regression: such crests lift the mean of heave by 0.16 m.
+    // 0.33 m with a sum of three waves, 0.26 m with ridge regression: steep waves raise the mean of heave by 0.16 m.
     assert!(heave < 0.26, "{heave} m");
 }
 
@@ -113,14 +115,14 @@ fn heave_prediction_at_1_s() {
 }
 
 #[test]
-#[ignore = "a minute of runs: CI makes them by name"]
+#[ignore = "a minute of runs; CI runs them by name"]
 fn prediction_covariance_at_1_s() {
     let mut wrong = Vec::new();
-    // Where the waves keep their phase better than the filter's process noise lets them, where a steep
-    // sea has harmonics that are not identified, and where there are no waves.
+    // Seas in which the waves keep their phase better than the filter's process noise assumes, steep seas whose
+    // harmonics are not identified, and calm water.
     for sea in ["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"] {
         let scenario = at_sea(sea);
-        // A vessel has one trim and one set of biases: it takes many for a share.
+        // A vessel has one trim and one set of biases, so that a fraction needs many vessels.
         let runs: Vec<_> = (100..124)
             .into_par_iter()
             .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
@@ -136,7 +138,7 @@ fn prediction_covariance_at_1_s() {
             wrong.push(format!("{sea}: {inside:.3}, NEES {:.2}", tilt.nees()));
         }
     }
-    assert!(wrong.is_empty(), "share in the 95 % ellipse: {wrong:?}");
+    assert!(wrong.is_empty(), "fraction in the 95 % ellipse: {wrong:?}");
 }
 
 #[test]
@@ -158,7 +160,7 @@ fn estimate_on_a_square_course_at_2_mps() {
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv"]
 fn estimator_start_in_violent_motion() {
-    // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.
+    // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run yields estimates in the end.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for seed in [404, 405, 406] {
         let scenario = Scenario {
@@ -180,8 +182,8 @@ fn estimator_start_in_violent_motion() {
     }
 }
 
-/// Real boats under way, whose heel moves with each turn: roll is predicted as well as by a ridge regression on the same
-/// estimates, within a third, and pitch within a half.
+/// Real boats under way, whose heel changes with each turn. The prediction matches a ridge regression on the same
+/// estimates: roll within a third, pitch within a half.
 #[test]
 #[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_under_way() {

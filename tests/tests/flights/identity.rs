@@ -16,8 +16,7 @@ fn with_neighbour(neighbour_m: f64) -> Scenario {
     scenario
 }
 
-/// Ending of a flight, how near the drone came to the other deck, along its normal, while it was over it, and what was
-/// given as reasons.
+/// Outcome of a flight; minimum height of the drone above the other deck, along its normal; and reported reasons.
 struct Flown {
     outcome: Outcome,
     over_other_m: f64,
@@ -49,7 +48,7 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     }
 }
 
-/// Flights with another boat at this distance: so many land on their own deck, and none descends to the other.
+/// Number of landings on the own deck with another boat at this distance; none may descend to the other deck.
 fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
     let mut landed = 0;
     for seed in seeds {
@@ -74,7 +73,7 @@ fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
 
 #[test]
 fn own_deck_near_another_with_its_tags() {
-    // Nearer than both receivers err it may wait for long; it never goes down to the other.
+    // Closer than the errors of both receivers, the drone may wait for long, but never descends to the other deck.
     landed(3.0, 801..802);
     assert_eq!(landed(10.0, 802..803), 1);
 }

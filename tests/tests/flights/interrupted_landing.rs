@@ -1,12 +1,12 @@
-//! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process: the drone
-//! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
+//! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process. The drone
+//! completes the landing or leaves with the deck; the deck must not pass beneath a drone that holds a fixed position.
 
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::studies::aborts::{Interruption, drive, fly};
 
 use crate::at_sea;
 
-/// The flights that end in an unsafe way when the landing is interrupted at these heights (m) on these seeds.
+/// Flights that end in an unsafe way after an interruption at these heights (m) on these seeds.
 fn unsafe_flights(
     interruption: Interruption,
     heights_m: &[f64],
@@ -19,7 +19,7 @@ fn unsafe_flights(
         for seed in seeds.clone() {
             let nodes = NodeConfigs::default();
             let flown = fly(&scenario, &nodes, seed, interruption, *height_m).unwrap();
-            let flown = flown.unwrap_or_else(|| panic!("seed {seed} never came down to {height_m} m"));
+            let flown = flown.unwrap_or_else(|| panic!("seed {seed} never descended to {height_m} m"));
             if !flown.safe() {
                 wrong.push(format!("{height_m} m, seed {seed}: {flown:?}"));
             }
@@ -29,14 +29,14 @@ fn unsafe_flights(
 }
 
 #[test]
-#[ignore = "6 flights: CI flies them by name"]
+#[ignore = "6 flights; CI runs them by name"]
 fn plans_lost_near_a_deck_at_7_mps() {
     let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..62);
     assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 #[test]
-#[ignore = "8 flights: CI flies them by name"]
+#[ignore = "8 flights; CI runs them by name"]
 fn abort_and_hold_near_a_deck_at_7_mps() {
     for interruption in [Interruption::Abort, Interruption::Hold] {
         let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..63);

@@ -1,4 +1,5 @@
-//! The ladder to a first landing: a pilot lands while Alight looks on, and a drone that follows the deck and climbs.
+//! Steps before a first landing: a pilot lands in the mode `shadow`, and a drone follows the deck in the mode `match`
+//! and climbs.
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::step::Step;
@@ -27,8 +28,7 @@ impl alight_sim::harness::tap::Tap for Received {
     }
 }
 
-/// Height of a pilot's way over the deck after `t`, m: at the approach's height, at the tracking height, down to 2 m, there
-/// for a while, onto it.
+/// Height of a pilot's flight above the deck at `t`, m: approach height, tracking height, 2 m for a while, deck.
 fn by_hand(t: f64) -> f64 {
     let down = [
         (20.0, 1.0, 15.0, 7.0),
@@ -59,7 +59,7 @@ fn shadow_while_a_person_lands() {
         let on_deck = world.observation().feet_height_m() < 0.05;
         let autopilot = &mut world.linked(0).unwrap().autopilot;
         autopilot.hold_at(autopilot.position() + apart);
-        // Once it stands, the person disarms.
+        // The pilot disarms once the drone is on the deck.
         landed_for = if on_deck { landed_for + 1 } else { 0 };
         if landed_for > 30 {
             autopilot.arm(false);
@@ -69,7 +69,7 @@ fn shadow_while_a_person_lands() {
     assert!(!linked.autopilot.armed(), "never landed");
     assert_eq!(linked.commanded, 0);
     let visited = rig.visited(0);
-    // It would have flown the whole way, and the person's disarm ends it.
+    // The mission passes all states, and ends at the pilot's disarm.
     for state in [
         State::GetAltitude,
         State::Approach,
@@ -82,7 +82,7 @@ fn shadow_while_a_person_lands() {
     let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
     assert!(compared.len() > 300, "{}", compared.len());
     assert!(compared.iter().all(|s| !s.stops));
-    // Above the deck both hover.
+    // Pilot and plan both hover above the deck.
     let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
     apart.sort_by(f64::total_cmp);
     let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);
@@ -101,7 +101,6 @@ fn match_over_the_deck() {
         rig.each(180.0, |rig| {
             let (t, o, m) = (rig.t_s(), rig.world.observation(), rig.mission(0));
             assert!(o.contacts.is_empty(), "seed {seed}: a contact");
-            // The lowest foot.
             let height_m = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
             lowest_m = lowest_m.min(height_m);
             near_s += if height_m < c.lowest_clearance_m + 1.5 {

@@ -1,5 +1,5 @@
-//! The vessel's GNSS receiver as the moving base of the drone's: a place to centimetres before a tag is in view and after it is
-//! lost, and fixes that are false.
+//! The vessel's GNSS receiver as the moving base of the drone's: a position to centimetres before a tag is in view and
+//! after it is lost, and false fixes.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Outcome, TIME_LIMIT_S};
@@ -14,12 +14,11 @@ use rayon::prelude::*;
 
 use crate::judged;
 
-/// Duration of the hover, s.
 const HOVERS_S: f64 = 40.0;
-/// Tags are lost for good below this, m.
+/// Height below which tags are lost permanently, m.
 const BLIND_M: f64 = 3.0;
 
-/// Receivers of which the drone's soon has a fix, for good.
+/// Receivers with which the drone soon has a permanent fix.
 fn fixed() -> MovingBaseConfig {
     MovingBaseConfig {
         time_to_fix_s: 2.0,
@@ -27,14 +26,13 @@ fn fixed() -> MovingBaseConfig {
         ..MovingBaseConfig::default()
     }
 }
-/// A Moderate sea.
 fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
     let mut scenario = crate::at_sea("moderate");
     scenario.sensors.moving_base = moving_base;
     scenario
 }
 
-/// Distance between the deck's place from the drone as it is forecast for now and as it is, m.
+/// Distance between the forecast and the true position of the deck relative to the drone, at present, m.
 fn error_m(rig: &Rig) -> Option<f64> {
     let (physics, computer) = (rig.world.physics(), rig.world.drones().first()?);
     let (now, odometry) = (physics.drone_now(0), computer.odometry.as_ref()?);
@@ -43,7 +41,7 @@ fn error_m(rig: &Rig) -> Option<f64> {
     let truth = physics.deck().position.0 - physics.drone(0)?.position.0;
     Some((deck - drone - truth).norm())
 }
-/// Mean of that over the last 10 s of a hover at a height of 10 m without a detection, m.
+/// Mean of [`error_m`] over the last 10 s of a hover at a height of 10 m without a detection, m.
 fn hovered_error_m(moving_base: Option<MovingBaseConfig>, seed: u64) -> f64 {
     let mut scenario = at_sea(moving_base);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0; 2], [10.0; 2]);
@@ -67,7 +65,7 @@ fn forecast_at_10_m_before_a_tag_is_in_view() {
     assert!(with < 0.1 && without > 0.3, "{with} {without}");
 }
 
-/// Outcome of a landing whose camera fails for good in the descent.
+/// Outcome of a landing whose camera fails permanently in the descent.
 fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
     let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
     let mut blind = false;
@@ -99,12 +97,12 @@ fn tags_lost_for_good_low_over_the_deck() {
         );
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare is blind, too: a place each quarter of a second against none.
+    // The flare is blind, too: with the moving base it has a position each quarter of a second, without it none.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }
 
-/// Landings by fixes that are half a metre off: none is unsafe.
+/// Landings with fixes that are wrong by half a metre: none is unsafe.
 #[test]
 fn false_fixes_without_an_unsafe_contact() {
     let config = MovingBaseConfig {

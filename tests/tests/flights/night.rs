@@ -1,4 +1,4 @@
-//! Landings by night: lit tags, printed ones, a lamp on the deck.
+//! Landings by night: lit tags, printed tags, a lamp on the deck.
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::outcome::Outcome;
@@ -8,7 +8,7 @@ use alight_sim::harness::trial;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::night::NightConfig;
 
-/// Under stars, tags that glow like a telephone's screen.
+/// Starlight, with tags as bright as a telephone's screen.
 fn lit() -> NightConfig {
     NightConfig {
         ambient_lux: 0.001,
@@ -17,7 +17,7 @@ fn lit() -> NightConfig {
     }
 }
 
-/// A Moderate sea by night, on a hull of a table or the simulated one, without ultraviolet markers.
+/// A Moderate sea by night, with a hull from a table or the simulated one, without ultraviolet markers.
 fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
     let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
     scenario.sea = "moderate".parse().unwrap();
@@ -29,7 +29,7 @@ fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
     (scenario, nodes)
 }
 
-/// One seed after the other on the simulated hull and two others.
+/// Landings on the simulated hull and on two others, over all seeds.
 fn pooled(seeds: core::ops::Range<u64>, night: NightConfig) -> Vec<Outcome> {
     let hulls = [None, Some(HULLS[1]), Some(HULLS[2])];
     let worlds = hulls.map(|hull| at_night(hull, night));
@@ -49,7 +49,7 @@ fn landed(all: &[Outcome]) -> usize {
 }
 
 #[test]
-#[ignore = "10 flights: CI flies them by name"]
+#[ignore = "10 flights; CI runs them by name"]
 fn landings_by_night_on_lit_tags() {
     let all = pooled(0..10, lit());
     let failed = all.iter().filter(|o| o.is_unsafe()).count();
@@ -62,7 +62,7 @@ fn landings_by_night_on_lit_tags() {
 
 #[test]
 fn landing_by_night_in_rendered_images() {
-    // The drone's own metering finds the tags, which its settings of the dark overexpose.
+    // The drone's metering finds the tags, which its settings for the dark overexpose.
     let mut night = lit();
     night.tags_cdpm2 = 1000.0;
     let (mut scenario, nodes) = at_night(None, night);
@@ -84,7 +84,7 @@ fn printed_tags_by_night_with_the_reason() {
         let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
         let is_dark = |rig: &Rig| rig.mission(0).waiting.code == ReasonCode::TooDark;
         assert!(rig.until(60.0, is_dark), "{}", rig.mission(0).waiting);
-        // It stays so: nothing descends in the dark.
+        // It stays dark: the drone does not descend.
         rig.run(limit_s);
         assert!(
             rig.state(0) == State::Approach && is_dark(&rig),
@@ -111,19 +111,19 @@ fn printed_tags_on_a_lit_deck() {
 
 #[test]
 fn lamp_on_the_deck_into_the_lens() {
-    // A searchlight 1.5 m from the tags' middle: whatever comes of it, no contact is unsafe.
+    // A searchlight 1.5 m from the tags' centre: whatever the outcome, no contact is unsafe.
     let lamp = NightConfig {
         lamp_cd: 3e4,
         ..lit()
     };
     let all = pooled(0..2, lamp);
     assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
-    // Behind an infra-red filter the same lamp is a hundredth.
+    // Behind an infra-red filter the same lamp has a hundredth of its brightness.
     let filtered = NightConfig { filter: 0.01, ..lamp };
     assert_eq!(landed(&pooled(0..2, filtered)), 2);
 }
 
-/// With a lamp a metre from the tags' middle the drone lands, or waits with the reason.
+/// With a lamp 1 m from the tags' centre the drone lands, or waits and reports the reason.
 #[test]
 fn lamp_that_blinds_with_the_reason() {
     for (lamp_cd, seed, lands) in [(1e5, 3, true), (1e6, 4, false)] {

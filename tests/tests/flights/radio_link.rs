@@ -15,8 +15,8 @@ fn land(scenario: &Scenario, seed: u64) -> Outcome {
     trial::outcome(scenario, &NodeConfigs::default(), seed, "test").unwrap()
 }
 
-/// Bytes per second to the drone and the share that a full queue swallowed, over the second half of
-/// a warm-up of a minute.
+/// Rate to the drone in bytes per second, and fraction of packets dropped by a full queue, over the second half of a
+/// warm-up of a minute.
 fn load(scenario: &Scenario) -> (f64, f64) {
     let mut world = World::new(scenario, &NodeConfigs::default(), 102).unwrap();
     let mut counts = Vec::new();
@@ -37,7 +37,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 #[test]
 fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&at_sea("slight"));
-    // Estimates are 4.6 kB/s, predictions 1.0 and wave models 1.4 or more: less would not be the full rates.
+    // Estimates are 4.6 kB/s, predictions 1.0 kB/s and wave models at least 1.4 kB/s: less would not be the full rates.
     assert!((7_000.0..9_000.0).contains(&bytes_per_s), "{bytes_per_s}");
     assert_eq!(overflowed, 0.0);
 }

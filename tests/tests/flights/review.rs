@@ -1,4 +1,4 @@
-//! `alight_usv::review` over recordings whose truth is known.
+//! `alight_usv::review` of recordings with known truth.
 
 use std::path::Path;
 
@@ -14,8 +14,8 @@ use alight_usv::sensors::{Measurement, Mount};
 
 use crate::at_sea;
 
-/// Recordings of the vessel's sensors and of a motion sensor at 10 Hz, and the standard
-/// deviations of the true heave (m), roll and pitch (rad), and the period of the highest wave (s).
+/// Recordings of the vessel's sensors and of a motion sensor at 10 Hz, the standard deviations of the true heave (m),
+/// roll and pitch (rad), and the period of the highest wave (s).
 fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRecording, [f64; 4]) {
     let scenario = at_sea(sea);
     let mut physics = Physics::new(&scenario, seed).unwrap();
@@ -32,7 +32,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRec
         truth.push([state.position.0.z, roll, pitch]);
         if k % 10 == 0 {
             let header = Header::new(1, 0, 1, k as u32, physics.vessel_now());
-            // A repeatable error of the size configured for the sensor.
+            // A reproducible error of the size configured for the sensor.
             let error = |n: f64| (0.7 * n * k as f64).sin() * 2.0_f64.sqrt();
             let sd = 0.003;
             motion.measurements.push(Measurement::Attitude(AttitudeFix {
@@ -90,7 +90,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
         .iter()
         .filter(|p| ["heave", "roll", "pitch"].contains(&p.what))
     {
-        // At 2 s, 0.4 of a period, an estimate that stands still is as wrong as can be.
+        // At 2 s, 0.4 of a period, a constant estimate has the largest error.
         assert!(
             p.rms[2] < 0.35 * p.hold_rms[2],
             "{}: {:?} {:?}",
@@ -113,7 +113,7 @@ fn review_of_a_simulated_recording() {
     }
     assert_eq!((r.restarts, r.notes.len()), (0, 0));
 
-    // A motion sensor alone: no inertial sensor.
+    // A motion sensor alone, without an inertial sensor.
     let r = review(&config, &motion);
     assert_sea(&r, sd);
     let channels: Vec<InnovationChannel> = r.innovations.iter().map(|f| f.channel).collect();
@@ -141,7 +141,7 @@ fn review_of_reordered_and_far_dated_measurements() {
             bad.measurements.push(*m);
         }
         if k % 400 == 11 {
-            // Dated a day ahead.
+            // Stamped a day ahead.
             let ahead = m.at() + alight_shared::time::Span::from_secs(86_400.0);
             bad.measurements.push(m.of(m.source(), ahead));
         }
@@ -181,7 +181,7 @@ fn review_of_a_recorded_platform() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, as its stated error shows.
+        // It rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }
@@ -189,7 +189,8 @@ fn review_of_a_recorded_platform() {
 
 #[test]
 fn review_of_quantities_on_rows_of_their_own() {
-    // 100 s of a boat in a figure of eight, from the repository canboat/canboat, samples/ (Apache-2.0), the longitude moved.
+    // 100 s of a boat in a figure of eight, from the repository canboat/canboat, samples/ (Apache-2.0), with the
+    // longitude shifted.
     let recorded = log::read(
         include_bytes!("data/figure-of-eight.csv"),
         "eight",
@@ -203,7 +204,7 @@ fn review_of_quantities_on_rows_of_their_own() {
             Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
         })
     };
-    // Every one of them: nothing is dropped that has a row.
+    // All of them: every fix that has a row is kept.
     let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
     let (rated, heaved) = (
         attitudes().filter(|a| a.rates.is_some()),

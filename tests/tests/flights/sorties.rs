@@ -13,7 +13,8 @@ use super::BOTH;
 use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
 use crate::at_sea;
 
-/// The autopilot of drone `k` has a mission of three places, so far away from where it is (m) and 20 m higher.
+/// Uploads a mission of three waypoints to the autopilot of drone `k`, at a distance (m) from its position and 20 m
+/// higher.
 fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     if let Some(linked) = rig.world.linked(k) {
         let here = linked.autopilot.position();
@@ -23,7 +24,7 @@ fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     }
 }
 
-/// A charger aboard, which the drone has while it stands disarmed.
+/// Charges the drone by a charger on the vessel, while it is disarmed on the deck.
 fn charge(rig: &mut Rig, k: usize, to: f64) {
     if let Some(linked) = rig.world.linked(k)
         && !linked.autopilot.armed()
@@ -31,7 +32,7 @@ fn charge(rig: &mut Rig, k: usize, to: f64) {
         linked.autopilot.battery = to;
     }
 }
-/// With a charger aboard until `done`, for `limit_s` at most; whether it was done.
+/// Flies with a charger on the vessel until `done`, for at most `limit_s`; returns whether it was done.
 fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
     let mut ended = false;
     rig.each(limit_s, |rig| {
@@ -42,7 +43,7 @@ fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> boo
     ended
 }
 
-/// From one order on: two sorties of the autopilot's own mission, a charger between them, no crew aboard.
+/// From one order on: two sorties in the autopilot's own mission with a charge between them, without a crew.
 #[test]
 fn unattended_cycles() {
     for firmware in BOTH {
@@ -84,7 +85,7 @@ fn unattended_cycles() {
     }
 }
 
-/// The autopilot flies its own mission so far away from a vessel under way, or from one adrift.
+/// The autopilot flies its own mission to a distance from a vessel under way or adrift.
 fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
     if under_way {
@@ -107,7 +108,8 @@ fn is_away(rig: &mut Rig, by_m: f64) -> bool {
     rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > by_m)
 }
 
-/// Out of radio range the battery calls: the drone flies to where the vessel should be, receives it there, and lands.
+/// The battery runs low out of radio range: the drone flies to the predicted position of the vessel, receives it there,
+/// and lands.
 #[test]
 fn sortie_ended_out_of_radio_range() {
     let mut rig = on_its_mission(Firmware::Px4, 67, 300.0, true);
@@ -129,7 +131,8 @@ fn sortie_ended_out_of_radio_range() {
     lands(&mut rig, 200.0);
 }
 
-/// A companion that reboots on a sortie knows what the flight is for: the drone comes back when the autopilot's own mission is done.
+/// A companion computer that reboots on a sortie keeps the purpose of the flight: the drone returns after the
+/// autopilot's own mission.
 #[test]
 fn sortie_after_a_reboot() {
     // The mission ends while the computer restarts.
@@ -142,7 +145,7 @@ fn sortie_after_a_reboot() {
     lands(&mut rig, 300.0);
 }
 
-/// Two drones of one vessel with a charger aboard: while one stands there, the other is away, without any order.
+/// Two drones of a vessel with a charger: while one is on the deck, the other is away, without further orders.
 #[test]
 fn two_drones_that_take_turns_on_one_deck() {
     let mut scenario = at_sea("slight");
@@ -156,9 +159,9 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
-    // Each on the side of the place at which it waits: nothing keeps two missions of autopilots apart.
+    // Each on the side of its waiting place, since nothing separates the missions of two autopilots.
     (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
-    // The first goes; the second, which was in the air, comes and stays.
+    // The first takes off; the second, which was in the air, lands and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
     let m = rig.mission(0);
@@ -174,7 +177,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !armed(r, 1)));
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
-    // Apart while Alight flies both: in its own mission each goes where that leads.
+    // Distance while Alight flies both; in its own mission each follows its waypoints.
     let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {
@@ -198,7 +201,6 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {context}");
     assert!(nearest_m > 15.0, "{nearest_m} m apart");
 }
-/// Distance of the two drones, m.
 pub(super) fn apart_m(rig: &Rig) -> f64 {
     let at = |k| rig.world.physics().drone(k).map(|d| d.position.0);
     at(0).zip(at(1)).map_or(f64::INFINITY, |(a, b)| (a - b).norm())

@@ -1,4 +1,4 @@
-//! Course stated by the helm, in the whole world: from its order on board to the drone's descent.
+//! A course stated by the helm in the whole world, from the order on the vessel to the drone's descent.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
@@ -6,7 +6,7 @@ use alight_sim::harness::scenario::NodeConfigs;
 
 use crate::at_sea;
 
-/// A drone in a slight sea that tracks the deck.
+/// A drone that tracks the deck in a slight sea.
 fn tracking() -> Rig {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;
@@ -15,7 +15,7 @@ fn tracking() -> Rig {
     assert!(reaches(&mut rig, 60.0, State::Tracking));
     rig
 }
-/// Flown until the drone is in this state, `limit_s` at most; whether it is.
+/// Flies until the drone is in this state, for at most `limit_s`; returns whether it is.
 fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
     rig.until(limit_s, |rig| rig.state(0) == state)
 }
@@ -27,7 +27,7 @@ fn descent_with_a_turn_or_a_short_promise() {
         (DeckOrder::Steady(10), ReasonCode::CourseEnds),
     ] {
         let mut rig = tracking();
-        // Given before a descent can have begun.
+        // Stated before a descent can begin.
         rig.world.deck_order(stated);
         assert!(!reaches(&mut rig, 8.0, State::Descent), "{stated:?}");
         assert_eq!(rig.mission(0).waiting.code, why);

@@ -9,7 +9,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::BOTH;
 use crate::at_sea;
 
-/// A drone on the deck in a sea of this amplitude (m) with a period of 5 s, whose owner permits take-offs.
+/// A drone on the deck in a sea of this amplitude (m) with a period of 5 s, with take-offs permitted.
 pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea(&format!("{amplitude_m},5"));
     scenario.start.on_deck = true;
@@ -21,7 +21,7 @@ pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeCo
     (scenario, nodes)
 }
 
-/// At the start, with the order to take off and the crew's clearance.
+/// Start of a flight with the order to take off and the crew's clearance.
 pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut rig = Rig::new(scenario, nodes, seed).unwrap();
     rig.world.deck_order(DeckOrder::TakeOff(1));
@@ -30,18 +30,18 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
     rig
 }
 
-/// Contacts of the drone's parts on its way, and its distance from the deck.
+/// Contacts of the drone's parts during the flight, and its distance from the deck.
 #[derive(Debug, Default)]
 pub(super) struct Contacts {
     pub(super) others: u32,
     pub(super) fastest_mps: f64,
     pub(super) water: bool,
-    /// Take-offs begun, and the sum of their predicted probabilities.
+    /// Number of take-offs begun, and the sum of their predicted probabilities.
     take_offs: u32,
     predicted: f64,
 }
 
-/// Until `state`, for `limit_s` at most, with what it met meanwhile.
+/// Flies until `state`, for at most `limit_s`; returns whether it was reached, and the contacts.
 pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contacts) {
     let mut met = Contacts::default();
     let mut before = rig.state(0);
@@ -62,7 +62,7 @@ pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contact
     (rig.state(0) == state, met)
 }
 
-/// No take-off starts without the crew's clearance, and nothing goes on once the deck is closed.
+/// No take-off starts without the crew's clearance, and none continues after the deck is closed.
 #[test]
 fn take_off_without_clearance_or_after_its_end() {
     let (scenario, nodes) = on_deck(0.3, Firmware::Px4);
@@ -90,13 +90,12 @@ pub(super) fn armed(rig: &Rig, k: usize) -> bool {
     let drone = rig.world.drones().get(k).and_then(|d| d.autopilot());
     drone.is_some_and(|a| a.armed())
 }
-/// Four feet are on the deck.
 pub(super) fn rests_on_deck(rig: &Rig) -> bool {
     let feet = rig.world.observation().feet;
     feet.iter().all(|[_, _, height]| height.abs() < 0.03)
 }
 
-/// A strap on one foot, and one on each: the thrust is cut before the drone tips over.
+/// A strap on one foot, and one on each foot: the thrust is cut before the drone tips over.
 #[test]
 fn feet_that_are_held() {
     for (firmware, feet) in [
@@ -131,11 +130,10 @@ fn feet_that_are_held() {
     }
 }
 
-/// Result of the cycles of one world.
 #[derive(Debug, Default)]
 struct Cycles {
     done: u32,
-    /// Take-offs that were stopped on the deck, with a reason.
+    /// Number of take-offs that were stopped on the deck with a reason.
     stopped: u32,
     met: Contacts,
 }
@@ -189,7 +187,7 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
     all
 }
 
-/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind to 8 m/s. Minutes: run with --ignored.
+/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind up to 8 m/s. It takes minutes: run it with --ignored.
 #[test]
 #[ignore = "minutes"]
 fn hundred_cycles_from_deck_to_deck() {
@@ -208,12 +206,13 @@ fn hundred_cycles_from_deck_to_deck() {
         all.stopped += flown.stopped;
         all.add(&flown.met);
     }
-    // Each take-off is predicted to end without an unsafe contact with its probability; a world has five or so, and a landing
-    // after each, which is begun at no less. By the binomial's normal approximation no more are unsafe than 3 standard deviations.
+    // Each take-off is predicted to be safe with a probability; a world has about five take-offs, each followed by a
+    // landing whose probability is at least as high. The number of unsafe contacts is at most 3 standard deviations
+    // above its mean, by the normal approximation of the binomial distribution.
     let (n, p) = (f64::from(all.met.take_offs), all.met.predicted);
     let expected = 2.0 * (n - p);
     let most = expected + 3.0 * (2.0 * p * (n - p) / n).sqrt();
-    println!("{unsafe_worlds} worlds with an unsafe contact of {most:.1} at most, {all:?}");
+    println!("{unsafe_worlds} worlds with an unsafe contact (at most {most:.1}), {all:?}");
     assert!(all.done >= 95 && !all.met.water);
     assert!(
         f64::from(unsafe_worlds) <= most,

@@ -1,4 +1,5 @@
-//! The drone's forecast above a real boat under way: a recording whose heel moves with her turns, in nearly flat water.
+//! Forecast of the drone above a real boat under way: a recording whose heel changes with each turn, in almost flat
+//! water.
 
 use std::path::Path;
 
@@ -17,29 +18,26 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
-/// Time above her, s; of it the first part is not judged: the filters begin.
+/// Flight time above the boat, s; the first part is not judged, because the filters start in it.
 const FLOWN_S: f64 = 38.0;
 const BEGINS_S: f64 = 10.0;
 
-/// A forecast and its tick.
 struct ForecastSample {
     t: usize,
     forecast: DeckForecast,
 }
 
-/// Record that a tap collects from the warm-up on.
+/// Record collected by an observer from the warm-up on.
 #[derive(Default)]
 struct PredictorFlight {
-    /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
+    /// Error of the drone's odometry at each tick, in whose frame the forecast is.
     frames: Vec<Vector3<f64>>,
-    /// Deck, per tick.
     truth: Vec<RigidState<Deck>>,
     samples: Vec<ForecastSample>,
-    /// The vessel's estimates as the drone received them.
+    /// The vessel's estimates as received by the drone.
     estimates: Vec<VesselEstimate<DroneClock>>,
     /// Tick at which the test begins to fly.
     began: usize,
-    /// True position of the drone.
     drone: Vector3<f64>,
 }
 
@@ -68,7 +66,7 @@ impl Tap for PredictorFlight {
     }
 }
 
-/// Above the boat of the recording, kept level with her by truth: at 7 m, then down to 1.5 m.
+/// Flies above the recorded boat, kept level with it by the truth: at 7 m, then down to 1.5 m.
 fn above_the_boat() -> PredictorFlight {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/flights/data/figure-of-eight.csv");
     let mut scenario = Scenario {
@@ -80,7 +78,7 @@ fn above_the_boat() -> PredictorFlight {
         }),
         ..Scenario::default()
     };
-    // Past half of it she heels to the other side, and the recording has 100 s.
+    // The recording lasts 100 s; in its second half the boat heels to the other side.
     scenario.start.warm_up_s = 60.0;
     scenario.start.distance_m = [0.0; 2];
     scenario.start.height_m = [9.0; 2];
@@ -107,8 +105,8 @@ fn above_the_boat() -> PredictorFlight {
     flight
 }
 
-/// Standard deviation of the forecasts' roll and pitch errors, so far ahead (s), deg: an error that stays is the
-/// trim of its inertial unit, which is not measured.
+/// Standard deviation of the forecasts' roll and pitch errors at a horizon (s), deg. A constant error is the trim of
+/// the inertial unit, which is not measured.
 fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     let mut errors = [Vec::new(), Vec::new()];
     for s in &flight.samples {
@@ -126,7 +124,7 @@ fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     errors.map(|e| moments(&e).1)
 }
 
-/// Root mean square by which roll and pitch of a forecast differ from the vessel's estimate of the same time, deg.
+/// Root mean square difference in roll and pitch between a forecast and the vessel's estimate at the same time, deg.
 fn beginning_deg(flight: &PredictorFlight) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for e in &flight.estimates {

@@ -1,4 +1,4 @@
-//! Two witnesses of the deck that contradict each other: no descent begins, and a high one is broken off, with its reason.
+//! Two contradicting measurements of the deck: no descent begins, and a descent at height is aborted, with the reason.
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::failing::Failing;
@@ -8,7 +8,8 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 
 use crate::judged;
 
-/// Outcome of a flight, largest disagreement about the height on the way down, and reported reasons of the two witnesses.
+/// Outcome of a flight, maximum disagreement about the height during the descent, and reported reasons about the two
+/// measurements.
 struct Flown {
     outcome: Outcome,
     height_sd: f64,
@@ -39,21 +40,21 @@ fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig
     }
 }
 
-/// In a sound world no contradiction of two witnesses is reported.
+/// Without faults no contradiction between two measurements is reported.
 #[test]
 fn witnesses_that_agree_in_a_sound_world() {
-    let mut refused = Vec::new();
+    let mut failed = Vec::new();
     for seed in 300..302 {
         let f = flown(&Scenario::default(), seed, 200.0, |_| {});
         println!("sound {seed}: {:.2} sd, {:?}", f.height_sd, f.outcome.outcome);
         if !f.reported.is_empty() || f.outcome.outcome != Ending::Success {
-            refused.push((seed, f.reported, f.outcome));
+            failed.push((seed, f.reported, f.outcome));
         }
     }
-    assert!(refused.is_empty(), "{refused:#?}");
+    assert!(failed.is_empty(), "{failed:#?}");
 }
 
-/// Images that take 0.3 s and are stamped 0.25 s after their exposure: no hard contact.
+/// Images with a delay of 0.3 s, stamped 0.25 s after their exposure: no hard contact.
 #[test]
 fn images_stamped_late() {
     let mut scenario = Scenario::default();

@@ -1,7 +1,8 @@
-//! The vessel's place by its AIS transponder: sentences `!AIVDM` and `!AIVDO` of a receiver (NMEA 0183, ITU-R M.1371), as one
-//! on the drone or ashore passes them on.
+//! The vessel's position by AIS: `!AIVDM` and `!AIVDO` sentences of a receiver on the drone or ashore (NMEA 0183, ITU-R
+//! M.1371).
 //!
-//! Position reports of class A (types 1, 2, 3) and B (18, 19) count; each needs its checksum. What is received is anybody's.
+//! It decodes position reports of class A (types 1, 2, 3) and B (18, 19); a sentence without a valid checksum is
+//! ignored. AIS is not authenticated.
 
 use std::collections::VecDeque;
 
@@ -12,12 +13,11 @@ use nmea_kit::parse_frame;
 
 use super::place_report::{AisReport, PlaceReport};
 
-/// Longest sentence, bytes: the standard allows 82, with a logger's tags before it.
+/// Longest sentence, bytes: the standard allows 82, plus a logger's tags.
 const MAX_LINE: usize = 256;
-/// Reports that wait to be taken: more than a receiver receives in a second.
+/// Queue length: more than a receiver outputs in a second.
 const MAX_REPORTS: usize = 32;
 
-/// Decodes a receiver's bytes.
 pub struct AisDecoder {
     lines: LineBuffer,
     parser: AisParser,
@@ -35,7 +35,7 @@ impl Default for AisDecoder {
 }
 
 impl AisDecoder {
-    /// Takes bytes as they come; of more reports than are taken the newest wait.
+    /// Decodes bytes; a full queue drops its oldest report.
     pub fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {
             if let Some(Cut::Line(line)) = self.lines.push(*byte) {
@@ -43,7 +43,6 @@ impl AisDecoder {
             }
         }
     }
-    /// The next report of any vessel.
     pub fn next_report(&mut self) -> Option<AisReport> {
         self.reports.pop_front()
     }
@@ -57,7 +56,7 @@ impl AisDecoder {
     }
     fn sentence(&mut self, line: &[u8]) -> Option<AisReport> {
         let text = core::str::from_utf8(line).ok().filter(|t| t.is_ascii())?;
-        // Before it stand the tags of IEC 61162-450; without a checksum it may be cut off.
+        // Tags of IEC 61162-450 precede the sentence; without a checksum it may be truncated.
         let sentence = text.get(text.find('!')?..).filter(|s| s.contains('*'))?;
         let frame = parse_frame(sentence).ok()?;
         match self.parser.decode(&frame)? {
@@ -67,7 +66,6 @@ impl AisDecoder {
     }
 }
 
-/// A position report as the vessel's place; None without one.
 fn placed(report: &PositionReport) -> Option<AisReport> {
     let speed_mps = report.sog.map(|knots| f64::from(knots) * KNOT_MPS);
     let velocity = match (speed_mps, report.cog) {
@@ -75,7 +73,7 @@ fn placed(report: &PositionReport) -> Option<AisReport> {
             let (sin, cos) = f64::from(course_deg).to_radians().sin_cos();
             Some([speed_mps * cos, speed_mps * sin])
         }
-        // At rest there is no course.
+        // A vessel at rest does not report a course.
         (Some(0.0), None) => Some([0.0; 2]),
         (Some(_) | None, _) => None,
     };
@@ -102,10 +100,10 @@ mod tests {
         core::iter::from_fn(|| decoder.next_report()).collect()
     }
 
-    /// Sentences as gpsd's documentation of AIVDM and its samples have them.
+    /// Sentences from gpsd's documentation of AIVDM and its samples.
     #[test]
     fn ais_sentences_of_each_type() {
-        // Class A, type 1: 51.2296 N 4.4191 E... as others decode it; type 18; type 19.
+        // Class A, type 1; type 18; type 19, with the values of other decoders.
         for (sentence, mmsi) in [
             ("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C", 477_553_000),
             ("!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C", 338_087_471),
@@ -120,14 +118,14 @@ mod tests {
                 "{sentence}: {all:?}"
             );
         }
-        // Seattle, moored.
+        // The vessel is moored in Seattle.
         let [r] = decoded("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n")[..] else {
             panic!()
         };
         assert!((r.place.latitude_deg - 47.582_833).abs() < 1e-6, "{r:?}");
         assert!((r.place.longitude_deg + 122.345_833).abs() < 1e-6, "{r:?}");
         assert!(r.place.velocity.is_some_and(|[n, e]| n.hypot(e) < 1e-9), "{r:?}");
-        // New York, 0.1 kn at 79.6 deg.
+        // The vessel in New York moves at 0.1 kn, course 79.6 deg.
         let [r] = decoded("\\s:rx*00\\!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C\n")[..] else {
             panic!()
         };
@@ -146,14 +144,14 @@ mod tests {
             sound.replace("177", "178"),
             sound.replace("*5C", ""),
             sound.replace("!AIVDM", "$GPGGA"),
-            // Of a base station, and static data.
+            // Reports of a base station, and static data.
             "!AIVDM,1,1,,A,H52N>V@T2rNVPJ2000000000000,2*29".into(),
             "x".repeat(10_000) + sound,
             String::new(),
         ] {
             assert_eq!(decoded(&format!("{wrong}\n")), [], "{wrong}");
         }
-        // More than are taken: bounded, and the newest.
+        // The queue is bounded and keeps the newest reports.
         assert_eq!(decoded(&format!("{sound}\n").repeat(1000)).len(), MAX_REPORTS);
     }
 

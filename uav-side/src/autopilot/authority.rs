@@ -1,13 +1,13 @@
-//! Control authority, with its reason: Alight's in the mode and armed state that a person gave, and
-//! in no other.
+//! Control authority and its reason. Alight commands only in the mode and armed state that the pilot chose.
 //!
-//! The rules, as this state machine keeps them:
-//! - A mode is chosen in three cases: a diversion (battery), which gives the drone away; a take-off that an operator has ordered
-//!   and the crew has cleared; and, once in a flight for each reason, the end of the autopilot's own mission where a sortie comes back.
-//! - One heartbeat in another mode ends our set-points. It takes two in our mode to begin, so that a
-//!   heartbeat that was late on the way gives no permission.
-//! - Once somebody else commands (a person, a failsafe, a geofence), only a mode that changes back gives
-//!   a new permission; after a diversion the mode has to be left before.
+//! Rules of the state machine:
+//! - Alight chooses a mode in three cases: a diversion (battery), which hands the drone to the autopilot; a take-off
+//!   that an operator has ordered and the crew has cleared; and the end of the autopilot's own mission when a sortie
+//!   returns, once in a flight for each reason.
+//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to begin, so that a
+//!   delayed heartbeat does not give permission.
+//! - After another authority has taken command (pilot, failsafe, geofence), only a change back to our mode gives a new
+//!   permission; after a diversion the mode has to be left first.
 
 use core::fmt;
 
@@ -18,59 +18,48 @@ use serde::{Deserialize, Serialize};
 use super::DroneTime;
 use super::config::Diversion;
 
-/// Heartbeats in our mode that confirm a permission.
 const CONFIRMATIONS: u32 = 2;
 
-/// Who commands, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ControlAuthority {
-    /// No heartbeat of a multirotor's autopilot was received yet.
+    /// No heartbeat of a multirotor's autopilot received yet.
     #[default]
     Searching,
-    /// The autopilot's heartbeats have ceased.
     LinkLost,
-    /// Another vehicle's autopilot is received as well, and which of them is ours is not configured.
+    /// Another vehicle's autopilot is received as well, and the configuration does not select one.
     SeveralAutopilots,
-    /// It answers no TIMESYNC: its samples cannot be dated.
+    /// No answer to TIMESYNC: samples cannot be dated.
     NoClock,
-    /// It has not reported the origin of its NED.
     NoOrigin,
-    /// It has not aligned its heading yet.
     NoHeading,
-    /// No odometry with inertial samples arrives.
     NoOdometry,
-    /// ArduCopter has not reported its GUID_OPTIONS.
     OptionUnknown,
-    /// ArduCopter takes a thrust for a climb rate.
+    /// ArduCopter reads thrust as a climb rate.
     OptionMissing,
-    /// A person flies, or the autopilot on its own; ready.
+    /// Ready; the pilot flies the drone, or the autopilot flies it without our set-points.
     Standby {
-        /// Mode in which it flies.
         mode: AutopilotMode,
     },
-    /// In our mode and disarmed.
+    /// In our mode, disarmed.
     Disarmed,
-    /// Our set-points are followed.
+    /// The autopilot follows our set-points.
     Commanding,
-    /// Somebody else took the drone.
     TakenOver {
-        /// Mode in which it flies now.
         mode: AutopilotMode,
     },
-    /// The battery's reserve was reached: the autopilot was commanded to return or to land.
+    /// Diverted at the battery's reserve: the autopilot was commanded to return or to land.
     Diverted(Diversion),
 }
 
 impl ControlAuthority {
-    /// Our set-points are followed.
     pub fn commands(self) -> bool {
         self == ControlAuthority::Commanding
     }
-    /// Somebody else commands, and set-points may be streamed for a hand-over.
+    /// Whether set-points may be streamed for a handover while another authority commands.
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
     }
-    /// The autopilot's mode was given to us and no pilot took it back.
+    /// Whether the pilot gave us the mode and has not taken it back.
     pub(crate) fn has_the_mode(self) -> bool {
         match self {
             ControlAuthority::Commanding
@@ -97,7 +86,7 @@ impl fmt::Display for ControlAuthority {
             ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
             ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
             ControlAuthority::SeveralAutopilots => {
-                "autopilots of two vehicles are received: set autopilot.vehicle to the number of the own one"
+                "autopilots of two vehicles are received: set autopilot.vehicle to this drone's system number"
             }
             ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
             ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
@@ -115,7 +104,7 @@ impl fmt::Display for ControlAuthority {
             ControlAuthority::Commanding => "commanding",
             ControlAuthority::Standby { mode } => return write!(f, "ready; the drone is in mode {mode:?}"),
             ControlAuthority::TakenOver { mode } => {
-                return write!(f, "taken over: mode {mode:?}; give our mode again to go on");
+                return write!(f, "taken over: mode {mode:?}; choose our mode again to continue");
             }
             ControlAuthority::Diverted(to) => {
                 return write!(f, "battery at its reserve: diverted ({to:?})");
@@ -124,7 +113,7 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-/// The autopilot goes its own way in this mode, whoever chose it.
+/// Whether the autopilot flies without our set-points in this mode, regardless of who chose it.
 fn flies_itself(mode: AutopilotMode) -> bool {
     match mode {
         AutopilotMode::Return | AutopilotMode::Land => true,
@@ -132,45 +121,34 @@ fn flies_itself(mode: AutopilotMode) -> bool {
     }
 }
 
-/// Evidence for the decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AuthorityEvidence {
-    /// A heartbeat of a multirotor's autopilot was ever received.
     pub(crate) found: bool,
-    /// The autopilot's heartbeats arrive.
     pub(crate) alive: bool,
-    /// Another vehicle's autopilot is received as well.
     pub(crate) several: bool,
-    /// The autopilot's clock is known.
     pub(crate) clock: bool,
-    /// The origin of its NED is known, or need not be.
+    /// Whether the origin of the autopilot's NED is known or not needed.
     pub(crate) origin: bool,
-    /// The heading is aligned, or was when this flight's odometry began.
+    /// Whether the heading is aligned, or was aligned at the start of this flight's odometry.
     pub(crate) heading: bool,
-    /// Odometry arrives.
     pub(crate) odometry: bool,
-    /// Whether thrust is read as thrust; None: not known yet.
+    /// Whether the autopilot reads thrust as thrust, not as a climb rate; None while unknown.
     pub(crate) thrust: Option<bool>,
-    /// A heartbeat arrived in this step.
     pub(crate) heartbeat: bool,
-    /// Mode of the autopilot.
     pub(crate) mode: AutopilotMode,
-    /// Motors may turn.
     pub(crate) armed: bool,
-    /// It holds by itself, because nothing was commanded for a moment.
-    pub(crate) lapsed: bool,
+    pub(crate) set_points_lost: bool,
 }
 
-/// The state machine.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
-    /// Our set-points were followed since, and no pilot has taken over: what is flown is not left where it is because a second
-    /// autopilot comes into reach.
+    /// Whether set-points were followed and no pilot has taken over since. A second autopilot within reach does not
+    /// interrupt this flight.
     flown: bool,
-    /// The permission is used up until the mode is left.
+    /// Diversion that revoked the permission, until the mode is left.
     revoked: Option<Diversion>,
 }
 
@@ -181,22 +159,22 @@ impl AuthorityStateMachine {
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }
-    /// The link before this one commanded until a moment ago: its heartbeats confirm the permission.
+    /// Continues a permission that the previous link has just held.
     pub(crate) fn resume(&mut self) {
         self.confirmations = CONFIRMATIONS;
         self.flown = true;
     }
-    /// Another autopilot is listened to.
     pub(crate) fn forget(&mut self) {
         (self.confirmations, self.flown) = (0, false);
     }
-    /// The drone is handed to the autopilot; only a new permission brings it back.
+    /// Hands the drone to the autopilot until a new permission.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Decides; for `quiet` after a takeover by a pilot no set-points are streamed. Where the autopilot returns or lands they are at
-    /// once: it follows none, and whoever gives the mode back a second later is not denied for want of them.
+    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`. In return and land modes
+    /// they are streamed at once: the autopilot follows none of them, and a handover a second later is not denied for
+    /// lack of them.
     pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
@@ -205,7 +183,7 @@ impl AuthorityStateMachine {
             } else {
                 0
             };
-            self.flown &= f.armed && (ours || f.lapsed);
+            self.flown &= f.armed && (ours || f.set_points_lost);
         }
         if !f.alive {
             self.confirmations = 0;
@@ -255,11 +233,11 @@ impl AuthorityStateMachine {
         self.enter(now, next);
         self.control_authority
     }
-    /// The autopilot holds by itself because nothing was commanded. A stream brings it back only to the mode that the
-    /// pilot chose, so no choice is overruled.
+    /// Whether the autopilot holds by itself after a set-point loss. A stream brings it back only to the mode that the
+    /// pilot chose, so that no choice is overruled.
     fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
-        commanded && f.lapsed && f.mode == AutopilotMode::Hold
+        commanded && f.set_points_lost && f.mode == AutopilotMode::Hold
     }
     fn was_in_command(&self) -> bool {
         matches!(
@@ -292,10 +270,9 @@ mod tests {
         heartbeat: true,
         mode: AutopilotMode::Offboard,
         armed: true,
-        lapsed: false,
+        set_points_lost: false,
     };
 
-    /// Steps 20 ms apart, each with a heartbeat.
     fn run(
         a: &mut AuthorityStateMachine,
         from_ms: i64,
@@ -353,7 +330,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
-        // Nor once its odometry is back, or its own hold for want of set-points has ended.
+        // A gap in the odometry and the autopilot's own hold do not end the command either.
         let gap = AuthorityEvidence {
             odometry: false,
             ..several
@@ -365,11 +342,11 @@ mod tests {
         let mode = AutopilotMode::Hold;
         let hold = AuthorityEvidence {
             mode,
-            lapsed: true,
+            set_points_lost: true,
             ..several
         };
         assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
-        // The pilot's mode ends it.
+        // A mode that the pilot chooses ends the command.
         let pilot = AuthorityEvidence {
             mode: AutopilotMode::Other,
             ..several
@@ -387,13 +364,13 @@ mod tests {
         let s = run(&mut a, 60, &[person, READY, person, person]);
         assert_eq!(s[0], ControlAuthority::TakenOver { mode });
         assert!(s.iter().all(|s| !s.commands()), "{s:?}");
-        // Quiet at first, then ready; then a new permission.
+        // First the pause without set-points, then ready, then a new permission.
         let s = run(&mut a, 140, &[person; 10]);
         assert_eq!(s[9], ControlAuthority::Standby { mode });
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
-    /// A return is streamed for at once, and ends the command as any other mode.
+    /// In the return mode set-points are streamed at once; the mode ends the command as any other mode does.
     #[test]
     fn authority_after_a_return() {
         let mut a = AuthorityStateMachine::default();
@@ -409,17 +386,24 @@ mod tests {
     #[test]
     fn authority_with_a_failsafe_of_the_autopilot() {
         for mode in [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold] {
-            for lapsed in [false, true] {
+            for set_points_lost in [false, true] {
                 let mut a = AuthorityStateMachine::default();
                 run(&mut a, 0, &[READY; 3]);
-                let s = run(&mut a, 60, &[AuthorityEvidence { lapsed, ..by(mode) }])[0];
-                // It holds because nothing was commanded: no person to wait for.
-                let expected = if lapsed && mode == AutopilotMode::Hold {
+                let s = run(
+                    &mut a,
+                    60,
+                    &[AuthorityEvidence {
+                        set_points_lost,
+                        ..by(mode)
+                    }],
+                )[0];
+                // A hold after a set-point loss needs no new permission of the pilot.
+                let expected = if set_points_lost && mode == AutopilotMode::Hold {
                     ControlAuthority::Standby { mode }
                 } else {
                     ControlAuthority::TakenOver { mode }
                 };
-                assert_eq!(s, expected, "lapsed: {lapsed}");
+                assert_eq!(s, expected, "set-points lost: {set_points_lost}");
             }
         }
     }
@@ -429,7 +413,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         a.divert(Time::from_secs(0.06), Diversion::Return);
-        // The command was lost, or denied: the autopilot is still in our mode.
+        // The command was lost or denied: the autopilot is still in our mode.
         let s = run(&mut a, 60, &[READY; 50]);
         assert!(
             s.iter()

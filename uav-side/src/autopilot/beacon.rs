@@ -1,8 +1,9 @@
-//! The vessel's place by MAVLink, of the one system that is configured for it: `GLOBAL_POSITION_INT` of a tracker or of
-//! the boat's own autopilot, `FOLLOW_TARGET` of a ground station or a phone. They come over the autopilot's link, as routed.
-//! The same by AIS, of the one vessel (MMSI) that is configured: `AIS_VESSEL` of the autopilot, or a receiver's sentences.
+//! The vessel's position from a beacon, accepted from one configured source:
+//! - by MAVLink on the autopilot's link, from one system number: `GLOBAL_POSITION_INT` of a tracker or of the boat's
+//!   autopilot, `FOLLOW_TARGET` of a ground station or a phone;
+//! - by AIS, from one MMSI: `AIS_VESSEL` of the autopilot, or NMEA sentences of an AIS receiver.
 //!
-//! Their clocks are unknown: a report counts from its arrival, and its delay is part of the error that it is given.
+//! The sources' clocks are unknown: a report is dated at its arrival, and its delay is part of its error.
 
 use alight_shared::msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
 use alight_shared::time::Span;
@@ -12,37 +13,35 @@ use super::message::{MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
 use super::{DroneTime, Output, OutputHeaders};
 
-/// A place is off by this where the message does not state it, standard deviation of each axis, m: a receiver without
-/// corrections, and a second on its way at 2 m/s.
+/// Default standard deviation of the position, each axis, m: a receiver without corrections, plus 1 s of delay at 2
+/// m/s.
 const PLACE_SD_M: f64 = 5.0;
-/// The velocity of one that reports it, m/s, and of one that does not.
+/// Standard deviations of a reported and of an unknown velocity, m/s.
 const VELOCITY_SD_MPS: f64 = 0.3;
 const UNKNOWN_VELOCITY_SD_MPS: f64 = 2.0;
-/// A report counts for so long, s: ten of the usual 1 Hz.
+/// Validity of a report, s: ten periods of the usual 1 Hz.
 const LASTS_S: f64 = 10.0;
 
-/// An AIS report's place is off by this, standard deviation of each axis, m: a receiver without corrections, and its antenna some
-/// metres from the deck; and it is on its way for so long, s.
+/// Standard deviation of an AIS position, each axis, m: a receiver without corrections, with its antenna some metres
+/// from the deck. Delay of an AIS report, s.
 const AIS_SD_M: f64 = 8.0;
 const AIS_LATE_S: f64 = 2.0;
 const AIS_VELOCITY_SD_MPS: f64 = 0.3;
-/// It counts for so long, s: class B of a vessel below 2 kn reports every three minutes. Its place grows vague meanwhile.
+/// Validity of an AIS report, s: a class B vessel below 2 kn reports every three minutes. The uncertainty increases
+/// with the age.
 const AIS_LASTS_S: f64 = 200.0;
-/// A repeated report is not taken, unless it was received so recently, s.
+/// Age of an AIS report up to which a repetition is accepted, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
-/// Other systems on the link.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OtherSystems {
-    /// Another vehicle's autopilot was received: when last, and its system.
+    /// Time of the last reception of another vehicle's autopilot, and its system number.
     pub(super) autopilot: Option<(DroneTime, u8)>,
-    /// The vessel's place as AIS reported it last.
     ais: Option<PlaceReport>,
 }
 
 impl OtherSystems {
-    /// The beacon that a frame is, where it comes from the configured system and not from the drone's own, or is of the
-    /// configured vessel.
+    /// Beacon report in a frame: from the configured system, which is not the drone's own, or of the configured vessel.
     pub(super) fn beacon(
         &mut self,
         now: DroneTime,
@@ -67,7 +66,7 @@ impl OtherSystems {
         let fixed = beacon.latitude_deg != 0.0 || beacon.longitude_deg != 0.0;
         (fixed && beacon.check().is_ok()).then_some(beacon)
     }
-    /// A report of the configured vessel by AIS, of the time at which it was received. An autopilot repeats what it has received.
+    /// AIS report of the configured vessel, dated at its reception; rejects an autopilot's repetition of an old one.
     fn beacon_by_ais(&mut self, now: DroneTime, report: &AisReport, mmsi: u32) -> Option<DeckBeacon> {
         let wanted = report.mmsi != 0 && report.mmsi == mmsi;
         let old = !(report.age_s <= AIS_LASTS_S);
@@ -126,7 +125,6 @@ mod tests {
         };
         (OtherSystems::default(), config)
     }
-    /// Through the bytes of a link.
     fn received((others, c): &mut Link, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
         let bytes = Encoder::default()
             .frame(Address::new(system, 1), message)
@@ -157,7 +155,7 @@ mod tests {
         assert_eq!(m.place_sd_m, PLACE_SD_M);
         assert_eq!(received(&mut link, 41, &tracker), None);
         assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
-        // A phone that does not know its speed, with an error that it states.
+        // This phone reports an error, but no speed.
         let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
             error_m: Some(12.0),
@@ -166,7 +164,7 @@ mod tests {
         let m = received(&mut link, 42, &phone).unwrap();
         assert_eq!((m.source, m.place_sd_m), (BeaconSource::FollowTarget, 12.0));
         assert_eq!(m.velocity_sd_mps, UNKNOWN_VELOCITY_SD_MPS);
-        // One without a fix.
+        // A phone without a fix.
         let none = MavlinkMessage::GlobalPosition(PlaceReport {
             latitude_deg: 0.0,
             longitude_deg: 0.0,
@@ -187,32 +185,32 @@ mod tests {
             },
             age_s: 1.0,
         };
-        // Over the autopilot's own link, by its own number.
+        // The report arrives over the autopilot's link, with the autopilot's system number.
         let m = received(&mut link, 1, &MavlinkMessage::Ais(report)).unwrap();
         assert_eq!((m.source, m.header.at), (BeaconSource::Ais, Time::from_secs(2.0)));
         assert!((m.velocity[0] - 3.0).abs() < 0.01 && (m.velocity[1] + 4.0).abs() < 0.01);
-        // It errs by what a fast vessel goes on its way, too.
+        // The error includes the distance that a fast vessel covers during the delay.
         assert!(
             (m.place_sd_m - 8.0_f64.hypot(10.0)).abs() < 0.05,
             "{}",
             m.place_sd_m
         );
-        // What the autopilot repeats, another vessel, one without a fix, or none configured.
-        let of = |change: fn(&mut AisReport)| {
+        // Rejected are a repetition, another vessel, a report without a fix, and any report if no MMSI is configured.
+        let changed = |change: fn(&mut AisReport)| {
             let mut r = report;
             change(&mut r);
             MavlinkMessage::Ais(r)
         };
         for wrong in [
-            of(|r| r.age_s = 3.0),
-            of(|r| r.mmsi = 338_087_472),
-            of(|r| (r.place.latitude_deg, r.place.longitude_deg) = (0.0, 0.0)),
-            of(|r| (r.place.latitude_deg, r.age_s) = (41.0, 300.0)),
-            of(|r| r.place.velocity = Some([60.0, 0.0])),
+            changed(|r| r.age_s = 3.0),
+            changed(|r| r.mmsi = 338_087_472),
+            changed(|r| (r.place.latitude_deg, r.place.longitude_deg) = (0.0, 0.0)),
+            changed(|r| (r.place.latitude_deg, r.age_s) = (41.0, 300.0)),
+            changed(|r| r.place.velocity = Some([60.0, 0.0])),
         ] {
             assert_eq!(received(&mut link, 1, &wrong), None, "{wrong:?}");
         }
-        assert!(received(&mut link, 1, &of(|r| r.place.velocity = None)).is_some());
+        assert!(received(&mut link, 1, &changed(|r| r.place.velocity = None)).is_some());
         assert_eq!(
             received(&mut self::link(42, 0), 42, &MavlinkMessage::Ais(report)),
             None

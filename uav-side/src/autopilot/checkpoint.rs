@@ -1,9 +1,9 @@
-//! The link's checkpoint: published while it runs, so that a successor commands again before the
-//! autopilot's own failsafe begins.
+//! Checkpoint of the autopilot link. It is published while the link runs, so that a successor commands again before the
+//! autopilot's failsafe begins. Without it a new link waits for two heartbeats, the clock, the origin and ArduCopter's
+//! options.
 //!
-//! A link that begins would otherwise wait for two heartbeats, the clock, the origin and ArduCopter's options.
-//! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
-//! its first heartbeat in that mode ends the command.
+//! A pilot's takeover in the meantime is respected: in another mode the autopilot follows no set-points, and its first
+//! heartbeat in that mode ends the command.
 
 use alight_shared::admission::Periodic;
 use alight_shared::mavlink::SigningTimes;
@@ -18,23 +18,20 @@ use crate::odometry::Jumps;
 use crate::odometry::wind::WindMonitor;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// Period of writing.
 const PERIOD: Span = Span::from_millis(20);
 
-/// Succession of links: recovery of a crashed predecessor's checkpoint, and our own for a successor.
+/// Recovery of a crashed predecessor's checkpoint, and our own checkpoint for a successor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LinkSuccession {
     pub(super) recovery: Recovery<LinkCheckpoint>,
-    /// It waits no longer for a predecessor's checkpoint.
     has_begun: bool,
-    /// Time of the first step.
     pub(super) began: Option<DroneTime>,
     timer: Periodic<DroneClock>,
 }
 
 impl AutopilotLink {
-    /// Takes the checkpoint of the link before this one, once and only at the beginning. `given`: what its keeper
-    /// publishes; boot 0 where it keeps nothing.
+    /// Reads the predecessor's checkpoint once, at the start. `given` is the checkpoint held by the supervisor; boot
+    /// number 0 means that there is no checkpoint.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         let s = &mut self.succession;
         if s.has_begun {
@@ -44,7 +41,7 @@ impl AutopilotLink {
         s.began = s.began.or(Some(now));
         s.has_begun = s.recovery.poll(now, boot, given);
         let before = s.recovery.checkpoint();
-        // However old: the mission's own may have been too old to count, too.
+        // The checkpoint is read at any age, because the mission's own checkpoint may be too old to be used.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.operators.parameters.recalled = readable.and_then(|m| m.mode);
         if let Some(m) = &readable {
@@ -57,19 +54,18 @@ impl AutopilotLink {
         match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
-                // The airframe stays what it is: on a deck the thrust that hovers cannot be learned again.
+                // Hover thrust is a property of the airframe, and it cannot be learned on a deck.
                 let aged = why == CheckpointRejection::Age && m.header.at <= now;
                 if aged && m.check().is_ok() {
                     self.estimate.hover.resume(m.hover_thrust, m.hover_learned_s);
                 }
-                out.texts.push(format!(
-                    "the checkpoint of the link before this one does not count: it is {why}"
-                ));
+                out.texts
+                    .push(format!("ignores the previous link's checkpoint: it is {why}"));
             }
         }
     }
 
-    /// Goes on where the link before this one was, unless the autopilot has reported otherwise meanwhile.
+    /// Continues from the previous link's state, unless the autopilot has reported another state since.
     fn resume(&mut self, now: DroneTime, m: &LinkCheckpoint) {
         let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
@@ -82,7 +78,7 @@ impl AutopilotLink {
             return;
         }
         let peer = self.peer.get_or_insert_with(|| {
-            // It was alive; a heartbeat that came meanwhile is lost.
+            // The autopilot was alive; heartbeats that arrived before this link started are lost.
             let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);
@@ -105,7 +101,6 @@ impl AutopilotLink {
         self.authority.resume();
     }
 
-    /// Checkpoint for a successor, when it is due.
     pub(super) fn checkpoint(&mut self, now: DroneTime) -> Option<LinkCheckpoint> {
         let s = &mut self.succession;
         if !s.has_begun || !s.timer.is_due_spaced(now, PERIOD) {
@@ -137,7 +132,7 @@ impl AutopilotLink {
             hover_learned_s,
             ended_missions: self.own_mission.ends.map(|end| end.is_over()),
             own_mission: self.own_mission.monitor.is_under_way(),
-            // The process's, which has the frames.
+            // Filled in by the process, which has the frames.
             signing: SigningTimes::default(),
         })
     }

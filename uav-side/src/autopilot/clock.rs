@@ -1,10 +1,10 @@
-//! The autopilot's clock against the companion's, by MAVLink's TIMESYNC.
+//! Offset of the autopilot's clock from the companion's, by MAVLink's TIMESYNC.
 //!
-//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset
-//! ours - theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. So the quickest of the
-//! last answers is used, its uncertainty growing by what the clocks may drift. An autopilot that states too early a time (ArduPilot
-//! subtracts what the bytes that wait behind a request would have taken on a serial line) is wrong by more: it makes samples
-//! arrive before they are taken, and several of them in a row outweigh it.
+//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset ours - theirs
+//! is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. The quickest of the last answers is used; its
+//! uncertainty increases with the drift of the clocks. The error is larger if the autopilot's time in the answer is too
+//! early: on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a request. Its samples
+//! then seem to arrive before they were taken, and several of these in a row overrule the answer.
 
 use std::collections::VecDeque;
 
@@ -15,53 +15,45 @@ use alight_shared::time::{DroneClock, Span, Time};
 use super::DroneTime;
 use super::message::MavlinkMessage;
 
-/// Requests under way, at most.
 const MAX_REQUESTS: usize = 16;
-/// Answers kept.
 const MAX_EXCHANGES: usize = 20;
-/// Drift between two crystals, s/s.
 const DRIFT: f64 = 1e-4;
-/// Offsets further apart than this, s, with the autopilot's clock behind: it restarted.
+/// Backward jump of the autopilot's clock, as a difference between offsets, above which it has restarted, s.
 const RESTART_S: f64 = 0.5;
-/// Two offsets that are further apart than both may err, and this, s: a clock has stepped.
+/// Difference between two offsets, beyond their errors, above which one of the clocks has stepped, s.
 const STEPPED_S: f64 = 0.02;
-/// A sample is never older than this when it arrives, s.
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
-/// A sample that is this much ahead of its arrival counts as taken then, s.
+/// A sample dated after its arrival by at most this time is dated at its arrival instead, s.
 const AHEAD_S: f64 = 0.01;
-/// So many samples in a row, over this time, that an answer dates ahead of their arrival are evidence against it, s: one stamp
-/// may be wrong, and another stream comes between those of one that is.
+/// Number of consecutive samples dated ahead of their arrival that contradict an answer, and their minimum duration, s:
+/// a single time stamp may be wrong, and samples of other streams arrive in between.
 const SEVERAL: u32 = 5;
 const SEVERAL_S: f64 = 0.05;
 
-/// Samples in a row that are dated ahead of their arrival.
 #[derive(Clone, Copy, Debug)]
 struct AheadRun {
     since: DroneTime,
     count: u32,
-    /// The largest offset that one of them allows.
+    /// Largest offset that a sample of the run allows.
     high: Span,
 }
 
-/// State of knowledge of the autopilot's clock.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
     /// Ours minus theirs.
     exchanges: VecDeque<OffsetBounds<DroneClock>>,
-    /// Our times in the requests under way, ns.
+    /// Send times of the pending requests on our clock, ns.
     requests: VecDeque<i64>,
     timer: Periodic<DroneClock>,
-    /// Answers that were not used, samples whose time was impossible.
+    /// Unused answers, and samples with an impossible time.
     pub(crate) rejected: u32,
-    /// Restarts of the autopilot.
     pub(crate) restarts: u32,
-    /// The autopilot's clock went ahead of ours, which stood still with this computer: known since, and for how long, s.
+    /// Suspension of this computer together with its clock: time of detection, and duration, s.
     stood_still: Option<(DroneTime, f64)>,
     ahead: Option<AheadRun>,
 }
 
 impl RemoteClock {
-    /// Request, where one of `hz` a second is due.
     pub(crate) fn ask(&mut self, now: DroneTime, hz: f64) -> Option<MavlinkMessage> {
         if !self.timer.is_due_spaced(now, Span::from_secs(1.0 / hz)) {
             return None;
@@ -71,7 +63,7 @@ impl RemoteClock {
         let (remote_ns, local_ns) = (0, now.nanos());
         Some(MavlinkMessage::Timesync { remote_ns, local_ns })
     }
-    /// A message that may be the answer to one of them; true: the autopilot has restarted.
+    /// Processes a message that may answer a request. Returns whether the autopilot has restarted.
     pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) -> bool {
         let before = self.restarts;
         if let Some(k) = self.requests.iter().position(|q| *q == asked_ns) {
@@ -80,7 +72,8 @@ impl RemoteClock {
         }
         self.restarts != before
     }
-    /// An answer arrived at `now`: our time in the request, the autopilot's in the answer, ns.
+    /// Processes an answer that arrived at `now`, with our time in the request and the autopilot's time in the answer,
+    /// ns.
     fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let asked = Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&(now - asked).secs()) {
@@ -91,7 +84,7 @@ impl RemoteClock {
         if let Some(before) = self.best(now) {
             let ahead_s = (before.middle() - exchange.middle()).secs();
             if ahead_s.abs() > before.error_s() + exchange.error_s() + STEPPED_S {
-                // What was exchanged before dates nothing any more.
+                // Former exchanges are obsolete.
                 self.exchanges.clear();
             }
             if ahead_s < -RESTART_S {
@@ -103,16 +96,14 @@ impl RemoteClock {
             self.exchanges.pop_front();
         }
     }
-    /// Bounds by the exchange that is the most certain now.
     fn best(&self, now: DroneTime) -> Option<OffsetBounds<DroneClock>> {
         let exchanges = self.exchanges.iter().map(|e| e.drifted(now, DRIFT));
         exchanges.min_by_key(|e| e.high - e.low)
     }
-    /// Ours minus theirs, ns, and by how much it may be wrong, s; None while it is not known.
+    /// Offset ours - theirs, ns, and its maximum error, s; None while unknown.
     pub(crate) fn offset(&self, now: DroneTime) -> Option<(i64, f64)> {
         self.best(now).map(|b| (b.middle().nanos(), b.error_s()))
     }
-    /// Begins with an offset that was known at `now`, wrong by at most `error_s`.
     pub(crate) fn resume(&mut self, now: DroneTime, offset_ns: i64, error_s: f64) {
         let (middle, error) = (Span::from_nanos(offset_ns), Span::from_secs(error_s));
         self.exchanges.push_back(OffsetBounds {
@@ -121,16 +112,15 @@ impl RemoteClock {
             high: middle + error,
         });
     }
-    /// Whether samples can be dated.
     pub(crate) fn is_synchronised(&self) -> bool {
         !self.exchanges.is_empty()
     }
-    /// Uncertainty of the offset, s; infinite while it is not known.
+    /// Uncertainty of the offset, s; infinite while unknown.
     pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
         self.best(now).map_or(f64::INFINITY, OffsetBounds::error_s)
     }
-    /// Our time of a sample that the autopilot dates at `remote_ns`; None, and counted, when it lies
-    /// ahead of `now` by more than the uncertainty or is far too old. A little ahead counts as now.
+    /// Our time of a sample that the autopilot dates at `remote_ns`. None (counted as rejected) when it lies ahead of
+    /// `now` by more than the uncertainty, or is too old; a small lead is clamped to `now`.
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.best(now)?;
         let at = Time::from_nanos(remote_ns) + offset.middle();
@@ -159,8 +149,8 @@ impl RemoteClock {
         }
         Some(at.min(now))
     }
-    /// Discards the answers by which each of several samples in a row arrived before it was taken. Where all do, the one
-    /// that does by the smallest time stays: it may be this computer that stood still.
+    /// Discards the answers that several consecutive samples contradict. If all answers are contradicted, the one with
+    /// the smallest lead is kept, because this computer may have been suspended.
     fn discard_contradicted(&mut self, now: DroneTime) {
         let lasts = |run: &AheadRun| run.count >= SEVERAL && (now - run.since).secs() >= SEVERAL_S;
         let Some(run) = self.ahead.filter(lasts) else {
@@ -171,18 +161,17 @@ impl RemoteClock {
         self.exchanges.retain(|e| e.drifted(now, DRIFT).low <= limit);
         self.ahead = None;
     }
-    /// This computer stood still with its clock, as samples show that are dated ahead of it: since when that is known, and for
-    /// how long it did, s. For a while: they are dated again with the next answer.
+    /// Suspension of this computer with its clock, detected by samples dated ahead of it: time of detection, and
+    /// duration, s. It is reported until the next answer dates samples again.
     pub(crate) fn stood_still(&self, now: DroneTime) -> Option<(DroneTime, f64)> {
         self.stood_still
             .filter(|(at, _)| (now - *at).secs() <= MAX_SAMPLE_AGE_S)
     }
-    /// The autopilot's time of ours, us; 0 while it is not known.
+    /// The autopilot's time at our time `at`, us; 0 while unknown.
     pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
         let theirs = self.best(now).map_or(Time::EPOCH, |b| at - b.middle());
         theirs.nanos().max(0).unsigned_abs() / 1000
     }
-    /// The autopilot is another one, or was away.
     pub(crate) fn forget(&mut self) {
         self.exchanges.clear();
     }
@@ -192,7 +181,6 @@ impl RemoteClock {
 mod tests {
     use super::*;
 
-    /// The autopilot's clock is ours less 100 s.
     const APART_NS: i64 = 100_000_000_000;
 
     fn ask(c: &mut RemoteClock, at_s: f64, there_s: f64, back_s: f64) {
@@ -231,9 +219,9 @@ mod tests {
         assert_eq!(c.rejected, 5);
     }
 
-    /// Answers that take 20 ms, and one of 1 ms in which the autopilot states a time too early by `early_s`: how many of the next
-    /// second's samples at 100 Hz, which take 1 ms, are dated right, where those that are `ahead` are stamped 15 ms after their
-    /// arrival; and the uncertainty.
+    /// Number of correctly dated samples in the second after several answers with a round trip of 20 ms and one of 1 ms
+    /// whose time is early by `early_s`, and the uncertainty. Samples arrive at 100 Hz with 1 ms of delay; those that
+    /// are `ahead` are stamped 15 ms after their arrival.
     fn dated(early_s: f64, ahead: impl Fn(i64) -> bool) -> (usize, f64) {
         let mut c = RemoteClock::default();
         for k in 0..10 {
@@ -268,7 +256,7 @@ mod tests {
 
     #[test]
     fn single_samples_against_right_answers() {
-        // One alone, one in five as of a stream with another clock, and a burst that lasts no longer than four samples.
+        // Samples ahead are a single one, every fifth one (a stream with another clock), and a burst of four.
         for ahead in [
             |k: i64| k == 50,
             |k: i64| k % 5 == 0,
@@ -279,8 +267,7 @@ mod tests {
         }
     }
 
-    /// This computer was suspended with its clock, for less and for more than a restart takes: that is no restart, and samples are
-    /// dated again by the next answer.
+    /// A suspension of any length is not taken for a restart; samples are dated again from the next answer on.
     #[test]
     fn timesync_after_a_suspended_computer() {
         for gap_s in [0.1, 0.3, 1.5, 20.0] {
@@ -307,7 +294,7 @@ mod tests {
         for k in 0..10 {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);
         }
-        // Its clock begins at zero again; the first answer is slower than all before.
+        // The autopilot's clock restarts at zero; its first answer takes longer than all earlier ones.
         let t0 = DroneTime::from_secs(300.0);
         let now = t0 + Span::from_secs(0.02);
         c.answered(now, t0.nanos(), 1_000_000_000, 0.1);

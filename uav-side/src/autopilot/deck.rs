@@ -1,5 +1,5 @@
-//! The deck for other users of the link, when that is configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
-//! `TARGET_ABSOLUTE`, and a list of numbers.
+//! Publication of the deck for other users of the link, if configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
+//! `TARGET_ABSOLUTE`, and an array of numbers.
 
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
@@ -13,17 +13,14 @@ use super::message::{
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Home is sent when the deck is further than this from the one sent before, m: the errors of two receivers.
+/// Displacement of the deck above which home is sent again, m: the errors of two receivers.
 const HOME_MOVED_M: f64 = 5.0;
-/// ... at most this often ...
 const HOME_PERIOD: Span = Span::from_millis(5_000);
-/// ... and again after this long: autopilots set home themselves when they are armed, and a command may be lost.
+/// Time after which home is repeated: autopilots set home themselves at arming, and a command may be lost.
 const HOME_REPEAT: Span = Span::from_millis(30_000);
-/// Time between two messages.
 const DECK_PERIOD: Span = Span::from_millis(100);
 
 impl AutopilotLink {
-    /// Sends the deck in the autopilot's frame and at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;
@@ -32,7 +29,7 @@ impl AutopilotLink {
             return;
         };
         self.timers.deck.restart(now, DECK_PERIOD);
-        // The forecast is in the frame that set-points are in.
+        // The forecast is in the frame of the set-points.
         let deck = SetPoint {
             kind: SetPointKind::Trajectory,
             position: d.position,
@@ -66,7 +63,7 @@ impl AutopilotLink {
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
     }
-    /// The deck as ArduCopter takes it: from the vehicle, in its own axes, at the time of its newest odometry.
+    /// Deck for ArduCopter: relative to the vehicle, in its body axes, at the time of its newest odometry.
     fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
         let state = self.estimate.state?;
         let deck = self.inputs.deck(state.header.at)?;
@@ -82,7 +79,7 @@ impl AutopilotLink {
             size_m: self.config.deck_tag_m,
         })
     }
-    /// The deck as PX4's vision target estimator takes a detected marker: from the vehicle, at the time of its newest
+    /// Deck for PX4's vision target estimator, as a detected marker: relative to the vehicle, at the time of its newest
     /// odometry.
     fn target_relative(&self) -> Option<TargetRelative> {
         let state = self.estimate.state?;
@@ -96,8 +93,8 @@ impl AutopilotLink {
             yaw_sd,
         })
     }
-    /// The deck as the same takes a receiver on the target, with its velocity in the autopilot's frame; None until the origin
-    /// is known.
+    /// Deck for PX4's vision target estimator, as a receiver on the target, with its velocity in the autopilot's frame;
+    /// None until the origin is known.
     fn target_absolute(&self, now: DroneTime, d: &DeckStage, velocity: [f64; 3]) -> Option<TargetAbsolute> {
         let (mut place, sea_m) = self.estimate.place(d)?;
         place.height_m = sea_m;
@@ -110,7 +107,7 @@ impl AutopilotLink {
             velocity_sd: d.velocity_sd,
         })
     }
-    /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
+    /// Sends the deck's position as home, if configured. The command's single precision resolves half a metre.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let deck = (self.inputs.known_deck(now)).filter(|_| self.config.send_home);
         let place = deck.and_then(|d| self.estimate.place(&d));
@@ -131,12 +128,12 @@ impl AutopilotLink {
     }
 }
 
-/// Our own time, us: PX4 takes a target's time for that of whoever answers its TIMESYNC, and converts it
+/// Our time, us: PX4 takes a target's time for that of the sender that answers its TIMESYNC, and converts it
 /// (`MavlinkTimesync::sync_stamp`).
 fn own_us(at: DroneTime) -> u64 {
     u64::try_from(at.nanos() / 1000).unwrap_or_default()
 }
-/// NED from deck.
+/// Rotation from the deck to NED.
 fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
     let [roll, pitch, yaw] = d.euler;
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)

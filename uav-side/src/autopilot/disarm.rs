@@ -1,10 +1,10 @@
-//! The forced disarm on the deck.
+//! Forced disarm on the deck.
 //!
-//! Stock land detectors do not disarm on a deck that heaves (PX4: none within 90 s at 0.5 m), so the
-//! pilot's confirmed touchdown is followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an
-//! autopilot obeys in the air too. So the pilot's touchdown detection is not enough: in addition the drone
-//! has to be near the deck, slow relative to it, and carried by something other than its rotors. Each
-//! command needs all of this evidence again; after some in quick succession they are rare.
+//! Stock land detectors do not disarm on a heaving deck (PX4: none within 90 s at 0.5 m). The pilot's confirmed
+//! touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot executes even in
+//! the air. The touchdown detection alone is not sufficient: the drone must also be near the deck, slow relative to it,
+//! and carried by something other than its rotors. Each command needs all of this evidence again; after a quick series
+//! the commands follow at longer intervals.
 
 use core::fmt;
 
@@ -16,45 +16,41 @@ use serde::{Deserialize, Serialize};
 use super::DroneTime;
 use super::config::DisarmConfig;
 
-/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its measurements.
+/// Duration of the evidence without the pilot's set-points, s: several time constants of its measurements.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
-/// Once the quick commands are used up, time between two, s: an autopilot that denied for a moment is disarmed after all.
+/// Time between two commands after the quick series, s: an autopilot that denied the quick series is still disarmed
+/// eventually.
 const RARE_S: f64 = 2.0;
 
-/// Evidence of the contact, apart from the pilot's touchdown detection.
+/// Evidence of contact, independent of the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
-    /// The mission lands.
     pub(crate) landing: bool,
-    /// Feet above the deck by the rangefinder, m; None: it does not read, or is not believed.
+    /// Height of the feet above the deck, measured by the rangefinder, m; None without an accepted reading.
     pub(crate) range_height: Option<f64>,
-    /// The rangefinder reads and is not believed: it sticks, or contradicts the forecast.
     pub(crate) range_doubted: bool,
-    /// Feet above the deck by the forecast, m.
     pub(crate) forecast_height: Option<f64>,
-    /// Speed relative to the deck, or over ground when there is no forecast, m/s.
+    /// Speed relative to the deck, or over ground without a forecast, m/s.
     pub(crate) speed: Option<f64>,
-    /// Specific force along the body's up axis as a fraction of gravity.
     pub(crate) load_factor: Option<f64>,
-    /// Thrust as a fraction of hover, by the autopilot's report; None: not reported lately.
+    /// Reported thrust as a fraction of hover; None without a recent report.
     pub(crate) thrust: Option<f64>,
-    /// No more than the greatest thrust of a drone at rest has been commanded, for long enough to act.
+    /// Whether the commanded thrust has been no more than that of a drone at rest for long enough to take effect.
     pub(crate) commanded_low: bool,
-    /// The autopilot reports that it stands on the ground.
     pub(crate) reports_on_ground: bool,
 }
 
-/// Without a report of the thrust: the greatest speed relative to the deck of a drone that rests on it, m/s.
+/// Maximum speed relative to the deck of a drone at rest on it, when the thrust is not reported, m/s.
 pub(crate) const RESTS_MPS: f64 = 0.5;
-/// Pressed down at half of hover from here a drone meets the deck at 1 m/s, the limit of a successful landing, m:
-/// `h = v² / g`.
+/// Height from which a drone pressed down at half of hover thrust meets the deck at 1 m/s, the limit of a successful
+/// landing, m: `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
-/// Height to press from by the forecast alone, which errs by as much.
+/// Height from which the drone is pressed down if only the forecast gives the height, m: the forecast's error is as
+/// large.
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
-    /// So low that a drone that is not on the deck may be pressed onto it.
     pub(crate) fn is_low(&self) -> bool {
         match (self.range_height, self.forecast_height) {
             (Some(h), _) => h <= PRESS_BELOW_M,
@@ -64,20 +60,15 @@ impl ContactEvidence {
     }
 }
 
-/// Why a disarm is inhibited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DisarmInhibit {
-    /// The mission is in no state of landing.
     NotLanding,
-    /// Neither rangefinder nor forecast gives the height of the feet.
     HeightUnknown,
-    /// The rangefinder measures air below the feet.
     RangeHigh,
-    /// The forecast has the deck further below.
     ForecastHigh,
-    /// Too fast relative to the deck, or not known.
+    /// Too fast relative to the deck, or at an unknown speed.
     Fast,
-    /// Nothing but the rotors carries the drone, or it falls.
+    /// The deck does not carry the drone: the rotors do, or it falls.
     NotSupported,
 }
 
@@ -94,12 +85,11 @@ impl fmt::Display for DisarmInhibit {
     }
 }
 
-/// Reason that inhibits a disarm now; None: nothing does.
 pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInhibit> {
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
-    // NaN is high, fast and not supported.
+    // NaN is treated as high, fast and not supported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
         return Some(DisarmInhibit::RangeHigh);
@@ -114,52 +104,43 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
-    // Reports that have stopped are no thrust of zero and no thrust of before. What is commanded stands in for them, and that
-    // the drone goes with the deck shows that it is obeyed.
+    // A thrust that is no longer reported is neither zero nor its last value. The commanded thrust replaces it, and a
+    // drone that moves with the deck shows that the command is executed.
     let idle = match e.thrust {
         Some(t) => t <= c.max_thrust_of_hover,
         None => e.commanded_low && e.speed.is_some_and(|v| v <= RESTS_MPS),
     };
-    // The autopilot's report may replace the thrust, never the load factor.
+    // The autopilot's ground report may replace the thrust, never the load factor.
     if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
     }
     None
 }
 
-/// Decision when the pilot reports that the drone is on the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DisarmDecision {
-    /// Keep pressing down while evidence is awaited.
     Press,
-    /// Send the command; thrust off.
     Command,
-    /// Thrust off; the next command is not due.
     Idle,
-    /// The evidence has been missing for too long: the drone is in the air.
+    /// The evidence was missing for too long: the drone is in the air.
     InAir(DisarmInhibit),
 }
 
-/// The sequence from the pilot's touchdown to a disarmed drone.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct DisarmSequence {
-    /// The evidence has been missing since.
     missing_since: Option<DroneTime>,
-    /// It has been complete since.
     complete_since: Option<DroneTime>,
     next: Periodic<DroneClock>,
     sent: u32,
 }
 
 impl DisarmSequence {
-    /// The pilot reports no touchdown (any more).
     pub(crate) fn clear(&mut self) {
         *self = DisarmSequence::default();
     }
     pub(crate) fn sent(&self) -> u32 {
         self.sent
     }
-    /// The pilot reports that the drone is on the deck.
     pub(crate) fn step(&mut self, now: DroneTime, e: &ContactEvidence, c: &DisarmConfig) -> DisarmDecision {
         if let Some(d) = inhibit(e, c) {
             self.complete_since = None;
@@ -172,7 +153,7 @@ impl DisarmSequence {
         }
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
-        // Where a witness is missing the others have to last.
+        // If a witness is missing, the evidence of the others has to last longer.
         let hold_s = if e.thrust.is_none() || e.range_doubted {
             c.hold_s.max(HOLD_ALONE_S)
         } else {
@@ -191,23 +172,19 @@ impl DisarmSequence {
     }
 }
 
-/// Forced disarms of a drone on the deck.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ForcedDisarm {
-    /// After the pilot's touchdown.
     pub(super) touchdown: DisarmSequence,
-    /// While the autopilot holds on its own.
+    /// Sequence for an autopilot that holds by itself.
     pub(super) alone: DisarmSequence,
-    /// In a landing of the autopilot's own.
     pub(super) own_landing: DisarmSequence,
     pub(super) inhibited: Option<DisarmInhibit>,
-    /// The abort for which the disarm was restarted.
     abort: Option<[u32; 2]>,
     pub(super) report: Periodic<DroneClock>,
 }
 
 impl ForcedDisarm {
-    /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
+    /// Repeats the quick commands after an abort on the deck, which demands stopped motors.
     pub(super) fn restart(&mut self, mission: &MissionState) {
         if mission.abort != self.abort && mission.state == State::Landed {
             self.touchdown.clear();
@@ -218,8 +195,8 @@ impl ForcedDisarm {
 }
 
 impl DisarmConfig {
-    /// The longest time from the pilot's touchdown to the answer to the last of the quick commands, s:
-    /// `evidence_timeout_s + hold_s + tries pause_s`.
+    /// Longest time from the pilot's touchdown to the answer to the last quick command, s: `evidence_timeout_s + hold_s
+    /// + tries pause_s`.
     pub fn longest_s(&self) -> f64 {
         self.evidence_timeout_s + self.hold_s.max(HOLD_ALONE_S) + f64::from(self.tries) * self.pause_s
     }
@@ -234,7 +211,7 @@ mod tests {
     #[test]
     fn armed_drone_after_the_disarm_sequence() {
         let c = DisarmConfig::default();
-        // The last command is the pause before the end, and has been answered then.
+        // The last command precedes the end by one pause, so it has been answered by then.
         let mut d = DisarmSequence::default();
         let within = ((c.longest_s() - c.pause_s) * 1e3) as i64;
         assert_eq!(commands(&mut d, 0, within, &ON_DECK, &c), c.tries);
@@ -289,7 +266,7 @@ mod tests {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
-        // Ten within 2 s, then one each 2 s for as long as it stands there armed.
+        // Ten commands follow within 2 s, then one every 2 s while the drone is armed on the deck.
         assert_eq!(commands(&mut d, 40, 2_000, &ON_DECK, &c), c.tries - 1);
         assert_eq!(commands(&mut d, 2_040, 58_000, &ON_DECK, &c), 29);
         let off = DisarmConfig { on_deck: false, ..c };
@@ -314,15 +291,15 @@ mod tests {
             ),
             (|e| e.speed = Some(3.0), DisarmInhibit::Fast),
             (|e| e.speed = None, DisarmInhibit::Fast),
-            // It hovers.
+            // The drone hovers.
             (|e| e.thrust = Some(1.0), DisarmInhibit::NotSupported),
-            // It falls with the thrust cut, and the autopilot believes to stand.
+            // The drone falls with the thrust cut, and the autopilot reports ground.
             (
                 |e| (e.load_factor, e.reports_on_ground) = (Some(0.4), true),
                 DisarmInhibit::NotSupported,
             ),
             (|e| e.load_factor = None, DisarmInhibit::NotSupported),
-            // The thrust is not known; it was commanded, but the drone moves over the deck, or falls.
+            // The thrust is unknown. A low thrust is commanded, but the drone moves over the deck or falls.
             (
                 |e| (e.thrust, e.commanded_low) = (None, false),
                 DisarmInhibit::NotSupported,
@@ -367,7 +344,7 @@ mod tests {
         };
         assert_eq!(inhibit(&silent, &c), None);
         let mut d = DisarmSequence::default();
-        // On evidence that lasts, as without the rangefinder.
+        // The evidence has to last longer, as without the rangefinder.
         assert_eq!(commands(&mut d, 0, 190, &silent, &c), 0);
         assert_eq!(commands(&mut d, 190, 30, &silent, &c), 1);
         let doubted = ContactEvidence {

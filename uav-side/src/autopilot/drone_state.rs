@@ -1,5 +1,5 @@
-//! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
-//! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
+//! The drone's state from the autopilot's reports: PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` with
+//! `ATTITUDE_QUATERNION`; both send separate inertial samples.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -22,20 +22,18 @@ use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
 use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
-/// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
-/// An attitude is propagated by its rates over at most this long.
+/// Maximum time over which an attitude is propagated by its rates.
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
-/// Position and attitude on their own are not used within this time after an `ODOMETRY`.
+/// Time after an `ODOMETRY` during which separate positions and attitudes are ignored.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
-/// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
-/// After a jump of its position by more than this its origin is asked for again, m.
+/// Jump of the position above which the origin is requested again, m.
 const JUMPED_M: f64 = 1.0;
-/// Time constant of the specific force in the evidence for a disarm, s.
+/// Time constant of the specific force as disarm evidence, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 
-/// The inertial samples since the last pose.
+/// Inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
     at: DroneTime,
@@ -44,7 +42,6 @@ struct Inertial {
     count: u32,
 }
 
-/// Assembles drone states from reports of pose, motion and specific force.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DroneStateAssembler {
     inertial: Option<Inertial>,
@@ -52,10 +49,9 @@ pub(crate) struct DroneStateAssembler {
     odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
     pub(crate) reported_resets: Option<u8>,
-    /// Jumps of its estimate that the autopilot has counted so far. Those that it does not count are detected in
-    /// [`crate::odometry`].
+    /// Jumps of the estimate that the autopilot has counted so far. Other jumps are detected in [`crate::odometry`].
     pub(crate) resets: u8,
-    /// Frames so far.
+    /// Number of the autopilot's frame; a restart begins a new one.
     pub(crate) frames: u8,
     pub(crate) rejected: u32,
 }
@@ -66,7 +62,7 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
-    /// Goes on counting from these, as [`Self::frames`] and as the autopilot counts.
+    /// Continues a predecessor's counts: [`Self::frames`] and the autopilot's own.
     pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
         (self.frames, self.reported_resets) = (frames, reported);
     }
@@ -74,7 +70,6 @@ impl DroneStateAssembler {
         self.rejected = self.rejected.saturating_add(1);
         None
     }
-    /// An inertial sample.
     pub(crate) fn imu(&mut self, at: DroneTime, accelerometer: [f64; 3]) {
         let f = Vector3::from(accelerometer);
         if !(f.norm() < 500.0) {
@@ -89,14 +84,13 @@ impl DroneStateAssembler {
             i.count += 1;
         }
     }
-    /// An attitude with its rates.
     pub(crate) fn attitude(&mut self, at: DroneTime, attitude: [f64; 4], rates: [f64; 3]) {
         match rotation(attitude) {
             Some(q) => self.attitude = Some((at, q, rates.into())),
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
-    /// A position with its velocity, to go with the newest attitude.
+    /// Stores a position with its velocity, to be combined with the newest attitude.
     pub(crate) fn position(
         &mut self,
         at: DroneTime,
@@ -115,7 +109,6 @@ impl DroneStateAssembler {
         let turned = q * UnitQuaternion::from_scaled_axis(rates * apart.secs());
         self.state(at, position, velocity, turned, rates, None, c)
     }
-    /// Position, velocity and attitude in one.
     pub(crate) fn odometry(
         &mut self,
         at: DroneTime,
@@ -147,11 +140,11 @@ impl DroneStateAssembler {
         variances: Option<[[f64; 3]; 3]>,
         c: &AutopilotLinkConfig,
     ) -> Option<DroneState> {
-        // Twice the same, or overtaken on the way.
+        // The sample is a duplicate or out of order.
         if self.last.is_some_and(|l| at <= l.header.at) {
             return self.reject();
         }
-        // Without inertial samples touchdown cannot be detected, and nothing is flown.
+        // Touchdown detection needs inertial samples: without them the drone is not flown.
         let inertial = self.inertial.as_mut();
         let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
         let force = if i.count > 0 {
@@ -184,7 +177,6 @@ impl DroneStateAssembler {
         self.last = Some(state);
         Some(state)
     }
-    /// The autopilot is another one, or restarted: its frame is another.
     pub(crate) fn restart(&mut self) {
         *self = DroneStateAssembler {
             resets: self.resets,
@@ -195,7 +187,7 @@ impl DroneStateAssembler {
     }
 }
 
-/// A reading of the rangefinder; None out of its limits, and of 0 m, which is no reading whatever its limits.
+/// Reading of the rangefinder; None outside its limits, and for 0 m, which is invalid at any limits.
 pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
     let ([low, high], variance) = (d.limits_m, d.variance.filter(|v| *v > 0.0));
     let sample = RangeSample {
@@ -203,22 +195,19 @@ pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
         range_m: d.range_m,
         variance: variance.unwrap_or(c.range_sd_m * c.range_sd_m),
     };
-    // A rangefinder without an echo reports its greatest distance.
+    // A rangefinder without an echo reports its maximum distance.
     (d.range_m > 0.0 && (low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
 }
 
-/// The newest reading, and whether it counts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RangeReadings {
-    /// Reading with the feet on the deck, m.
     pub(super) feet_m: f64,
     newest: Option<RangeSample>,
-    /// Whether the rangefinder follows the drone.
+    /// Check whether the rangefinder follows the drone.
     pub(super) witness: RangeWitness,
 }
 
 impl RangeReadings {
-    /// Takes a reading; None for one that is no newer than the last.
     pub(super) fn take(&mut self, mut s: RangeSample, headers: &mut OutputHeaders) -> Option<RangeSample> {
         if self.newest.is_some_and(|r| s.header.at <= r.header.at) {
             return None;
@@ -228,40 +217,36 @@ impl RangeReadings {
         self.newest = Some(s);
         self.newest
     }
-    /// The last fresh reading, m.
     pub(super) fn fresh_m(&self, now: DroneTime) -> Option<f64> {
         let fresh = (self.newest).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
         fresh.map(|r| r.range_m)
     }
-    /// Whether this range (m) is one of the deck's: not of a rangefinder that does not follow the drone, none that no deck can
-    /// be at, and not against the forecast.
+    /// Whether this range (m) is plausible for the deck: the rangefinder follows the drone, the deck can be at that
+    /// distance, and the forecast agrees.
     pub(super) fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
         let height = range_m - self.feet_m;
         height >= -BELOW_FEET_M && !self.witness.contradicts() && !disagree(height, forecast_height)
     }
 }
 
-/// Estimate of the drone's state, of the wind, and of the thrust that hovers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
     pub(super) assembler: DroneStateAssembler,
-    /// Jumps of the autopilot's estimate that were taken into account, as it counts them.
+    /// Number of the autopilot's jumps handled so far.
     resets: u8,
     pub(super) origin: AutopilotOrigin,
     pub(super) heading: HeadingAlignment,
     pub(super) smooth: Odometry,
     pub(super) wind: WindMonitor,
     pub(super) state: Option<DroneState>,
-    /// Specific force upwards along the body's axis, smoothed, m/s².
+    /// Specific force along the body's up axis, low-pass filtered, m/s².
     pub(super) force: Option<f64>,
     pub(super) hover: HoverThrust,
     pub(super) range: RangeReadings,
-    /// Height of the drone's centre above its feet, m.
     feet_below_m: f64,
 }
 
 impl DroneEstimate {
-    /// Estimate for a drone that hovers by the thrust `hover` at first.
     pub(super) fn new(odometry: &OdometryConfig, geometry: &DroneGeometry, hover: f64) -> DroneEstimate {
         let mut estimate = DroneEstimate {
             smooth: Odometry::new(odometry),
@@ -272,22 +257,20 @@ impl DroneEstimate {
         estimate.range.feet_m = geometry.feet_below_m - geometry.rangefinder_m[2];
         estimate
     }
-    /// The state while that is fresh.
     pub(super) fn fresh(&self, now: DroneTime) -> Option<DroneState> {
         (self.state).filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)
     }
-    /// Forgets what was known in the former frame.
     pub(super) fn restart(&mut self) {
         self.assembler.restart();
         self.smooth.restart();
     }
-    /// The autopilot is another one, or restarted: its origin and its heading are others, too.
+    /// Discards origin and heading, for another autopilot or one that has restarted.
     pub(super) fn forget(&mut self) {
         self.restart();
         (self.heading, self.origin) = Default::default();
     }
-    /// New odometry of the autopilot: smooths it, and learns the wind and, where the drone flies by this `thrust` (fraction), the
-    /// hover thrust. The drone's own; None before origin and heading are known.
+    /// Smooths new odometry of the autopilot and estimates the wind from it; also the hover thrust, if the drone flies
+    /// at a known `thrust` (fraction). Returns the drone's own odometry; None before origin and heading are known.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -299,7 +282,7 @@ impl DroneEstimate {
         headers: &mut OutputHeaders,
     ) -> Option<DroneState> {
         self.heading.watch(&reported);
-        // Before its heading is aligned, its directions are anybody's.
+        // Before the heading is aligned, directions are arbitrary.
         reported.datum = self.origin.datum.filter(|_| self.heading.was_aligned())?;
         let counted = core::mem::replace(&mut self.resets, self.assembler.resets) != self.assembler.resets;
         let scale = self.origin.map_scale(firmware);
@@ -314,7 +297,7 @@ impl DroneEstimate {
         let before = self.smooth.jumps();
         let mut state = self.smooth.step(&reported, counted);
         if state.check().is_err() {
-            // Its jumps have led the frame beyond all bounds.
+            // The sum of the jumps has moved positions out of the message's bounds.
             self.restart();
             state = self.smooth.step(&reported, false);
         }
@@ -328,22 +311,22 @@ impl DroneEstimate {
         self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
         Some(state)
     }
-    /// Height of the feet above the deck, m, the drone's speed relative to it, and that away from it along its normal, m/s; None
-    /// while drone or deck is unknown.
+    /// Height of the feet above the deck, m, the drone's speed relative to it, m/s, and its speed away from the deck
+    /// along the normal, m/s; None while drone or deck is unknown.
     pub(super) fn relative_to(&self, now: DroneTime, deck: Option<DeckStage>) -> Option<(f64, f64, f64)> {
         let (state, deck) = (self.fresh(now)?, deck?);
         let height = deck.height_of(&state.position()) - self.feet_below_m;
         let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
         Some((height, speed, deck.speed_away(&state.velocity())))
     }
-    /// A set-point in the frame of the autopilot with this firmware.
+    /// Transforms a set-point to the frame of the autopilot with this firmware.
     pub(super) fn for_autopilot(&self, s: &SetPoint, firmware: Option<Firmware>) -> SetPoint {
         let mut s = self.smooth.for_autopilot(s);
         let scale = self.origin.map_scale(firmware);
         s.position = Vector3::from(s.position).component_div(&scale).into();
         s
     }
-    /// Place of the deck's centre, and its height above the sea, m; None until the origin is known.
+    /// Geodetic position of the deck's centre, and its height above the sea, m; None until the origin is known.
     pub(super) fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
         let (datum, geoid_m) = self.origin.datum.zip(self.origin.geoid_m)?;
         let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
@@ -402,7 +385,7 @@ mod tests {
         assert!((s.specific_force[0] - 1.5).abs() < 1e-12);
         assert!(f.odometry(t(1.01), &r, &c).is_none());
         assert!(f.odometry(t(1.0), &r, &c).is_none());
-        // The samples have ceased.
+        // The inertial samples have stopped.
         assert!(f.odometry(t(1.2), &r, &c).is_none());
         let broken = OdometryReport {
             attitude: [f64::NAN; 4],
@@ -448,7 +431,7 @@ mod tests {
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // No reading, of a rangefinder that states no minimum distance.
+        // A rangefinder without a minimum distance reports an invalid 0 m.
         let none = DistanceReport {
             time_ms: 0,
             range_m: 0.0,

@@ -1,5 +1,5 @@
 //! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's state and
-//! for each alarm, and four named values at a low rate. The heartbeat of the companion is with the periodic messages.
+//! for each alarm, and four named values at a low rate. The companion's heartbeat is one of the periodic messages.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
@@ -16,45 +16,39 @@ use super::station::StationOrders;
 use super::station_parameters::StationParameters;
 use super::{AutopilotOut, DroneTime};
 
-/// Period of the named values.
 const VALUES: Span = Span::from_millis(500);
-/// A mission that waits for one thing for this long reports it.
+/// Time for which the mission waits for one condition before that is reported.
 const WAITS: Span = Span::from_millis(3000);
-/// An abort or a hold where a climb would meet the deck harder than the landing does.
+/// Text for an abort or hold ordered so low that a climb would hit the deck harder than the landing does.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
-/// Name of the distance between the drone's and the deck's centre, m.
+/// Name of the value for the distance between the centres of drone and deck, m.
 pub const DISTANCE: &str = "deck_m";
-/// Name of the age of the newest vessel estimate that the forecast rests on, s.
+/// Name of the value for the age of the vessel estimate behind the forecast, s.
 pub const AGE: &str = "link_age_s";
-/// Names of the true wind's speed, m/s, and of where it comes from, deg.
+/// Names of the values for the true wind's speed, m/s, and the direction that it comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
-/// Reports sent so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct GroundReports {
-    /// The state, and when it was entered.
     entered: Option<(State, DroneTime)>,
-    /// Condition that the mission waits for, since when, and whether that was reported.
+    /// Condition that the mission waits for, start of the wait, and whether it was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
-    /// Why the newest order is not carried out, while the mission states it.
+    /// Reason why the newest order is not carried out, as last reported.
     rejected: Option<ReasonCode>,
     relative: RelativeReports,
     values: Periodic<DroneClock>,
 }
 
 impl AutopilotOut {
-    /// Something that whoever watches has to know at once, here and at a ground station.
     pub(super) fn alarm(&mut self, severity: u8, text: String) {
         self.messages.push(status_text(severity, &text));
         self.texts.push(text);
     }
-    /// A command to the autopilot.
     pub(super) fn send(&mut self, command: CommandLong) {
         self.messages.push(MavlinkMessage::Command(command));
     }
 }
 
-/// Operators at a ground station and at the remote control.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Operators {
     pub(super) reports: GroundReports,
@@ -64,14 +58,14 @@ pub(super) struct Operators {
 }
 
 impl Operators {
-    /// An order of the remote control's switch or of a ground station to the mission, an abort first.
+    /// Publishes an order of the remote control's switch or of a ground station; an abort comes first.
     pub(super) fn publish_order(&mut self, now: DroneTime, m: Option<&MissionState>, out: &mut AutopilotOut) {
-        let (by_switch, refused) = if self.station.aborts() {
+        let (by_switch, rejection) = if self.station.aborts() {
             (None, None)
         } else {
             self.switch.poll(now, m)
         };
-        if let Some(text) = refused {
+        if let Some(text) = rejection {
             out.alarm(severity::WARNING, text);
         }
         if by_switch.is_some() {
@@ -90,7 +84,7 @@ impl Operators {
 }
 
 impl GroundReports {
-    /// Reports changes of the mission's state and of the relative place, and the named values when they are due.
+    /// Reports changes of the mission's state and of the moving base, and the named values when they are due.
     pub(super) fn publish(
         &mut self,
         now: DroneTime,
@@ -111,7 +105,6 @@ impl GroundReports {
         }
         let time_ms = (clock.remote_time_us(now, now) / 1000) as u32;
         let wind = estimate.state.and_then(|s| s.wind).map(Wind::towards);
-        // From the drone to the deck's centre.
         let apart = (estimate.fresh(now).zip(inputs.deck(now)))
             .map(|(state, deck)| (Vector3::from(deck.position) - state.position()).norm());
         let values = [
@@ -129,7 +122,7 @@ impl GroundReports {
                 })
             }));
     }
-    /// A text for a state that was entered, else for what is waited for.
+    /// Text for a new state, otherwise for the awaited condition.
     fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<MavlinkMessage> {
         if self.entered != Some((m.state, m.since)) {
             self.entered = Some((m.state, m.since));
@@ -152,7 +145,7 @@ impl GroundReports {
             }
             waiting => {
                 let nothing = matches!(code, ReasonCode::None | ReasonCode::NotCommanded);
-                // Whoever stopped it sees it go on down, and learns at once that it does so on purpose.
+                // The operator who stopped it sees the drone descend, and is informed at once that this is intended.
                 let stopped = code == ReasonCode::CompletesLanding;
                 *waiting = Some((code, now, nothing || stopped));
                 return stopped.then(|| status_text(severity::WARNING, STOPPED_LOW));
@@ -166,7 +159,6 @@ impl GroundReports {
     }
 }
 
-/// Severity of a state that was entered, for ground stations.
 fn severity_of(m: &MissionState) -> u8 {
     match m.state {
         _ if m.was_entered_in_trouble() => severity::WARNING,
@@ -187,7 +179,7 @@ fn severity_of(m: &MissionState) -> u8 {
     }
 }
 
-/// A text in ASCII characters; one of more than a STATUSTEXT's goes out in several.
+/// ASCII text; a text longer than a STATUSTEXT is sent in several.
 fn status_text(severity: u8, text: &str) -> MavlinkMessage {
     let ascii = |c: char| match c {
         '²' => '2',

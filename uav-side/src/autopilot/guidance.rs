@@ -1,8 +1,8 @@
-//! The end of a landing that the autopilot flies by itself, towards the deck that is sent to it: where the operator allows that,
-//! the disarm that its land detector, made for ground that lies still, does not give.
+//! Disarm after a landing that the autopilot flies by itself to the deck that Alight sends. It is optional, and
+//! replaces the autopilot's land detector, which is made for ground at rest.
 //!
-//! The mission detects no touchdown for it, so the evidence is that of [`super::disarm`] with the deck's forecast in any
-//! case, for longer, and on a drone that goes with the deck.
+//! The mission detects no touchdown in such a landing. The evidence is that of [`super::disarm`]; in addition it needs
+//! the deck's forecast, a longer duration and a drone that moves with the deck.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -11,15 +11,14 @@ use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_
 use super::message::severity;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// The evidence holds for so long, s: a drone that hovers low over a deck in waves is left by it sooner.
+/// Duration of the evidence, s: a drone that hovers low over a deck in waves does not meet it for that long.
 const HOLD_S: f64 = 1.0;
 
 impl AutopilotLink {
-    /// Disarms a drone that the autopilot has landed by itself, where that is configured.
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
-        // A landing of the autopilot's own needs no mission; one that looks on commands nothing.
+        // The autopilot's own landing needs no mission; in shadow mode nothing is commanded.
         if !(c.own_landing && !self.inputs.looks_on() && self.peer.as_ref().is_some_and(lands)) {
             self.disarm.own_landing.clear();
             return;
@@ -28,7 +27,7 @@ impl AutopilotLink {
         let known = found.forecast_height.is_some() && found.thrust.is_some();
         let evidence = ContactEvidence {
             landing: known,
-            // Nothing is commanded, and its own opinion is what cannot be waited for.
+            // Nothing is commanded, and the autopilot's own land detector is what this replaces.
             commanded_low: false,
             reports_on_ground: false,
             ..found
@@ -42,7 +41,7 @@ impl AutopilotLink {
         };
         if self.disarm.own_landing.step(now, &evidence, &lasting) == DisarmDecision::Command {
             if self.disarm.own_landing.sent() == 1 {
-                let text = "on the deck by the autopilot's own landing: disarms".to_owned();
+                let text = "the autopilot has landed on the deck by itself: disarms".to_owned();
                 out.alarm(severity::NOTICE, text);
             }
             self.command_disarm(self.disarm.own_landing.sent(), out);

@@ -1,9 +1,10 @@
-//! Whether the autopilot's heading is aligned: nothing is flown on one that is not.
+//! Alignment of the autopilot's heading; Alight does not fly before it is aligned.
 //!
-//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the magnetometer 0.4 to
-//! 2 s later, by up to 180 deg. Both fuse GNSS only once tilt and heading are aligned, so that an estimator which reports its
-//! position as absolute has aligned them (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`: `yawAlignComplete`).
-//! Of a firmware that reports no status the heading itself is watched: it counts once it has not jumped for [`STEADY_S`].
+//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the magnetometer
+//! 0.4 to 2 s later, by up to 180 deg. Both fuse GNSS only after tilt and heading are aligned, so an estimator that
+//! reports an absolute position has aligned them (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`:
+//! `yawAlignComplete`). For firmware without a status report the heading itself is monitored: it is aligned once it has
+//! not jumped for [`STEADY_S`].
 
 use alight_shared::msg::DroneState;
 use alight_shared::time::Span;
@@ -13,32 +14,29 @@ use super::DroneTime;
 use super::message::estimator;
 use crate::odometry::origin::yaw_jump;
 
-/// A status counts for so long.
 const STATUS_STALE: Span = Span::from_millis(3000);
-/// Without any status: a heading that has not jumped for so long, s. Five times the latest alignment measured.
+/// Time without a jump after which a heading without a status counts as aligned, s: five times the longest alignment
+/// measured.
 const STEADY_S: f64 = 10.0;
 
-/// State of the heading's alignment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeadingAlignment {
-    /// The newest status: the heading is aligned.
+    /// Time of the newest status, and whether the heading was aligned.
     status: Option<(DroneTime, bool)>,
-    /// The last attitude with its rates.
     last: Option<(DroneTime, UnitQuaternion<f64>, Vector3<f64>)>,
-    /// Since when the heading has not jumped.
     steady_since: Option<DroneTime>,
     was_aligned: bool,
 }
 
 impl HeadingAlignment {
-    /// The estimator's status, bits of [`estimator`].
+    /// Processes the estimator's status, which has the bits of [`estimator`].
     pub(crate) fn status(&mut self, now: DroneTime, flags: u16) {
         let needed = estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS;
         let aligned = flags & needed == needed;
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
-    /// The autopilot's own odometry.
+    /// Checks the heading in the autopilot's odometry for jumps.
     pub(crate) fn watch(&mut self, d: &DroneState) {
         let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
         let jumped = self.last.is_some_and(|(then, before, turned)| {
@@ -54,19 +52,18 @@ impl HeadingAlignment {
             .is_some_and(|since| (at - since).secs() >= STEADY_S);
         self.was_aligned |= self.status.is_none() && steady;
     }
-    /// The autopilot's own odometry arrives, the newest no older than `limit_s`.
+    /// Whether the newest odometry of the autopilot is no older than `limit_s`.
     pub(crate) fn is_watched(&self, now: DroneTime, limit_s: f64) -> bool {
         self.last.is_some_and(|(at, ..)| (now - at).secs() <= limit_s)
     }
-    /// The link before this one flew by it.
     pub(crate) fn resume(&mut self) {
         self.was_aligned = true;
     }
-    /// It was aligned once: odometry and set-points are of one heading, but for jumps.
+    /// Whether the heading was aligned once: odometry and set-points then have the same heading, apart from jumps.
     pub(crate) fn was_aligned(&self) -> bool {
         self.was_aligned
     }
-    /// A landing may begin by it.
+    /// Whether a landing may begin.
     pub(crate) fn is_aligned(&self, now: DroneTime) -> bool {
         match self.status {
             Some((at, aligned)) if now - at <= STATUS_STALE => aligned,
@@ -95,7 +92,7 @@ mod tests {
     #[test]
     fn alignment_by_the_estimators_status() {
         let mut h = HeadingAlignment::default();
-        // PX4 before: tilt, height, position held where it is.
+        // Before the alignment PX4 reports tilt, height and constant position.
         h.status(
             at(1.0),
             estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,
@@ -104,7 +101,7 @@ mod tests {
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
         h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
         assert!(h.was_aligned() && h.is_aligned(at(21.0)));
-        // Lost in flight: what flies goes on, nothing begins.
+        // Alignment lost in flight: a flight continues, but no landing begins.
         h.status(at(30.0), estimator::ATTITUDE);
         assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
     }

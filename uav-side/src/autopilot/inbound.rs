@@ -1,4 +1,4 @@
-//! Inbound messages: heartbeats, clocks, samples, answers.
+//! Inbound messages: heartbeats, clocks, samples and answers.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
@@ -13,11 +13,12 @@ use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
-/// Another autopilot is accepted when the first was silent for this long, and counts as received for so long, s.
+/// Silence of the first autopilot after which another one is accepted, and time after its last heartbeat for which
+/// another one is considered present, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
-    /// Takes a frame of the link. True when it reported the autopilot's mode: a heartbeat, mostly.
+    /// Processes a frame. Returns whether it reported the autopilot's mode, mostly in a heartbeat.
     pub(super) fn receive(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         if let MavlinkMessage::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
@@ -92,7 +93,7 @@ impl AutopilotLink {
             MavlinkMessage::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
                 peer.on_mode(*custom_mode);
-                // It reports the mode as well as a heartbeat does.
+                // Reports the mode like a heartbeat.
                 return true;
             }
             MavlinkMessage::Landed { state } => {
@@ -164,7 +165,7 @@ impl AutopilotLink {
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
-            // Meant for others.
+            // Addressed to others.
             MavlinkMessage::ParameterList { .. }
             | MavlinkMessage::ParameterRequest { .. }
             | MavlinkMessage::ParameterSet { .. }
@@ -202,13 +203,12 @@ impl AutopilotLink {
         out.ranges.extend(newer);
     }
 
-    /// An answer to this address is ours: of this component, or without an address by a firmware that does not state whose.
+    /// Whether an answer is addressed to this component; a firmware may leave the address out.
     fn is_addressed(&self, to: Address) -> bool {
         let own = self.address();
         let is = |stated: u8, own: u8| stated == 0 || stated == own;
         is(to.system, own.system) && is(to.component, own.component)
     }
-    /// The answer to a command of ours.
     fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
         let Some(peer) = &mut self.peer else { return };
         let (departure, d) = (&mut self.commands.departure, &self.disarm);
@@ -221,7 +221,7 @@ impl AutopilotLink {
             && result == CommandResult::Accepted
             && departure.disarms() + d.touchdown.sent() + d.alone.sent() + d.own_landing.sent() > 0
         {
-            // PX4's next heartbeat may be a second away.
+            // PX4's next heartbeat may be a second later.
             peer.armed = false;
         } else if matches!(
             command,
@@ -240,7 +240,6 @@ impl AutopilotLink {
         }
     }
 
-    /// An order of an operator, at this place.
     fn on_order(&mut self, now: DroneTime, kind: CommandKind, place: &str, out: &mut AutopilotOut) {
         if kind == CommandKind::Abort {
             self.operators.station.stopped(now);
@@ -249,7 +248,7 @@ impl AutopilotLink {
         out.alarm(severity, format!("{place} commands {order}"));
     }
 
-    /// Takes what a ground station asks of the companion itself; false where it is something else.
+    /// Answers a ground station's request to the companion; false for other frames.
     fn asked_by_station(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         let own = self.address();
         if let MavlinkMessage::Command(c) = &frame.message
@@ -275,7 +274,7 @@ impl AutopilotLink {
             self.on_command(now, frame.from, &asked, out);
             return true;
         }
-        // A station asks for the list of all components at once.
+        // A ground station requests the parameters of all components at once.
         if let MavlinkMessage::ParameterList { to } = &frame.message
             && (*to == own || *to == Address::new(own.system, message::ALL_COMPONENTS))
         {
@@ -297,7 +296,7 @@ impl AutopilotLink {
         false
     }
 
-    /// A command to us: an order to the mission, or none of ours.
+    /// Processes a command to this component: an order to the mission, or an unknown command.
     fn on_command(&mut self, now: DroneTime, from: Address, asked: &StationCommand, out: &mut AutopilotOut) {
         let command = asked.number;
         let answer = |result| MavlinkMessage::CommandAck {
@@ -310,7 +309,7 @@ impl AutopilotLink {
             CommandOutcome::Answered(result) => out.messages.push(answer(result)),
             CommandOutcome::Rejected(result, why) => {
                 out.messages.push(answer(result));
-                let text = format!("not taken: {why}: an order of ground station {}", from.system);
+                let text = format!("rejected an order of ground station {}: {why}", from.system);
                 out.alarm(severity::WARNING, text);
             }
             CommandOutcome::Order(kind) => {
@@ -323,17 +322,17 @@ impl AutopilotLink {
         }
     }
 
-    /// The autopilot of the vehicle that is to be flown has this address.
+    /// Whether this is the address of the configured vehicle's autopilot.
     pub(super) fn accepts(&self, from: Address) -> bool {
         let wanted = self.config.vehicle;
         from.component == message::AUTOPILOT_COMPONENT && (wanted == 0 || wanted == from.system)
     }
 
-    /// The system of another vehicle's autopilot that was received recently, where none is configured.
+    /// System number of another vehicle's autopilot received recently, when none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
         let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.others.autopilot?);
-        let lately = (now - at).secs() <= OTHER_AFTER_S;
-        (lately && system != own).then_some(system)
+        let recent = (now - at).secs() <= OTHER_AFTER_S;
+        (recent && system != own).then_some(system)
     }
 
     fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &Heartbeat) -> bool {
@@ -363,7 +362,6 @@ impl AutopilotLink {
         true
     }
 
-    /// New odometry of the autopilot: publishes the drone's own.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
         let Some(reported) = reported else { return };
         let up = |p: &MavlinkPeer| p.armed && p.landed(now) != LandedState::OnGround;
@@ -376,11 +374,10 @@ impl AutopilotLink {
     }
 }
 
-/// Nanoseconds of microseconds; saturates.
+/// Microseconds in ns; saturates.
 fn micros(us: u64) -> i64 {
     i64::try_from(us).unwrap_or(i64::MAX).saturating_mul(1000)
 }
-/// Nanoseconds of milliseconds.
 fn millis(ms: u32) -> i64 {
     i64::from(ms).saturating_mul(1_000_000)
 }

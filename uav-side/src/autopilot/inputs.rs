@@ -1,5 +1,5 @@
-//! Messages of the other nodes, the newest of each; and shadow mode, in which the pilot's are compared with the drone's motion, and
-//! nothing is commanded.
+//! Newest message of each of the other nodes, and shadow mode: the pilot node's set-points are compared with the
+//! drone's motion, and nothing is commanded.
 
 use alight_shared::admission::Latest;
 use alight_shared::msg::{
@@ -13,18 +13,17 @@ use nalgebra::{Vector2, Vector3};
 use super::{AutopilotIn, DroneTime};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 
-/// Messages of the other nodes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LinkInputs {
     set_point: Latest<SetPoint>,
     pub(super) mission: Latest<MissionState>,
-    /// Landing mode of the mission, by its newest state however old; None: no state was received.
+    /// Landing mode in the mission's newest state, at any age; None before the first state.
     pub(super) mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 }
 
 impl LinkInputs {
-    /// Takes those of a step: whether the mission was aborted, and whether the set-point is a new one.
+    /// Stores the messages of a step. Returns whether the mission was aborted, and whether the set-point is new.
     pub(super) fn take(&mut self, now: DroneTime, input: &AutopilotIn) -> [bool; 2] {
         let before = self.mission.get().and_then(|m| m.abort);
         let mission = (input.mission.as_ref()).filter(|m| self.mission.offer(now, m));
@@ -45,7 +44,7 @@ impl LinkInputs {
     pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
         self.fresh_mission(now).map(|m| m.state)
     }
-    /// The mission's last report, for as long as the pilot goes on with it.
+    /// The mission's last state, while the pilot node still acts on it.
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
@@ -56,31 +55,32 @@ impl LinkInputs {
     pub(super) fn fresh_forecast(&self, now: DroneTime) -> Option<&DeckForecast> {
         self.forecast.fresh(now, topics::FORECAST.stale_after)
     }
-    /// The deck as forecast for now, for as long as the newest forecast reaches: the pilot flies by no other.
+    /// Forecast deck at `now`, within the horizon of the newest forecast, as the pilot node uses it.
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
     }
-    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s; None: above none.
+    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s.
     pub(super) fn followed_deck(&self, now: DroneTime) -> Option<Vector2<f64>> {
         let follows = self.fresh_mission(now)?.state.phase() == Phase::Follow;
         let known = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
         let deck = self.deck(now).filter(|_| follows && known)?;
         Some(Vector3::from(deck.velocity).xy())
     }
-    /// The deck where it is known by more than a beacon: an unauthenticated position is not passed on.
+    /// The deck unless a beacon is its only source: an unauthenticated position is not passed on.
     pub(super) fn known_deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.fresh_forecast(now)?;
         self.deck(now)
             .filter(|_| forecast.vessel_level() != VesselLevel::Beacon)
     }
-    /// Age of the newest vessel estimate that the forecast rests on, s; None before the first.
+    /// Age of the vessel estimate behind the forecast, s; None before the first.
     pub(super) fn link_age_s(&self, now: DroneTime) -> Option<f64> {
         let forecast = self.forecast.get()?;
         let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
         age_s.is_finite().then_some(age_s)
     }
-    /// Set-points, modes, arming and disarming may be commanded. Before one is received it may be a mission that only looks on.
+    /// Whether set-points, modes, arming and disarming may be commanded. Before its first state the mission may be in
+    /// shadow mode.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
             Some(LandingMode::Land | LandingMode::Match) => true,
@@ -88,13 +88,14 @@ impl LinkInputs {
         }
     }
 
-    /// Nothing may be commanded.
+    /// Whether the mission is in shadow mode.
     pub(super) fn looks_on(&self) -> bool {
         self.mode == Some(LandingMode::Shadow)
     }
 
-    /// Comparison of the pilot's set-point and the drone's motion, while a mission that looks on would fly: angle between
-    /// the two thrust axes and difference of the velocities. (At the same time: the attitude follows a command by its lag.)
+    /// Comparison of the pilot node's set-point with the drone's motion while a shadow mission would fly: angle between
+    /// the thrust axes, and difference of the velocities. (Both at the same time: the attitude follows a command with
+    /// its lag.)
     pub(super) fn shadow(&self, now: DroneTime, own: Option<DroneState>) -> Option<ShadowComparison> {
         let mission = self.fresh_mission(now);
         mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;

@@ -1,8 +1,8 @@
-//! Messages of MAVLink that Alight uses: SI units, radians, plain enums.
+//! MAVLink messages that Alight uses: SI units, radians, plain enums.
 //!
-//! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind
-//! [`super::wire`], so a new release of the crate, or another dialect, changes one file, and a test
-//! can play an autopilot without a byte. Numbers are those of MAVLink's `common` dialect.
+//! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind [`super::wire`], so
+//! that a new release of the crate or another dialect changes one file, and a test can simulate an autopilot without
+//! bytes. Numbers are those of MAVLink's `common` dialect.
 
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
@@ -13,17 +13,13 @@ use super::place_report::{AisReport, PlaceReport};
 use super::receiver::RelativeReport;
 pub use numbers::{command, estimator, id, severity};
 
-/// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
-    /// Number of the vehicle.
     pub system: u8,
-    /// Component; 1 is the autopilot.
     pub component: u8,
 }
 
 impl Address {
-    /// A component of a system.
     pub const fn new(system: u8, component: u8) -> Address {
         Address { system, component }
     }
@@ -44,7 +40,7 @@ pub const ARDUPILOT: u8 = 3;
 /// `MAV_AUTOPILOT_PX4`.
 pub const PX4: u8 = 12;
 
-/// Outputs of a set that Alight reads: those of an octorotor.
+/// Number of outputs of a set that Alight reads: those of an octorotor.
 pub const OUTPUTS: usize = 8;
 
 /// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
@@ -55,47 +51,39 @@ pub const CUSTOM_MODE: u8 = 1;
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 pub const ARMED: u8 = 128;
 
-/// The answer to a command (`MAV_RESULT`).
+/// Result of a command (`MAV_RESULT`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CommandResult {
-    /// Done.
     Accepted,
-    /// Not now; may work later.
+    /// Rejected for now; a repetition may succeed.
     TemporarilyRejected,
-    /// Never in this state.
+    /// Rejected; a repetition in the same state fails as well.
     Denied,
-    /// Unknown to the autopilot.
     Unsupported,
-    /// Tried, and failed.
     Failed,
-    /// Being done.
     InProgress,
-    /// Any other answer.
     Other,
 }
 
-/// The frame of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum VelocityFrame {
-    /// The NED of the position.
+    /// NED frame of the position.
     Ned,
-    /// The body: forward, right, down.
+    /// Body frame: forward, right, down.
     Body,
 }
 
-/// A command with its seven parameters.
+/// `COMMAND_LONG`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CommandLong {
     pub to: Address,
     pub command: u16,
-    /// Number of repetitions.
     pub confirmation: u8,
-    /// Parameters of the command.
     pub parameters: [f64; 7],
 }
 
 impl CommandLong {
-    /// A command whose first parameters are `first` and whose others are zero.
+    /// Command with the first parameters `first`; the others are zero.
     pub fn new<const N: usize>(to: Address, command: u16, first: [f64; N]) -> CommandLong {
         let mut parameters = [0.0; 7];
         parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
@@ -106,20 +94,20 @@ impl CommandLong {
             parameters,
         }
     }
-    /// The command number `sent` that stops the motors by force.
+    /// Forced disarm, number `sent` of a series.
     pub(crate) fn disarm(to: Address, sent: u32) -> CommandLong {
         CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }
     }
-    /// The command that chooses the mode with this main and sub number of the firmware.
+    /// Command to enter the firmware's mode with this main mode and sub-mode.
     pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
         CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])
     }
 }
 
-/// A position set-point: all of position, velocity, acceleration, yaw and yaw rate are to be used.
+/// Position set-point; all of position, velocity, acceleration, yaw and yaw rate are used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionTarget {
     pub to: Address,
@@ -135,19 +123,18 @@ pub struct PositionTarget {
     pub yaw_rate: f64,
 }
 
-/// An attitude set-point with thrust.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AttitudeThrustTarget {
     pub to: Address,
     /// NED from body, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
-    /// Body rates, rad/s; None: not to be used.
+    /// Body rates, rad/s; None if unused.
     pub rates: Option<[f64; 3]>,
     /// Collective thrust as the autopilot commands it, 0 to 1.
     pub thrust: f64,
 }
 
-/// The vehicle's pose and motion with their covariance, from the autopilot (`ODOMETRY`).
+/// Pose and motion of the vehicle with their covariance (`ODOMETRY`).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OdometryReport {
     /// Autopilot's time, us.
@@ -158,13 +145,12 @@ pub struct OdometryReport {
     pub attitude: [f64; 4],
     /// m/s.
     pub velocity: [f64; 3],
-    /// Frame of `velocity`.
     pub frame: VelocityFrame,
     /// Body, rad/s.
     pub rates: [f64; 3],
     /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not reported.
     pub variances: Option<[[f64; 3]; 3]>,
-    /// Counts jumps of the estimate.
+    /// Number of jumps of the estimate.
     pub resets: u8,
 }
 
@@ -176,7 +162,7 @@ pub struct Heartbeat {
     pub vehicle: u8,
     /// `MAV_MODE_FLAG` bits.
     pub base_mode: u8,
-    /// The autopilot's own number of its mode.
+    /// Mode number of the firmware.
     pub custom_mode: u32,
 }
 
@@ -213,51 +199,50 @@ pub struct ImuReport {
     pub gyro: [f64; 3],
 }
 
-/// A parameter's value as it stands in the message: what the bits mean depends on the firmware.
+/// Parameter value as sent; the meaning of the bits depends on the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ParameterValue {
     /// The message's float.
     pub bits: u32,
-    /// It is of an integer type, by the message.
+    /// Whether the message declares an integer type.
     pub integer: bool,
 }
 
-/// `DISTANCE_SENSOR` that looks down.
+/// `DISTANCE_SENSOR` that points down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DistanceReport {
     /// Autopilot's time, ms.
     pub time_ms: u32,
     /// m.
     pub range_m: f64,
-    /// Minimum and maximum distance that it can measure, m.
+    /// Minimum and maximum measurable distance, m.
     pub limits_m: [f64; 2],
-    /// m²; None when not known.
+    /// m²; None when unknown.
     pub variance: Option<f64>,
 }
 
-/// Pulses of the remote control, as the autopilot's receiver has them.
+/// Pulses of the remote control, from the autopilot's receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RcChannels {
-    /// Channels that it has.
     pub count: u8,
-    /// Pulse of each channel, us; 65535: not there.
+    /// Pulse of each channel, us; 65535: no such channel.
     pub pulses_us: [u16; 18],
 }
 
-/// The frame of a landing target's position (`MAV_FRAME`).
+/// Frame of a landing target's position (`MAV_FRAME`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TargetFrame {
-    /// `MAV_FRAME_LOCAL_NED`: the autopilot's NED, from its origin.
+    /// `MAV_FRAME_LOCAL_NED`: the autopilot's NED, relative to its origin.
     LocalNed,
-    /// `MAV_FRAME_BODY_FRD`: from the vehicle, along its forward, right and down axes.
+    /// `MAV_FRAME_BODY_FRD`: relative to the vehicle, along its body axes.
     BodyFrd,
-    /// `MAV_FRAME_LOCAL_FRD`: from the vehicle, forward by its heading, right and down, level.
+    /// `MAV_FRAME_LOCAL_FRD`: relative to the vehicle, level, forward along its heading.
     LocalFrd,
 }
 
 impl TargetFrame {
     pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
-    /// `MAV_FRAME` of the frame.
+    /// Number of the frame in `MAV_FRAME`.
     pub const fn number(self) -> u8 {
         match self {
             TargetFrame::LocalNed => 1,
@@ -270,72 +255,64 @@ impl TargetFrame {
 /// `LANDING_TARGET` with a position (`position_valid` 1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandingTarget {
-    /// PX4: our time, which it converts; ArduPilot: its own; us.
+    /// us; PX4: our time, which it converts; ArduPilot: its own time.
     pub time_us: u64,
-    /// Frame of position and attitude.
     pub frame: TargetFrame,
     /// Deck's centre, m.
     pub position: [f64; 3],
-    /// From the vehicle to the deck's centre, m; 0: not stated.
+    /// Distance from the vehicle to the deck's centre, m; 0: not stated.
     pub distance_m: f64,
-    /// That frame from deck (w, x, y, z).
+    /// Rotation from the deck to `frame` (w, x, y, z).
     pub attitude: [f64; 4],
     /// Size of the tag, m.
     pub size_m: f64,
 }
 
-/// `TARGET_RELATIVE`: a target as the vehicle sees it.
+/// `TARGET_RELATIVE`: a target detected by the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetRelative {
     /// Our time, us.
     pub time_us: u64,
-    /// From the vehicle, NED, m.
+    /// Relative to the vehicle, NED, m.
     pub position: [f64; 3],
-    /// Standard deviations of the position, m.
     pub position_sd: [f64; 3],
     /// NED from target (w, x, y, z).
     pub attitude: [f64; 4],
-    /// Standard deviation of its heading, rad.
+    /// Standard deviation of the heading, rad.
     pub yaw_sd: f64,
 }
 
-/// `TARGET_ABSOLUTE`: a target as its own receiver has it.
+/// `TARGET_ABSOLUTE`: a target whose own receiver measures its position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetAbsolute {
     /// Our time, us.
     pub time_us: u64,
-    /// Place of the system; height above the sea.
+    /// Height above the sea.
     pub place: Datum,
-    /// Standard deviations of that, horizontal and vertical, m.
+    /// Standard deviations of the place, horizontal and vertical, m.
     pub place_sd: [f64; 2],
     /// NED, m/s.
     pub velocity: [f64; 3],
-    /// Standard deviations of the velocity, m/s.
     pub velocity_sd: [f64; 3],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum MavlinkMessage {
     Heartbeat(Heartbeat),
-    /// Question (`remote_ns` zero) or answer about clocks.
+    /// Request (`remote_ns` zero) or answer of the clock synchronisation.
     Timesync {
-        /// `tc1`: the answering clock, ns; 0 in a question.
+        /// `tc1`: clock of the answering side, ns; 0 in a request.
         remote_ns: i64,
-        /// `ts1`: the asking clock, ns.
+        /// `ts1`: clock of the requesting side, ns.
         local_ns: i64,
     },
     Odometry(OdometryReport),
-    /// `LOCAL_POSITION_NED`.
     LocalPosition(PositionReport),
-    /// `ATTITUDE_QUATERNION`.
     Attitude(AttitudeReport),
-    /// `HIGHRES_IMU`, or `SCALED_IMU` in SI.
     Imu(ImuReport),
-    /// `DISTANCE_SENSOR` that looks down.
     Distance(DistanceReport),
-    /// `CURRENT_MODE`: the mode in force, sent when it changes.
+    /// `CURRENT_MODE`: the present mode, sent when it changes.
     Mode {
-        /// As in the heartbeat.
         custom_mode: u32,
     },
     /// `EXTENDED_SYS_STATE`: `MAV_LANDED_STATE`.
@@ -345,23 +322,21 @@ pub enum MavlinkMessage {
     },
     /// `BATTERY_STATUS`.
     Battery {
-        /// Which of several.
         number: u8,
-        /// Remaining, 0 to 1; None when not reported.
+        /// Remaining charge, 0 to 1; None when not reported.
         remaining: Option<f64>,
         /// V; None when not reported.
         voltage_v: Option<f64>,
         /// A; None when not reported.
         current_a: Option<f64>,
     },
-    /// `SERVO_OUTPUT_RAW`: what the autopilot's outputs give.
+    /// `SERVO_OUTPUT_RAW`: signals at the autopilot's outputs.
     Outputs {
-        /// Which of its sets of outputs.
         port: u8,
         /// Pulses, us, or the numbers of a digital protocol; 0: none.
         pulses_us: [u16; OUTPUTS],
     },
-    /// `ATTITUDE_TARGET`: the present reference of the autopilot's attitude loop.
+    /// `ATTITUDE_TARGET`: present reference of the autopilot's attitude loop.
     AttitudeTargetThrust {
         /// Collective, 0 to 1.
         thrust: f64,
@@ -375,7 +350,7 @@ pub enum MavlinkMessage {
         to: Address,
         /// At most 16 characters.
         name: String,
-        /// In place of the name.
+        /// If given, the parameter is requested by this index and the name is ignored.
         index: Option<u16>,
     },
     /// `PARAM_SET`.
@@ -383,73 +358,68 @@ pub enum MavlinkMessage {
         to: Address,
         /// At most 16 characters.
         name: String,
-        /// Value of the parameter.
         value: ParameterValue,
     },
     /// `PARAM_VALUE`.
     Parameter {
         /// At most 16 characters.
         name: String,
-        /// Value of the parameter.
         value: ParameterValue,
         /// Index among the sender's parameters.
         index: u16,
-        /// Number of the sender's parameters.
         count: u16,
     },
-    /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
+    /// `GPS_GLOBAL_ORIGIN`: origin of the autopilot's NED; height above mean sea level.
     Origin(Datum),
-    /// `HOME_POSITION`: destination of its return mode; height above mean sea level.
+    /// `HOME_POSITION`: destination of the return mode; height above mean sea level.
     Home(Datum),
-    /// `GPS_RAW_INT`: the receiver's height above mean sea level and above the ellipsoid, m; the latter 0 where it is not
-    /// known.
+    /// `GPS_RAW_INT`: GNSS height above mean sea level and above the ellipsoid, m; the latter 0 when unknown.
     GnssHeights {
         /// `alt`.
         sea_m: f64,
         /// `alt_ellipsoid`.
         ellipsoid_m: f64,
     },
-    /// `GLOBAL_POSITION_INT`: where a system is.
+    /// `GLOBAL_POSITION_INT`: position of a system.
     GlobalPosition(PlaceReport),
-    /// `FOLLOW_TARGET`: where a phone or a ground station is.
+    /// `FOLLOW_TARGET`: position of a phone or a ground station.
     FollowTarget(PlaceReport),
-    /// `AIS_VESSEL`, or a sentence of an AIS receiver: where a vessel is.
+    /// `AIS_VESSEL` or a sentence of an AIS receiver: position of a vessel.
     Ais(AisReport),
-    /// No message of MAVLink: a report of the drone's own GNSS receiver.
+    /// Report of the drone's own GNSS receiver; not a MAVLink message.
     RelativePlace(RelativeReport),
-    /// `GPS_RTCM_DATA`: a frame of RTCM for the autopilot's receiver, or a fragment of one.
+    /// `GPS_RTCM_DATA`: RTCM frame for the autopilot's receiver, or a fragment of one.
     Rtcm {
-        /// Bit 0: fragmented; bits 1 and 2: number of the fragment; bits 3 to 7: number of the frame.
+        /// Bit 0: fragmented; bits 1 and 2: fragment number; bits 3 to 7: frame number.
         flags: u8,
         /// At most 180 bytes.
         data: Vec<u8>,
     },
-    /// `COMMAND_LONG`.
     Command(CommandLong),
     CommandInt {
         to: Address,
         command: u16,
-        /// First four parameters of the command; no order of ours has a place on earth.
+        /// First four parameters of the command; Alight's orders have no geodetic position.
         first: [f64; 4],
     },
     CommandAck {
         command: u16,
         result: CommandResult,
-        /// Whoever gave the command; zeros: not stated.
+        /// Sender of the acknowledged command; zeros if not stated.
         to: Address,
     },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
     Position(PositionTarget),
     /// `SET_ATTITUDE_TARGET`.
     AttitudeThrust(AttitudeThrustTarget),
-    /// `LANDING_TARGET`: the deck for the autopilot's own guidance.
+    /// `LANDING_TARGET`: deck for the autopilot's own guidance.
     LandingTarget(LandingTarget),
-    /// `TARGET_RELATIVE`: the same for PX4's vision target estimator ...
+    /// `TARGET_RELATIVE`: deck for PX4's vision target estimator, as a detected marker.
     TargetRelative(TargetRelative),
-    /// `TARGET_ABSOLUTE`: ... and as if a receiver stood on the deck.
+    /// `TARGET_ABSOLUTE`: deck for PX4's vision target estimator, as a receiver on the deck.
     TargetAbsolute(TargetAbsolute),
-    /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. Not `ODOMETRY`, which an autopilot would
-    /// take for a measurement of its own pose.
+    /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. An autopilot would take `ODOMETRY` for a measurement of
+    /// its own pose.
     Deck {
         /// Autopilot's time, us.
         time_us: u64,
@@ -457,40 +427,35 @@ pub enum MavlinkMessage {
         /// standard deviation of the position (m).
         values: [[f64; 3]; 5],
     },
-    /// `SYS_STATUS`: sensors by the bits of `MAV_SYS_STATUS_SENSOR`.
+    /// `SYS_STATUS`: sensors as bits of `MAV_SYS_STATUS_SENSOR`.
     SystemStatus {
-        /// That are there.
         present: u32,
-        /// That work.
         healthy: u32,
     },
-    /// `ESTIMATOR_STATUS`: what PX4's estimator knows, bits of [`estimator`].
+    /// `ESTIMATOR_STATUS` of PX4, bits of [`estimator`].
     EstimatorStatus {
-        /// `ESTIMATOR_STATUS_FLAGS`.
         flags: u16,
     },
-    /// `EKF_STATUS_REPORT`: the same of ArduPilot's, with the same bits.
+    /// `EKF_STATUS_REPORT` of ArduPilot, with the same bits.
     EkfStatus {
-        /// `EKF_STATUS_FLAGS`.
         flags: u16,
     },
-    /// `MISSION_CURRENT`: how far the autopilot's own mission is.
+    /// `MISSION_CURRENT`: progress of the autopilot's own mission.
     MissionCurrent {
-        /// Items; 0: not stated, 65535: none.
+        /// Number of items; 0: not stated, 65535: no mission.
         total: u16,
         /// `MISSION_STATE`: 0 not stated, 2 not started, 3 active, 4 paused, 5 complete.
         state: u8,
     },
     MissionItemReached {
-        /// Number of the item.
         item: u16,
     },
     /// `RC_CHANNELS`.
     RemoteControl(RcChannels),
-    /// `RC_CHANNELS_OVERRIDE`: the first eight channels as a ground station sets them.
+    /// `RC_CHANNELS_OVERRIDE`: first eight channels, set by a ground station.
     RemoteControlOverride {
         to: Address,
-        /// us; 0: as the receiver has it, 65535: as before.
+        /// Pulse of each channel, us; 0: controlled by the receiver again, 65535: the last value stays in force.
         pulses_us: [u16; 8],
     },
     /// `NAMED_VALUE_FLOAT`.
@@ -508,11 +473,11 @@ pub enum MavlinkMessage {
         /// At most 50 characters.
         text: String,
     },
-    /// `HIL_SENSOR`: a simulator's sensors.
+    /// `HIL_SENSOR` of a simulator.
     HilSensor(HilSensor),
-    /// `HIL_GPS`: a simulator's GNSS.
+    /// `HIL_GPS` of a simulator.
     HilGps(HilGps),
-    /// `HIL_ACTUATOR_CONTROLS`: a firmware's commands to its simulated motors.
+    /// `HIL_ACTUATOR_CONTROLS`: commands of a firmware to its simulated motors.
     HilActuators {
         /// Firmware's time, us.
         time_us: u64,
@@ -523,10 +488,8 @@ pub enum MavlinkMessage {
     },
 }
 
-/// A simulator's inertial sensors, barometer and magnetometer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HilSensor {
-    /// Simulated time, us.
     pub time_us: u64,
     /// Specific force, body, m/s².
     pub accelerometer: [f64; 3],
@@ -535,16 +498,13 @@ pub struct HilSensor {
     /// Body, gauss.
     pub magnetometer: [f64; 3],
     pub pressure_hpa: f64,
-    /// m above sea level by pressure.
+    /// Pressure altitude above sea level, m.
     pub pressure_altitude_m: f64,
-    /// Degrees Celsius.
     pub temperature_degc: f64,
 }
 
-/// A simulator's GNSS.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HilGps {
-    /// Simulated time, us.
     pub time_us: u64,
     /// rad.
     pub latitude: f64,
@@ -554,14 +514,12 @@ pub struct HilGps {
     pub altitude_m: f64,
     /// NED, m/s.
     pub velocity: [f64; 3],
-    /// Reported standard deviations: horizontal, vertical, m.
+    /// Reported standard deviations, horizontal and vertical, m.
     pub sd_m: [f64; 2],
 }
 
-/// A message and its sender.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MavlinkFrame {
-    /// Sender of the message.
     pub from: Address,
     pub message: MavlinkMessage,
 }

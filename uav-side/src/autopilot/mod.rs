@@ -1,15 +1,22 @@
-//! The link to a real autopilot (PX4, ArduCopter) by MAVLink, as a node: messages received in, messages to
-//! send out. It has no socket and no clock, so that a test plays the autopilot on one clock with it; the
-//! process around it is `alight autopilot`.
+//! MAVLink link to an autopilot (PX4, ArduCopter), as a node: received messages in, messages to send out. It has no
+//! socket and no clock, so that a test can simulate the autopilot on the same clock; its process is `alight autopilot`.
 //!
-//! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), `rotors` (whether they follow), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`inputs`] (of the other nodes; a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), `moving_base` (RTCM to the drone's receiver, and its relative place, by [`receiver`]), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
-//! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
+//! Read in this order:
+//! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`];
+//! - `rotors` (spin-up), `heading` (alignment), [`disarm`] and `take_off` (stopping and starting the motors);
+//! - this file (one step), [`inbound`] and [`outbound`] (its two halves), [`inputs`] (messages of the other nodes,
+//!   shadow mode);
+//! - [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and
+//!   their [`orders`]), [`station_parameters`] (mission settings of a ground station);
+//! - [`guidance`] (the autopilot's own landing), [`own_mission`] (its own mission), `beacon` (the vessel's position by
+//!   other systems, with [`ais`]), `moving_base` (RTCM to the drone's receiver and its relative place, with
+//!   [`receiver`]);
+//! - [`checkpoint`], [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (autopilot parameters that a
+//!   landing depends on), and [`wire`] for the bytes.
 //!
-//! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
-//! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
-//! holds in GUIDED (after one of attitude: level, no climb).
+//! Safety does not depend on this node. Without its set-points PX4 leaves OFFBOARD after COM_OF_LOSS_T and enters the
+//! failsafe of COM_OBL_RC_ACT; ArduCopter stops after GUID_TIMEOUT and holds in GUIDED (after an attitude set-point:
+//! level, without climb).
 
 pub mod ais;
 pub mod authority;
@@ -25,7 +32,6 @@ mod guidance;
 mod heading;
 mod inbound;
 mod inputs;
-mod lapse;
 pub mod message;
 pub mod modes;
 mod moving_base;
@@ -39,6 +45,7 @@ pub mod place_report;
 mod rc_switch;
 pub mod receiver;
 mod rotors;
+mod set_point_loss;
 mod station;
 mod station_parameters;
 mod streams;
@@ -80,67 +87,51 @@ use peer::MavlinkPeer;
 
 type DroneTime = Time<DroneClock>;
 
-/// Frames that one step processes, at most.
 pub const MAX_FRAMES: usize = 512;
-/// Texts of the autopilot that one step passes on, at most.
 const MAX_TEXTS: usize = 8;
-/// Our heartbeat's period (MAVLink's usual).
+/// Period of our heartbeat, as usual in MAVLink.
 const HEARTBEAT: Span = Span::from_millis(1000);
-/// Period of the report of a drone that is landed and still armed.
+/// Period of the report that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
-/// Period of the autopilot's state to the other nodes.
 const STATE: Span = Span::from_millis(100);
-/// Confirmation or rejection of our command takes no longer: several heartbeats and requests.
+/// Maximum time until our command is confirmed or rejected: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
 
-/// Input of the link.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotIn {
-    /// From the link, in order of arrival.
+    /// Frames of the link, in order of arrival.
     pub received: Vec<MavlinkFrame>,
-    /// The pilot's set-point.
     pub set_point: Option<SetPoint>,
-    /// The mission's state.
     pub mission: Option<MissionState>,
-    /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// Frames of RTCM of the vessel's receiver.
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
-    /// Checkpoint of a crashed predecessor; boot 0: no checkpoint. Read until this one publishes its own.
+    /// Checkpoint of a crashed predecessor; boot number 0 means that there is no checkpoint. It is read until this link
+    /// publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
 
-/// Output of the link.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotOut {
-    /// Who we are on the link.
     pub from: Address,
-    /// To the link.
     pub messages: Vec<MavlinkMessage>,
-    /// Odometry, smooth, in the order of its time.
+    /// Smoothed odometry, in the order of its time.
     pub odometry: Vec<DroneState>,
-    /// The autopilot's state.
     pub state: Option<AutopilotState>,
-    /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
-    /// For a successor.
     pub checkpoint: Option<LinkCheckpoint>,
-    /// Command of the remote control's switch or a ground station, to the mission.
+    /// Command of the remote control's switch or a ground station, for the mission.
     pub command: Option<Command>,
-    /// Settings of a ground station, to the mission.
     pub settings: Option<SettingsOrder>,
-    /// The vessel's place by another system.
     pub beacon: Option<DeckBeacon>,
-    /// Relative places by the drone's own receiver.
     pub relative: Vec<RelativePlace>,
-    /// Frames of RTCM to that receiver.
+    /// RTCM frames for that receiver.
     pub rtcm: Vec<Vec<u8>>,
-    /// For a person: changes of control authority, denied commands, the autopilot's own texts.
+    /// Texts for operators: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
 
 wiring! {
-    /// Topics that the link reads and writes. Odometry comes last, because it wakes the others.
+    /// Topics that the link reads and writes. Odometry is written last, because it wakes the other nodes.
     AutopilotPorts of AutopilotLink: AutopilotIn => AutopilotOut {
         reads {
             newest set_point: SetPoint,
@@ -163,25 +154,19 @@ wiring! {
     }
 }
 
-/// Metrics of the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkMetrics {
-    /// Uncertainty of a sample's time, s.
     pub clock_uncertainty_s: f64,
-    /// Samples and TIMESYNC answers rejected.
+    /// Rejected samples and TIMESYNC answers.
     pub rejected: u32,
-    /// Restarts of the autopilot's clock.
     pub restarts: u32,
-    /// Hover thrust, 0 to 1.
     pub hover_thrust: f64,
     pub set_points: u32,
-    /// Frames of RTCM passed on.
     pub rtcm_passed_on: u32,
-    /// Frames of RTCM that were too long, too old or damaged, or came before an autopilot was found.
+    /// RTCM frames that were too long, too old or damaged, or arrived before an autopilot was found.
     pub rtcm_dropped: u32,
 }
 
-/// Outputs that the node publishes, each with its own sequence.
 #[derive(Clone, Copy, Debug)]
 enum Output {
     Odometry,
@@ -194,7 +179,6 @@ enum Output {
     Relative,
 }
 
-/// Headers of the outputs.
 #[derive(Clone, Copy, Debug, Default)]
 struct OutputHeaders {
     drone_id: u32,
@@ -203,7 +187,6 @@ struct OutputHeaders {
 }
 
 impl OutputHeaders {
-    /// Header of the next of this output.
     fn next(&mut self, output: Output, at: DroneTime) -> Header<DroneClock> {
         let s = &mut self.sequences[output as usize];
         *s = s.wrapping_add(1);
@@ -218,7 +201,6 @@ struct Timers {
     deck: Periodic<DroneClock>,
 }
 
-/// The link's node.
 #[derive(Clone, Debug, Default)]
 pub struct AutopilotLink {
     config: AutopilotLinkConfig,
@@ -242,7 +224,7 @@ pub struct AutopilotLink {
 }
 
 impl AutopilotLink {
-    /// A link for the drone `geometry`. `attitudes`: the pilot will send attitude set-points.
+    /// Link of a drone with this `geometry`. `attitudes`: whether the pilot node sends attitude set-points.
     pub fn new(
         config: &AutopilotLinkConfig,
         odometry: &OdometryConfig,
@@ -260,11 +242,9 @@ impl AutopilotLink {
         link.stream.attitudes = attitudes;
         link
     }
-    /// Who commands, and why.
     pub fn control_authority(&self) -> ControlAuthority {
         self.authority.control_authority()
     }
-    /// Metrics of the link.
     pub fn metrics(&self, now: DroneTime) -> LinkMetrics {
         LinkMetrics {
             clock_uncertainty_s: self.clock.uncertainty_s(now),
@@ -276,7 +256,7 @@ impl AutopilotLink {
             rtcm_dropped: self.moving_base.dropped,
         }
     }
-    /// Our own address: the vehicle's system, unless configured otherwise.
+    /// Own address: the vehicle's system number, unless configured otherwise.
     fn address(&self) -> Address {
         let system = match self.config.system {
             0 => self.peer.as_ref().map_or(1, |p| p.address.system),
@@ -284,7 +264,6 @@ impl AutopilotLink {
         };
         Address::new(system, self.config.component)
     }
-    /// Receiver of the vessel's RTCM.
     fn rtcm_target(&self) -> RtcmTarget {
         match &self.peer {
             _ if !self.config.receiver.is_empty() => RtcmTarget::Receiver,
@@ -295,12 +274,12 @@ impl AutopilotLink {
     fn firmware(&self) -> Option<Firmware> {
         self.peer.as_ref().map(|p| p.firmware)
     }
-    /// Thrust that the autopilot applies now, as a fraction of its full thrust.
+    /// Thrust that the autopilot applies now, as a fraction of full thrust.
     fn applied_thrust(&self, now: DroneTime) -> Option<f64> {
         let t = self.peer.as_ref()?.thrust_now(now)?;
         Some(thrust::fraction(t, self.config.thrust_curve))
     }
-    /// That as a fraction of the thrust that hovers.
+    /// Thrust that the autopilot applies now, as a fraction of hover.
     fn thrust_of_hover(&self, now: DroneTime) -> Option<f64> {
         self.applied_thrust(now).map(|t| t / self.estimate.hover.value())
     }
@@ -317,18 +296,18 @@ impl AutopilotLink {
             odometry: if e.heading.was_aligned() {
                 (e.state).is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
             } else {
-                // It is not passed on yet.
+                // Before odometry is passed on, the heading has to be observed.
                 e.heading.is_watched(now, self.config.odometry_loss_s)
             },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
-            lapsed: self.stream.lapse.is_lapsed(),
+            set_points_lost: self.stream.loss.is_lost(),
         }
     }
 
-    /// Sends what is due whoever commands: heartbeat, clock, streams, parameters.
+    /// Sends messages that are due under every authority: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if self.timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
             out.messages.push(MavlinkMessage::Heartbeat(Heartbeat {
@@ -345,7 +324,7 @@ impl AutopilotLink {
         out.messages.extend(self.estimate.origin.ask(now, peer.address));
     }
 
-    /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
+    /// The autopilot's state for the other nodes; OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
         if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
             return None;
@@ -355,7 +334,7 @@ impl AutopilotLink {
         let (origin, hover) = (&self.estimate.origin, &self.estimate.hover);
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();
-        let settled = hover.settled(self.config.hover_thrust_s);
+        let learned = hover.is_learned(self.config.hover_thrust_s);
         Some(AutopilotState {
             header,
             armed: p.armed,
@@ -363,14 +342,14 @@ impl AutopilotLink {
                 AutopilotMode::Offboard if !ours => AutopilotMode::Other,
                 mode => mode,
             },
-            lapsed: self.stream.lapse.is_lapsed(),
+            lapsed: self.stream.loss.is_lost(),
             landed: p.landed(now),
             origin_sea_m: (origin.datum.zip(origin.geoid_m)).map(|(d, geoid_m)| d.height_m - geoid_m),
             battery: p.charge(now),
             battery_v: p.voltage_v(now),
             battery_a: p.current_a(now),
             thrust: self.applied_thrust(now),
-            hover_thrust: if settled { hover.value() } else { 0.0 },
+            hover_thrust: if learned { hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
             warning: p.parameters.warning(),
             shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
@@ -378,7 +357,6 @@ impl AutopilotLink {
             home: p.home,
         })
     }
-    /// Reason that forbids a landing and a take-off, by all that is known on the link.
     fn rejection(&self, now: DroneTime, p: &MavlinkPeer) -> Reason {
         if self.operators.switch.is_held_on_abort() {
             return ReasonCode::SwitchAborts.into();
@@ -394,8 +372,8 @@ impl AutopilotLink {
             Some(_) => Reason::default(),
         }
     }
-    /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
-    /// must not take that for a person's takeover.
+    /// Whether the drone is armed in our mode while our command is neither confirmed nor rejected. The mission must not
+    /// take this state, after a set-point loss, for a pilot's takeover.
     fn is_undecided(&self, now: DroneTime) -> bool {
         let ours = |p: &MavlinkPeer| p.armed && p.mode == AutopilotMode::Offboard;
         self.peer.as_ref().is_some_and(ours)
@@ -411,7 +389,7 @@ impl AutopilotLink {
                     | ControlAuthority::TakenOver { .. }
             )
     }
-    /// Part of the autopilot's state that is reported at once when it changes.
+    /// Part of the autopilot's state that is published at once when it changes.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
         peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.monitor.now()))
@@ -442,7 +420,7 @@ impl Node for AutopilotLink {
 
         if let Some(peer) = &self.peer {
             let s = &mut self.stream;
-            s.lapse.watch(now, received, s.sent_at, peer, &self.clock);
+            s.loss.watch(now, received, s.sent_at, peer, &self.clock);
             (self.own_mission.monitor).step(peer.armed, peer.flies_mission, peer.mode);
         }
         self.watch_standing(now);

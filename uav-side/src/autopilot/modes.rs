@@ -1,4 +1,4 @@
-//! Modes of PX4 and ArduCopter by their own numbers.
+//! Mode numbers of PX4 and ArduCopter.
 
 use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use super::config::Diversion;
 use super::message::{ARDUPILOT, PX4, ParameterValue};
 
-/// Which firmware flies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Firmware {
     #[default]
@@ -16,19 +15,18 @@ pub enum Firmware {
     ArduCopter,
 }
 
-/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-,
-/// dodeca- and decarotor. A boat or a plane with the same firmware numbers its modes differently.
+/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca- and
+/// decarotor. A boat or a plane with the same firmware has other mode numbers.
 const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 impl Firmware {
-    /// The firmware of a heartbeat; None for what is no multirotor's autopilot.
+    /// Firmware that sends this heartbeat; None if the sender is not the autopilot of a multirotor or helicopter.
     pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
         if !COPTERS.contains(&vehicle) {
             return None;
         }
         Firmware::of_autopilot(autopilot)
     }
-    /// The firmware of this `MAV_AUTOPILOT` on a multirotor.
     pub(crate) const fn of_autopilot(number: u8) -> Option<Firmware> {
         match number {
             PX4 => Some(Firmware::Px4),
@@ -36,14 +34,13 @@ impl Firmware {
             _ => None,
         }
     }
-    /// `MAV_AUTOPILOT` of the firmware.
     pub(crate) const fn number(self) -> u8 {
         match self {
             Firmware::Px4 => PX4,
             Firmware::ArduCopter => ARDUPILOT,
         }
     }
-    /// Radius of the sphere for which it takes the Earth where it maps latitude and longitude to its NED, m.
+    /// Earth radius of the firmware's conversion between latitude, longitude and NED, m.
     /// Source: PX4's `CONSTANTS_RADIUS_OF_EARTH`; ArduPilot's `LATLON_TO_M`.
     pub const fn map_radius_m(self) -> f64 {
         match self {
@@ -51,15 +48,14 @@ impl Firmware {
             Firmware::ArduCopter => 6_378_100.0,
         }
     }
-    /// Name of the firmware.
     pub const fn name(self) -> &'static str {
         match self {
             Firmware::Px4 => "PX4",
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// Meaning of a custom mode for landing. PX4: main mode in bits 16 to 23, sub-mode above.
-    /// ArduCopter: its mode number.
+    /// Meaning of a custom mode for a landing. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode
+    /// number.
     pub fn mode(self, custom: u32) -> AutopilotMode {
         match self {
             Firmware::Px4 => match ((custom >> 16) & 0xff, custom >> 24) {
@@ -85,14 +81,14 @@ impl Firmware {
             Firmware::ArduCopter => custom == 3,
         }
     }
-    /// A parameter's value: PX4 puts an integer's bytes in the place of the float, ArduCopter casts it.
+    /// Value of a parameter: PX4 copies an integer's bytes into the float, ArduCopter casts it.
     pub fn parameter(self, value: ParameterValue) -> f64 {
         match (self, value.integer) {
             (Firmware::Px4, true) => f64::from(value.bits.cast_signed()),
             (Firmware::Px4, false) | (Firmware::ArduCopter, _) => f64::from(f32::from_bits(value.bits)),
         }
     }
-    /// The value as the firmware sends it.
+    /// Parameter value as the firmware sends it.
     pub fn parameter_value(self, value: f64, integer: bool) -> ParameterValue {
         let bits = match (self, integer) {
             (Firmware::Px4, true) => (value as i32).cast_unsigned(),
@@ -107,7 +103,6 @@ impl Firmware {
             Firmware::ArduCopter => [4.0, 0.0],
         }
     }
-    /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for a diversion.
     pub fn diversion(self, to: Diversion) -> Option<[f64; 2]> {
         match (self, to) {
             (_, Diversion::None) => None,
@@ -119,7 +114,6 @@ impl Firmware {
     }
 }
 
-/// PX4's custom mode of a main and a sub-mode.
 pub const fn px4_mode(main: u32, sub: u32) -> u32 {
     main << 16 | sub << 24
 }
@@ -135,14 +129,14 @@ mod tests {
         assert_eq!(px4(4, 3), AutopilotMode::Hold);
         assert_eq!(px4(4, 5), AutopilotMode::Return);
         assert_eq!(px4(4, 6), AutopilotMode::Land);
-        // Position and manual: a person flies.
+        // Position and manual mode: a pilot flies.
         assert_eq!(px4(3, 0), AutopilotMode::Other);
         assert_eq!(px4(1, 0), AutopilotMode::Other);
         let copter = |n| Firmware::ArduCopter.mode(n);
         assert_eq!(copter(4), AutopilotMode::Offboard);
         assert_eq!(copter(9), AutopilotMode::Land);
         assert_eq!(copter(6), AutopilotMode::Return);
-        // STABILIZE, and PX4's number for offboard, which ArduCopter does not know.
+        // STABILIZE, and PX4's number for OFFBOARD, unknown to ArduCopter.
         assert_eq!(copter(0), AutopilotMode::Other);
         assert_eq!(copter(px4_mode(6, 0)), AutopilotMode::Other);
     }

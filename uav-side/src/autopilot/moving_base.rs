@@ -1,6 +1,7 @@
-//! Moving base: RTCM of the vessel's receiver to the drone's, and the relative place that comes of it.
+//! Moving base: RTCM of the vessel's receiver for the drone's receiver, and the resulting relative place.
 //!
-//! Without a receiver of its own (`autopilot.receiver`) the autopilot gets the frames, as `GPS_RTCM_DATA`, for the one that it has.
+//! If the drone has no receiver of its own (`autopilot.receiver`), the frames go to the autopilot's receiver as
+//! `GPS_RTCM_DATA`.
 //! Source: MAVLink's definition of `GPS_RTCM_DATA`.
 
 use alight_shared::estimation::{Rollover, SourceClock};
@@ -13,43 +14,35 @@ use super::message::{MavlinkMessage, severity};
 use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
 use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
 
-/// Bytes of a fragment.
 const FRAGMENT_BYTES: usize = 180;
-/// Fragments of a frame: two bits number them.
+/// Maximum number of fragments of a frame: their number has two bits.
 const MAX_FRAGMENTS: usize = 4;
-/// Messages of frames that one step passes on, at most: as many as the topic holds.
+/// Maximum number of messages that a step passes on: the capacity of the topic.
 const MAX_RTCM: usize = 32;
-/// The vessel's antenna is where a frame stated it for so long.
+/// Validity of the antenna position stated in a frame.
 const BASE_LASTS: Span = Span::from_millis(10_000);
-/// Time between two texts to ground stations.
 const TEXT_PAUSE: Span = Span::from_millis(5000);
 
-/// The vessel's receiver as the moving base of the drone's.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MovingBase {
-    /// Frames that were fragmented to the autopilot; five bits count them there.
+    /// Sequence number of the frames to the autopilot; its low five bits are sent.
     sequence: u8,
     pub(super) passed_on: u32,
     pub(super) dropped: u32,
-    /// Header of the newest frame, and the antenna that it states.
+    /// Header of the newest frame, and the antenna position that it states.
     base: Option<(Header<DroneClock>, [f32; 3])>,
     week: Rollover<WEEK_NS>,
     clock: SourceClock<DroneClock>,
 }
 
-/// Receiver of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RtcmTarget {
-    /// The drone's own receiver.
     Receiver,
-    /// The autopilot, for its receiver.
     Autopilot,
-    /// None yet: no autopilot is known.
     Nothing,
 }
 
 impl MovingBase {
-    /// Passes frames on.
     pub(super) fn take(
         &mut self,
         now: DroneTime,
@@ -76,7 +69,7 @@ impl MovingBase {
             }
         }
     }
-    /// False where the frame cannot be passed on.
+    /// Passes a frame on; returns false if that is impossible.
     fn pass_on(&mut self, frame: &[u8], target: RtcmTarget, out: &mut AutopilotOut) -> bool {
         match target {
             RtcmTarget::Receiver => out.rtcm.push(frame.to_vec()),
@@ -91,8 +84,9 @@ impl MovingBase {
         }
         true
     }
-    /// A report of the receiver that arrives at `now`, at least `latency` after it was measured, on the drone's clock; None while the
-    /// vessel's antenna is not known, of an implausible time, or of the receiver's time alone.
+    /// Relative place from a report that arrives at `now`, at least `latency` after its measurement, on the drone's
+    /// clock. None while the vessel's antenna position is unknown, if the time is implausible, and if the report
+    /// contains the time alone.
     pub(super) fn place(
         &mut self,
         now: DroneTime,
@@ -104,7 +98,7 @@ impl MovingBase {
         let at = self.clock.local_time(now, at_ns, latency)?;
         let solution = report.solution?;
         let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
-        // Without a place the state alone counts.
+        // Without a place only the state of the solution is published.
         let [baseline_m, baseline_sd_m] = report.place.unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
         let place = RelativePlace {
             header: Header {
@@ -120,8 +114,8 @@ impl MovingBase {
     }
 }
 
-/// A frame as fragments with this sequence number; None of one that is too long. The receiver knows the end by a fragment that is
-/// not full, or by the fourth.
+/// Fragments of a frame with this sequence number; None for a frame that is too long. For the receiver a frame ends
+/// with a fragment that is not full, or with the fourth fragment.
 fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
     const FRAGMENTED: u8 = 1;
     let sequence = (sequence & 31) << 3;
@@ -147,17 +141,15 @@ fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
     )
 }
 
-/// State of the relative place as ground stations are informed of it.
+/// State of the relative place as last reported to ground stations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum ReportedRelative {
-    /// Not fixed, or none.
     #[default]
     Lost,
     Fixed,
     Contradicted,
 }
 
-/// Reports of the relative place to ground stations.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeReports {
     reported: ReportedRelative,
@@ -165,7 +157,6 @@ pub(super) struct RelativeReports {
 }
 
 impl RelativeReports {
-    /// Severity and text of a change.
     pub(super) fn change(&mut self, now: DroneTime, state: Option<&RelativeState>) -> Option<(u8, String)> {
         let fresh = state.filter(|r| r.age_s <= topics::RELATIVE.stale_after.secs());
         let (newest, text) = match fresh {

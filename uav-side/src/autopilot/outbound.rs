@@ -1,4 +1,4 @@
-//! Outbound messages: the pilot's set-point, commands to disarm, to divert and to arm.
+//! Outbound messages: the pilot node's set-point, and commands to disarm, to divert and to arm.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
@@ -12,96 +12,89 @@ use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
-use super::lapse::LapseMonitor;
 use super::message::{
     Address, AttitudeThrustTarget, CommandLong, MavlinkMessage, PositionTarget, command, severity,
 };
 use super::modes::Firmware;
+use super::set_point_loss::SetPointLossMonitor;
 use super::take_off::TakeOffSequence;
 use super::thrust::{self, SentThrust};
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED};
 use crate::tracking::steer;
 
-/// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
+/// Repetition period of a set-point while no newer one arrives, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
-/// A hold is streamed before OFFBOARD only within this distance of the drone, m.
+/// Maximum distance of a hold from the drone for it to be streamed before OFFBOARD, m.
 const OFFER_WITHIN_M: f64 = 3.0;
-/// Thrust with which a link that began on the deck presses while it looks for the evidence, as a fraction of hover.
+/// Thrust with which a link that started on the deck presses down while it collects evidence, as a fraction of hover.
 const PRESS_OF_HOVER: f64 = 0.5;
-/// The drone climbs by this when it is not on the deck although the pilot reports so, m.
+/// Climb of a drone that is in the air despite the pilot node's touchdown report, m.
 const CLEAR_M: f64 = 1.0;
-/// With the rangefinder below this the deck may carry the drone, m.
+/// Rangefinder reading below which the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
-/// Two receivers err in height by this, m.
+/// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
-/// Between two commands to arm or to divert.
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
-/// A mission counts a charge after this time at the latest, s: the longest `battery_lasts_s`.
+/// Maximum time until a mission acts on a low charge, s: the largest `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
-/// No deck carries a drone that is further than this from its centre, m: two receivers, and the longest decks.
+/// Distance from the deck's centre beyond which the drone cannot stand on the deck, m: errors of two receivers, and the
+/// longest decks.
 const AWAY_FROM_DECK_M: f64 = 20.0;
-/// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
-/// Place at which the link holds on its own.
+/// Place at which the link holds the drone on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeldPosition {
     place: Vector3<f64>,
-    /// From the deck's centre, where the deck was known.
+    /// Position relative to the deck's centre, if the deck was known.
     from_deck: Option<Vector3<f64>>,
     yaw: f64,
 }
 
-/// Stream of set-points to the autopilot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SetPointStream {
-    /// Attitude set-points will be sent.
     pub(super) attitudes: bool,
-    /// Place at which the link holds after a false touchdown.
+    /// Hold after a false touchdown.
     pub(super) held: Option<HeldPosition>,
-    /// The last set-point with motors running.
+    /// Last set-point with running motors.
     pub(super) flown: Option<SetPoint>,
     pub(super) sent_at: Option<DroneTime>,
     pub(super) sent: u32,
-    /// Whether little thrust is commanded.
+    /// Whether the commanded thrust is low.
     pub(super) thrust: SentThrust,
-    pub(super) lapse: LapseMonitor,
+    pub(super) loss: SetPointLossMonitor,
 }
 
-/// Commands to the autopilot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LinkCommands {
-    /// Time between two of them.
     pub(super) pause: Periodic<DroneClock>,
-    /// The battery has been low since.
     low_since: Option<DroneTime>,
     pub(super) diversions: u32,
     arm_tries: u32,
-    /// When home was sent, and which.
+    /// Time and position of the home command.
     pub(super) home: Option<(DroneTime, Datum)>,
     pub(super) departure: TakeOffSequence,
 }
 
 impl AutopilotLink {
-    /// The deck may carry the drone, or nothing shows that it is away from it: the hover thrust cannot be learned.
+    /// Whether the deck may carry the drone, or the distance to it is unknown. Hover thrust cannot be learned then.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
         let state = self.inputs.last_state(now);
         let stands = state.is_some_and(|s| {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
         let range = self.estimate.range.fresh_m(now);
-        // While the mission waits the drone may stand on a deck that is known by the receivers alone.
+        // While the mission is idle, the drone may stand on a deck that is known by the receivers alone.
         let waits = state.is_none_or(|s| s == State::Idle);
         let above = self.estimate.relative_to(now, self.inputs.deck(now));
         let height = above.map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
-        // A successor goes on with what was learned before it.
+        // A successor continues with its predecessor's hover thrust.
         let began = state.is_none() || waits && self.succession.recovery.checkpoint().is_some();
         let unknown = began && range.is_none() && height.is_none();
         stands || near || unknown
     }
 
-    /// The evidence of contact, independent of the pilot's touchdown detection.
     pub(super) fn contact(&self, now: DroneTime) -> ContactEvidence {
         let state = self.estimate.fresh(now);
         let below = self.estimate.relative_to(now, self.inputs.deck(now));
@@ -110,7 +103,8 @@ impl AutopilotLink {
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
-            // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
+            // The drone is still landing if the mission falls silent in the flare: the pilot node completes the landing
+            // without it.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
@@ -123,7 +117,7 @@ impl AutopilotLink {
         }
     }
 
-    /// The set-point to send while Alight commands, from the pilot's.
+    /// Set-point to send while Alight commands, derived from the pilot node's.
     fn apply(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         if wanted.motors == Motors::Run {
             self.disarm.touchdown.clear();
@@ -144,13 +138,13 @@ impl AutopilotLink {
             rates: [0.0; 3],
             ..*wanted
         };
-        // The stop is one of a landing before, and the take-off has a disarm of its own.
+        // The stop belongs to an earlier landing, and the take-off has its own disarm.
         if (self.inputs.last_state(now)).is_some_and(State::stands_for_take_off) {
             self.interrupted();
             return Some(thrust_off);
         }
         let evidence = self.contact(now);
-        // Who begins to press now sees the thrust cut at once, and what carried the drone before for a little longer.
+        // Just after pressing begins, the thrust cut is already measured while the earlier support still shows.
         let c = match self.stream.flown {
             Some(_) => self.config.disarm,
             None => self.lasting(),
@@ -178,7 +172,7 @@ impl AutopilotLink {
         }
     }
 
-    /// The evidence that a disarm needs whose touchdown was not detected just now: the drone may have left the deck since.
+    /// Evidence needed for a disarm some time after the touchdown: the drone may have left the deck since.
     fn lasting(&self) -> DisarmConfig {
         let c = self.config.disarm;
         DisarmConfig {
@@ -188,13 +182,12 @@ impl AutopilotLink {
         }
     }
 
-    /// After a moment without set-points an earlier touchdown does not count any more.
+    /// Discards an earlier touchdown, after a gap in the set-points.
     fn interrupted(&mut self) {
         self.disarm.touchdown.clear();
         self.stream.flown = None;
     }
 
-    /// The command number `sent`.
     pub(super) fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
         let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
         out.send(CommandLong::disarm(to, sent));
@@ -206,7 +199,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Whoever watches learns that the drone stands on the deck with running motors, for as long as it does.
+    /// Reports periodically that the drone stands on the deck with running motors.
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.inputs.fresh_mission(now);
@@ -216,19 +209,19 @@ impl AutopilotLink {
         }
     }
 
-    /// The drone has landed, and its autopilot follows no set-points because they, the pilot or the link failed: it
-    /// holds by itself, or because a person chose Hold, which looks the same.
-    fn lapsed_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
+    /// Whether the drone has landed and its autopilot follows no set-points. Either the set-points, the pilot node or
+    /// the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the same.
+    fn follows_none_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
         let mode = AutopilotMode::Hold;
         let authority = self.control_authority();
         let holds = authority == ControlAuthority::TakenOver { mode }
             || authority == ControlAuthority::Standby { mode };
-        let lapsed = holds || authority.commands() && wanted.is_none();
+        let lost = holds || authority.commands() && wanted.is_none();
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
-        lapsed && landed && self.peer.as_ref().is_some_and(|p| p.armed)
+        lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// The disarm goes on meanwhile, on lasting evidence; with a set-point that presses, above the deck with one
-    /// that climbs, on which PX4 comes back from its failsafe to the mode that the person chose.
+    /// Continues the disarm in that state, on evidence over a longer time. It sends a set-point that presses down, or
+    /// above the deck one that climbs; with it PX4 returns from its failsafe to the mode that the pilot chose.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
@@ -236,7 +229,8 @@ impl AutopilotLink {
         if decision == DisarmDecision::Command {
             self.command_disarm(self.disarm.alone.sent(), out);
         }
-        // What it holds against is ignored; what it follows presses no longer when the evidence stays away.
+        // An autopilot that holds ignores the set-point. A drone that follows it is no longer pressed down if the
+        // evidence does not appear.
         let follows = self.control_authority().commands();
         let carried_by_rotors = decision == DisarmDecision::InAir(DisarmInhibit::NotSupported);
         if follows && carried_by_rotors {
@@ -244,8 +238,8 @@ impl AutopilotLink {
         }
         self.press_or_climb(now, &evidence, &lasting, self.estimate.state?.attitude)
     }
-    /// For a drone that may have left the deck since its touchdown: presses it gently with this attitude where it is low,
-    /// and climbs where its autopilot took off by itself and hovers where the deck comes up.
+    /// Set-point for a drone that may have left the deck since its touchdown: presses it down gently with this attitude
+    /// when it is low, and climbs when the autopilot took off by itself and hovers over a deck that rises.
     fn press_or_climb(
         &mut self,
         now: DroneTime,
@@ -265,7 +259,7 @@ impl AutopilotLink {
                     ..SetPoint::default()
                 })
             }
-            // What it does not know yet arrives.
+            // The missing inputs are expected to arrive.
             Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
             None
             | Some(
@@ -277,8 +271,8 @@ impl AutopilotLink {
         }
     }
 
-    /// A hold a little above where it was first asked for, as set-points of the pilot's kind: with the deck while its
-    /// forecast lives, but not down after one that sinks, because that one comes back.
+    /// A hold a little above the place of the first call, as a set-point of the pilot node's kind. It moves with the
+    /// deck while the forecast is fresh, but not down with a sinking deck, which will rise again.
     pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.inputs.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
@@ -322,20 +316,19 @@ impl AutopilotLink {
         Some(SetPoint { header, ..hold })
     }
 
-    /// A hold before a landing is commanded; `unknown` while no mission was received.
+    /// Whether the set-point is a hold before a landing is commanded; `unknown` applies while no mission was received.
     fn holds_before_landing(&self, wanted: &SetPoint, unknown: bool) -> bool {
         let mission = self.inputs.mission.get();
         let idle = mission.map_or(unknown, |m| m.state == State::Idle);
         idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
-    /// A hold in the drone's place, at which a person may hand over.
+    /// Hold at the drone's position, during which the pilot can hand over.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {
         let apart = Vector3::from(wanted.position) - self.estimate.state?.position();
         let offers = self.holds_before_landing(wanted, true) && apart.norm() <= OFFER_WITHIN_M;
         offers.then_some(*wanted)
     }
 
-    /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
         let wanted = self.inputs.fresh_set_point(now).copied();
         if let Some(mission) = self.inputs.fresh_mission(now) {
@@ -343,7 +336,7 @@ impl AutopilotLink {
         }
         let since = self.stream.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
-        let alone = self.lapsed_on_deck(now, wanted.as_ref());
+        let alone = self.follows_none_on_deck(now, wanted.as_ref());
         if alone || wanted.is_none() {
             self.interrupted();
         }
@@ -370,12 +363,12 @@ impl AutopilotLink {
         }
     }
 
-    /// Sends the part of the pilot's set-point that applies.
+    /// Sends the part of the pilot node's set-point that applies.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
         let px4 = self.firmware() == Some(Firmware::Px4);
-        // GUIDED holds by itself, and a hold would override its own take-off command. (OFFBOARD is left
-        // without a stream of set-points.)
+        // GUIDED holds by itself, and a hold would override its take-off command. (OFFBOARD ends without a stream of
+        // set-points.)
         let guided_holds = !px4 && self.holds_before_landing(wanted, false);
         if authority.commands() && !guided_holds {
             return self.apply(now, wanted, out);
@@ -385,13 +378,12 @@ impl AutopilotLink {
             let flown = wanted.kind != SetPointKind::None && wanted.motors == Motors::Run;
             return if flown { self.carried(now, *wanted) } else { None };
         }
-        // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
-        // follows none. ArduCopter needs no stream.
+        // PX4 needs a stream of set-points before the pilot can choose OFFBOARD; in other modes it follows none.
+        // ArduCopter needs no stream.
         let offers = authority.may_offer() && px4;
         self.offered(wanted).filter(|_| offers)
     }
 
-    /// A set-point as a MAVLink message in the autopilot's frame.
     fn to_mavlink(&self, to: Address, s: &SetPoint) -> MavlinkMessage {
         let s = self.estimate.for_autopilot(s, self.firmware());
         if s.kind == SetPointKind::Attitude {
@@ -414,14 +406,14 @@ impl AutopilotLink {
         })
     }
 
-    /// A low battery: the autopilot is commanded to return or to land, as the mission chose; at the last reserve also
-    /// where it has chosen nothing.
+    /// Diverts at a low battery: commands the autopilot to return or to land, as the mission chose; at the last reserve
+    /// even without a choice.
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
         let mission = (self.inputs.last_mission(now)).filter(|_| self.disarm.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
-        // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
+        // A descent in progress is the fastest way down; on the deck there is nothing to divert.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
         let lands = lands || chosen == Some(BatteryPlace::Deck);
         let (to, limit, for_s) = match chosen {
@@ -429,10 +421,11 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        // The mission counts a charge once it has lasted. Until then it has not chosen, and the last resort is not to be the first.
+        // The mission acts on a low charge only after some time. Until then it has not chosen a place, and the last
+        // reserve must not act first.
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
-        // What the mission has chosen it may have by the voltage alone.
+        // The mission may have chosen by the voltage alone.
         let reported = peer.charge(now);
         if !(limit.is_infinite() || reported.is_some_and(|c| c < limit)) {
             self.commands.low_since = None;
@@ -464,22 +457,22 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// The drone stands elsewhere than on the deck, by a forecast and its odometry. The crew has not cleared a deck for
-    /// an order to land, and a drone whose vessel is not known may stand on it.
+    /// Whether the drone stands away from the deck, by the forecast and its odometry. An order to land does not imply
+    /// that the crew has cleared the deck, and a drone whose vessel is unknown may stand on the deck.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
         let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));
         apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
     }
-    /// Arms on the ground away from the deck, when that is configured, a person gave the mode and a landing is commanded. From the
-    /// deck a take-off alone starts the motors: after the crew's clearance and a countdown.
+    /// Arms on the ground away from the deck, if configured, when the pilot has chosen our mode and a landing is
+    /// commanded. On the deck only a take-off starts the motors: after the crew's clearance and a countdown.
     pub(super) fn arm(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         if peer.mode != AutopilotMode::Offboard {
             self.commands.arm_tries = 0;
         }
         if peer.armed {
-            // A later disarm is the will of a person, or ours on the deck.
+            // No further attempts: a later disarm is the pilot's, or our own on the deck.
             self.commands.arm_tries = ARM_TRIES;
         }
         let mission = self.inputs.fresh_mission(now);

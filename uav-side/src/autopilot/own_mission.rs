@@ -1,20 +1,22 @@
-//! The autopilot's own mission (PX4 Mission, ArduCopter AUTO): whether it flies it, and whether that is done.
+//! The autopilot's own mission (PX4 Mission, ArduCopter AUTO): whether it is flown, and whether it is complete.
 //!
-//! It is done where the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, of a firmware that states no
-//! state, where the last item is reached (`MISSION_ITEM_REACHED`). PX4 goes to its Hold then, ArduCopter stays in AUTO. A Hold
-//! in the midst of a mission is the pilot's: the mission is not complete. Whoever chooses any other mode has the drone, whatever
-//! the mission was.
+//! It is complete when the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, for firmware that
+//! reports no state, when the last item is reached (`MISSION_ITEM_REACHED`). PX4 then enters Hold, ArduCopter stays in
+//! AUTO. A Hold during the mission is the pilot's choice, and the mission is not complete. Any other mode is a takeover
+//! by the pilot, at every state of the mission.
 //!
-//! PX4 reports a mission of the flight before as complete until it is started again: it counts once it was reported under way.
+//! PX4 reports the previous flight's mission as complete until it is started again: completion is accepted only after
+//! the mission was reported active.
 //!
-//! A sortie that has to end, by the battery, because this mission is done or by an order, is taken over by the command that chooses the mode
-//! of a take-off; a drone that a pilot flies is not. That is done once in a flight for each reason: whoever chooses the
-//! autopilot's mission again after it has it until the drone is disarmed.
+//! When a sortie has to end (low battery, mission complete or an order), Alight takes over with the command that
+//! chooses the mode of a take-off; it does not take over from a pilot. This happens once in a flight for each reason:
+//! when the autopilot's mission is chosen again afterwards, it continues until the drone is disarmed.
 //!
-//! A sortie of unattended cycles is handed to it by `MAV_CMD_MISSION_START`, which restarts it with either firmware.
+//! In unattended cycles a sortie is handed over by `MAV_CMD_MISSION_START`, which restarts the mission with either
+//! firmware.
 //!
-//! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished); ArduPilot
-//! `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
+//! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished);
+//! ArduPilot `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State};
@@ -25,51 +27,47 @@ use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 use super::{AutopilotOut, ControlAuthority, DroneTime};
 
-/// Period of requests for the state of ArduCopter's mission while it flies that.
+/// Period of requests for the mission's state while ArduCopter flies it.
 const ASK: Span = Span::from_millis(1000);
-/// Between two commands, and how many at most.
 const PAUSE: Span = Span::from_millis(1000);
 const TRIES: u32 = 3;
 
 /// `MISSION_STATE_COMPLETE`.
 pub const COMPLETE: u8 = 5;
-/// `total` of a mission without items.
+/// `total` of an empty mission.
 const NO_ITEMS: u16 = u16::MAX;
 
-/// Monitor of the autopilot's reports on its mission, in this flight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionMonitor {
-    /// `MISSION_STATE`; 0: the firmware states none.
+    /// `MISSION_STATE`; 0: not reported by the firmware.
     state: u8,
-    /// Number of the last item; None: not stated.
     last: Option<u16>,
-    /// The last item has been reached since the mission was under way.
+    /// Whether the last item was reached since the mission began.
     reached_last: bool,
-    /// It has been under way.
     began: bool,
-    /// The mode has been the mission's, or the Hold after it, since it was under way.
+    /// Whether the mode has since been the mission's or the Hold after it.
     own: bool,
     now: OwnMission,
 }
 
-/// The end of the autopilot's own mission, once in a flight, whichever link's.
+/// End of the autopilot's mission for one reason. It is commanded once in a flight, even when the link restarts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
-    /// Commands so far.
     sent: u32,
-    /// The autopilot has been in our mode since the first of them.
+    /// Whether the autopilot has been in our mode since the first command.
     done: bool,
 }
 
 impl MissionEnd {
-    /// Not again in this flight.
+    /// Whether no further command is sent in this flight.
     pub(super) fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
 }
 
 impl OwnMissionMonitor {
-    /// `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first is home, which it does not count.
+    /// Processes `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first item is home, which `total` does not
+    /// include.
     pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
         self.state = state;
         let known = !matches!(total, 0 | NO_ITEMS);
@@ -78,7 +76,7 @@ impl OwnMissionMonitor {
             Firmware::ArduCopter => total,
         });
     }
-    /// `MISSION_ITEM_REACHED`.
+    /// Processes `MISSION_ITEM_REACHED`.
     pub(super) fn reached(&mut self, item: u16) {
         self.reached_last = self.began && self.last.is_some_and(|last| item >= last);
     }
@@ -88,11 +86,10 @@ impl OwnMissionMonitor {
             state => state == COMPLETE,
         }
     }
-    /// Whether a mission is under way, for a link after this one.
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }
-    /// With its newest mode. A disarm ends the flight.
+    /// Updates the state of the mission with the newest mode; a disarm ends the flight.
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);
@@ -108,36 +105,33 @@ impl OwnMissionMonitor {
         };
         self.now
     }
-    /// As of the last step.
     pub(super) fn now(&self) -> OwnMission {
         self.now
     }
 }
 
-/// The autopilot's own mission, and the commands that end and start it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
-    /// End in this flight: by the battery, because it is done, by an order.
+    /// Ends of the mission in this flight: by the battery, by completion, by an order.
     pub(super) ends: [MissionEnd; 3],
-    /// Commands to start it since the wish began.
     starts: u32,
     timer: Periodic<DroneClock>,
 }
 
 impl OwnMissionSequence {
-    /// Recalls what the link before this one has done and observed.
+    /// Restores commands and observations of the previous link.
     pub(super) fn recall(&mut self, m: &LinkCheckpoint) {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
-        // Under way, and no other mode was chosen since: the Hold after it counts.
+        // The mission was active and no other mode was chosen since, so a Hold after it means that it is complete.
         if m.own_mission {
             (self.monitor.began, self.monitor.own) = (true, true);
         }
     }
 
-    /// ArduCopter is asked how far its mission is. PX4 reports it unasked, and takes no such request.
+    /// Requests the mission's state from ArduCopter. PX4 reports it unrequested, and rejects such a request.
     pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
         if asks && self.timer.is_due_spaced(now, ASK) {
@@ -146,7 +140,7 @@ impl OwnMissionSequence {
         }
     }
 
-    /// Commands it, as the mission's state wants it, where the command before `pause` permits.
+    /// Sends the command that the mission node's state calls for, when `pause` since the last one is over.
     pub(super) fn command(
         &mut self,
         now: DroneTime,
@@ -173,7 +167,7 @@ impl OwnMissionSequence {
         out.alarm(severity, text.into());
         pause.restart(now, PAUSE);
     }
-    /// The drone is to come back: the autopilot's own mission ends, with this text.
+    /// Decides to end the autopilot's mission, so that the drone returns; the text gives the reason.
     fn ends(&mut self, peer: &MavlinkPeer, idle: Option<ReasonCode>, may: bool) -> Option<&'static str> {
         let (which, text) = match idle {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
@@ -194,7 +188,6 @@ impl OwnMissionSequence {
         end.sent += 1;
         Some(text)
     }
-    /// A sortie of unattended cycles goes on with the autopilot's own mission, from its beginning.
     fn starts(&mut self, hold: Option<ReasonCode>, may: bool) -> bool {
         if hold != Some(ReasonCode::HandsOver) {
             self.starts = 0;
@@ -223,18 +216,18 @@ mod tests {
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        // The pilot stops it, and lets it go on.
+        // The pilot pauses and resumes the mission.
         m.current(Firmware::Px4, 4, PAUSED);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, COMPLETE);
         assert_eq!(armed(&mut m, hold), OwnMission::Done);
-        // The pilot takes it, and holds it: no mission is done.
+        // The pilot takes over and holds: the mission is not complete.
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
-        // In the next flight it is reported as complete until it begins again.
+        // In the next flight the mission is reported complete until it starts again.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
@@ -253,7 +246,7 @@ mod tests {
             m.reached(last);
             assert_eq!(armed(&mut m, None), OwnMission::Done, "{firmware:?}");
         }
-        // Without a number of items nothing is the last one.
+        // If the number of items is unknown, no item is the last one.
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::ArduCopter, 0, 0);
         armed(&mut m, None);

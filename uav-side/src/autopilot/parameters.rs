@@ -1,4 +1,4 @@
-//! Read-back and judgement of the autopilot's parameters that a landing relies on.
+//! Read-back and check of the autopilot's parameters that a landing depends on.
 
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
@@ -10,17 +10,16 @@ use super::DroneTime;
 use super::message::{Address, MavlinkMessage, ParameterValue};
 use super::modes::Firmware;
 
-/// Time between two requests on the link.
 const SPACING: Span = Span::from_millis(20);
-/// Time for an answer: a telemetry radio's, several times over.
+/// Time for an answer: several times the delay of a telemetry radio.
 const ANSWER: Span = Span::from_millis(500);
-/// Time until one that does not suit is read again: a person may set it meanwhile.
+/// Period at which an unsuitable parameter is read again, since an operator may correct it.
 const REVIEW: Span = Span::from_millis(1000);
-/// Time until one that was never reported is requested again.
+/// Time after which a parameter that was never reported is requested again.
 const SILENT: Span = Span::from_millis(5000);
-/// PX4's time without set-points until it leaves OFFBOARD.
+/// PX4's parameter of the time without set-points until it leaves OFFBOARD.
 const LOSS_TIME: &str = "COM_OF_LOSS_T";
-/// Assumption before it is reported, s: the longest with which a landing is permitted.
+/// Assumed value until it is reported, s: the largest with which a landing is permitted.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
 #[derive(Clone, Debug)]
@@ -30,14 +29,14 @@ struct Item {
     value: Option<f64>,
     requests: u32,
     next: DroneTime,
-    /// The autopilot restarted since it was read.
+    /// Whether the autopilot has restarted since the value was read.
     old: bool,
-    /// Not reported yet.
+    /// Whether the finding still has to be reported.
     new: bool,
 }
 
 impl Item {
-    /// Reason against the parameter; None: it suits.
+    /// Reason why the parameter's value is not suitable; None if it is.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {
@@ -51,18 +50,17 @@ impl Item {
     }
 }
 
-/// The parameters of one autopilot.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
-    /// Thrust was read as thrust before this began.
+    /// Whether thrust was read as thrust before the restart of the autopilot or this link.
     thrust_was_thrust: bool,
 }
 
 impl Parameters {
-    /// Those that are needed of this firmware; `attitudes`: attitude set-points will be sent.
+    /// Parameters needed of this firmware; `attitudes`: the pilot node sends attitude set-points.
     pub fn new(firmware: Firmware, attitudes: bool, now: DroneTime) -> Parameters {
         let own: Vec<_> = match firmware {
             Firmware::Px4 => of_px4().collect(),
@@ -88,11 +86,10 @@ impl Parameters {
             thrust_was_thrust: false,
         }
     }
-    /// Until the option is reported, thrust is read as thrust, as it was until a moment ago.
+    /// Until the option is reported, assumes that thrust is read as thrust, as before.
     pub(super) fn trust_thrust(&mut self) {
         self.thrust_was_thrust = true;
     }
-    /// The autopilot reported one of its parameters.
     pub fn received(&mut self, name: &str, value: ParameterValue) {
         let value = self.firmware.parameter(value);
         if let Some(item) = self.items.iter_mut().find(|i| i.parameter.name == name)
@@ -103,11 +100,11 @@ impl Parameters {
             item.old = false;
         }
     }
-    /// The autopilot restarted: all are read again, and count as they were until then.
+    /// Requests all parameters again after a restart of the autopilot; until they arrive, the old values stay in use.
     pub fn read_again(&mut self) {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
-    /// The next request, when one is due: for what was not reported yet, and now and then for what does not suit.
+    /// Next request, if one is due: for an unreported parameter or, at intervals, for an unsuitable one.
     pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
@@ -131,28 +128,27 @@ impl Parameters {
             index: None,
         })
     }
-    /// Each that does not suit or was not reported, with the reason.
     pub fn faults(&self) -> impl Iterator<Item = (&'static Parameter, Reason)> + '_ {
         self.items
             .iter()
             .filter_map(|i| i.reason().map(|why| (i.parameter, why)))
     }
-    /// Every one was reported, or given up.
     pub fn complete(&self) -> bool {
         self.items
             .iter()
             .all(|i| i.value.is_some() || i.requests >= REQUESTS)
     }
-    /// Why no landing is permitted; without a code: nothing is against it. A wrong one before one that is missing.
+    /// Reason that forbids a landing, with an empty code if a landing is permitted. Unsuitable parameters come before
+    /// unreported ones.
     pub fn rejection(&self) -> Reason {
-        let refusing = |i: &&Item| i.parameter.severity == Severity::Refuse;
-        let reasons = || self.items.iter().filter(refusing).filter_map(Item::reason);
+        let forbids = |i: &&Item| i.parameter.severity == Severity::Refuse;
+        let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
         reasons()
             .find(|r| r.code == ReasonCode::AutopilotParameter)
             .or_else(|| reasons().next())
             .unwrap_or_default()
     }
-    /// The first that does not suit, or is not reported, of those that forbid no landing.
+    /// First unsuitable or unreported parameter among those that only warn.
     pub fn warning(&self) -> Reason {
         let known = |i: &&Item| i.value.is_some() || i.requests >= REQUESTS;
         let warning = |i: &&Item| i.parameter.severity == Severity::Warn;
@@ -164,7 +160,7 @@ impl Parameters {
             .filter_map(Item::reason);
         reasons.next().unwrap_or_default()
     }
-    /// Whether a set-point's thrust is read as thrust; None: not known yet.
+    /// Whether a set-point's thrust is read as thrust; None if unknown.
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
         let Some(why) = self.items.iter().find(of_option).and_then(Item::reason) else {
@@ -176,12 +172,11 @@ impl Parameters {
             Some(false)
         }
     }
-    /// So long after the last set-point PX4 leaves OFFBOARD (COM_OF_LOSS_T), s.
+    /// Time without set-points after which PX4 leaves OFFBOARD (COM_OF_LOSS_T), s.
     pub(super) fn loss_s(&self) -> f64 {
         let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
         item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
     }
-    /// Findings since the last call, for people.
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {
@@ -189,7 +184,7 @@ impl Parameters {
             i.reason()
                 .filter(|_| is_new)
                 .map(|why| match i.parameter.severity {
-                    Severity::Refuse => format!("{firmware}, against a landing: {why}"),
+                    Severity::Refuse => format!("{firmware}, no landing: {why}"),
                     Severity::Warn => format!("{firmware}, a warning: {why}"),
                 })
         })
@@ -204,7 +199,7 @@ mod tests {
 
     const TO: Address = Address::new(1, 1);
 
-    /// The names asked for over `seconds`, a step of 10 ms each.
+    /// Names requested over `seconds`, in steps of 10 ms.
     fn asked(p: &mut Parameters, from_s: f64, seconds: f64) -> Vec<String> {
         (0..(seconds * 100.0) as u32)
             .filter_map(
@@ -220,7 +215,7 @@ mod tests {
         p.received(name, firmware.parameter_value(value, value.fract() == 0.0));
     }
 
-    /// The autopilot reports what suits of all that was not reported yet, but for these.
+    /// Reports suitable values of all unreported parameters except those in `but`.
     fn report_the_others(p: &mut Parameters, but: &[&str]) {
         let unknown: Vec<_> = p
             .faults()
@@ -257,7 +252,7 @@ mod tests {
         report(&mut p, "COM_OF_LOSS_T", 0.25);
         report(&mut p, "COM_OBL_RC_ACT", 5.0);
         p.received("MPC_ACC_UP_MAX", Firmware::Px4.parameter_value(8.0, false));
-        // It warns only.
+        // The finding is only a warning.
         assert!(!p.complete());
         assert_eq!(p.rejection(), Reason::default());
         report(&mut p, "MC_AIRMODE", 1.0);

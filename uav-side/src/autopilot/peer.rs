@@ -1,4 +1,4 @@
-//! The autopilot at the other end, as it reports itself: each quantity with the time of its own report.
+//! The autopilot's own reports, each quantity with the time of its report.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
@@ -12,19 +12,15 @@ use super::parameters::Parameters;
 use super::rotors::RotorOutputs;
 use super::streams::MessageStreams;
 
-/// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
-/// Rotors that stand still give no more.
+/// Maximum thrust of rotors at rest.
 const NO_THRUST: f64 = 0.01;
-/// The autopilot's battery status counts for so long: five reports at the usual 1 Hz.
+/// Validity of a battery status: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
-/// The autopilot's landed state counts for so long: three reports at the slowest rate, 1 Hz.
+/// Validity of a landed state: three reports at the slowest rate, 1 Hz.
 const LANDED_STALE: Span = Span::from_millis(3000);
-/// No battery of a multirotor has more, V.
 const MAX_V: f64 = 500.0;
-/// None gives or takes more, A.
 const MAX_A: f64 = 2000.0;
-/// Batteries, at most.
 const MAX_BATTERIES: usize = 4;
 
 #[derive(Clone, Debug)]
@@ -32,20 +28,18 @@ pub(crate) struct MavlinkPeer {
     pub(crate) address: Address,
     pub(crate) firmware: Firmware,
     pub(crate) mode: AutopilotMode,
-    /// It flies its own mission.
     pub(crate) flies_mission: bool,
     pub(crate) armed: bool,
     pub(crate) heartbeat_at: DroneTime,
     landed: Option<(DroneTime, LandedState)>,
     pub(crate) streams: MessageStreams,
-    /// Charge (0 to 1), voltage (V) and current (A) of each.
+    /// Charge (0 to 1), voltage (V) and current (A) of each battery.
     batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
-    /// It was reported that the gauge is silent.
+    /// Whether it was reported that a battery gauge has fallen silent.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
-    /// Destination of its return mode.
+    /// Destination of the return mode.
     pub(crate) home: Option<Datum>,
-    /// Whether its rotors follow that.
     pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
 }
@@ -75,18 +69,15 @@ impl MavlinkPeer {
             parameters: Parameters::new(firmware, attitudes, now),
         }
     }
-    /// Takes a heartbeat.
     pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: u8, custom_mode: u32) {
         self.heartbeat_at = now;
         self.armed = base_mode & ARMED != 0;
         self.on_mode(custom_mode);
     }
-    /// Takes a mode.
     pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
         self.flies_mission = self.firmware.flies_mission(custom_mode);
     }
-    /// Takes a `MAV_LANDED_STATE`.
     pub(crate) fn on_landed(&mut self, now: DroneTime, state: u8) {
         let state = match state {
             1 => LandedState::OnGround,
@@ -95,11 +86,9 @@ impl MavlinkPeer {
         };
         self.resume_landed(now, state);
     }
-    /// Restores the landed state at `at`.
     pub(crate) fn resume_landed(&mut self, at: DroneTime, state: LandedState) {
         self.landed = Some((at, state));
     }
-    /// Landed state while that is fresh.
     pub(crate) fn landed(&self, now: DroneTime) -> LandedState {
         let fresh = self.landed.filter(|(at, _)| now - *at <= LANDED_STALE);
         fresh.map_or(LandedState::Unknown, |(_, state)| state)
@@ -117,7 +106,7 @@ impl MavlinkPeer {
             *b = Some((now, [charge, voltage_v, current_a]));
         }
     }
-    /// Values of all batteries that ever reported them; None when one of them has fallen silent, or none does.
+    /// Combines a value of all batteries that ever reported it; None when none reported it or one has fallen silent.
     fn batteries(
         &self,
         now: DroneTime,
@@ -133,19 +122,18 @@ impl MavlinkPeer {
         let silent = known().any(|(at, _)| now - at > BATTERY_STALE);
         known().map(|(_, v)| v).reduce(both).filter(|_| !silent)
     }
-    /// Charge of the emptiest battery, 0 to 1; None when none is reported, or one no more.
+    /// Charge of the emptiest battery, 0 to 1; None when it is not reported or a battery has fallen silent.
     pub(crate) fn charge(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[charge, ..]| *charge, f64::min)
     }
-    /// Voltage of the lowest, V.
+    /// Lowest voltage of all batteries, V.
     pub(crate) fn voltage_v(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[_, voltage_v, _]| *voltage_v, f64::min)
     }
-    /// Current of all, A.
+    /// Total current of all batteries, A.
     pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
     }
-    /// A text when its gauge falls silent, and when it reports again.
     pub(crate) fn battery_news(&mut self, now: DroneTime) -> Option<String> {
         let lost = self
             .batteries
@@ -156,7 +144,7 @@ impl MavlinkPeer {
         self.battery_lost = lost;
         news.then(|| match lost {
             true => format!(
-                "{} reports its battery no more (BATTERY_STATUS): the charge is reckoned on from the last report",
+                "{} no longer reports its battery (BATTERY_STATUS): the charge is extrapolated from the last report",
                 self.firmware.name()
             ),
             false => format!("{} reports its battery again", self.firmware.name()),
@@ -167,8 +155,8 @@ impl MavlinkPeer {
             self.thrust = Some((now, thrust));
         }
     }
-    /// Divisor of a tilted drone's thrust before it is applied: ArduCopter applies `T / cos` of the
-    /// tilt (ATC_ANGLE_BOOST) and reports `T`.
+    /// Divisor of a tilted drone's reported thrust: ArduCopter applies `T / cos` of the tilt (ATC_ANGLE_BOOST) and
+    /// reports `T`.
     pub(crate) fn tilt_compensation(&self, attitude: [f64; 4]) -> f64 {
         let [_, x, y, _] = attitude;
         match self.firmware {
@@ -176,7 +164,7 @@ impl MavlinkPeer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Thrust that it applies now, its own measure; not known where its outputs contradict its report.
+    /// Thrust applied now, as a command of the autopilot; None when its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)

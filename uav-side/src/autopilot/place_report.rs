@@ -1,27 +1,24 @@
-//! Place of another system, as MAVLink reports it.
+//! Position of another system from MAVLink.
 
 use serde::{Deserialize, Serialize};
 
-/// A report of a system's place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlaceReport {
     /// Deg, north positive.
     pub latitude_deg: f64,
     /// Deg, east positive.
     pub longitude_deg: f64,
-    /// Towards north and east, m/s; None: not reported.
+    /// Velocity north and east, m/s; None if not reported.
     pub velocity: Option<[f64; 2]>,
-    /// Horizontal error, m; None: not stated.
+    /// Horizontal error, m; None if not stated.
     pub error_m: Option<f64>,
 }
 
-/// A vessel's place as its AIS transponder reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AisReport {
     /// Maritime Mobile Service Identity of the vessel, nine digits.
     pub mmsi: u32,
-    /// Place of the vessel.
     pub place: PlaceReport,
-    /// Time since the receiver received it, s.
+    /// Time since the report was received, s.
     pub age_s: f64,
 }

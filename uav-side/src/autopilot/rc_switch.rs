@@ -1,8 +1,8 @@
-//! A three-position switch of the remote control that commands: low aborts, the middle does nothing, high lands.
+//! Three-position switch of the remote control that gives commands: low aborts, the middle does nothing, high lands.
 //!
-//! Only a change between two positions that were held counts. The position at the beginning, and the first after the remote
-//! control was lost, does not count: a switch that was left on high lands nothing. Its command goes to the mission like any
-//! other command, and is admitted by the same rules.
+//! Only a change between two held positions gives a command. The initial position and the first one after a loss of the
+//! remote control give none: a switch left on high does not start a landing. The command goes to the mission like any
+//! other, under the same rules.
 
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
@@ -11,22 +11,20 @@ use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
 use super::orders::{self, SentCommand};
 
-/// Without a channel for this long the remote control is lost.
+/// Time without a channel after which the remote control is lost.
 const LOST: Span = Span::from_millis(600);
-/// Pulses that a receiver sends, us.
 const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
-/// Pulses of each position; values between them count as no position.
+/// Limits of the pulses of each position, us; values in between belong to no position.
 const LOW_US: u16 = 1300;
 const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
 const HIGH_US: u16 = 1700;
-/// A position other than high counts when it was held for this long. A receiver's own failsafe may move the channel before
-/// the autopilot knows that the remote control is lost; an abort that it causes is the lesser harm.
+/// Time for which a position other than high must be held. A receiver's failsafe may move the channel before the
+/// autopilot reports the loss of the remote control; an unnecessary abort is acceptable.
 const HELD: Span = Span::from_millis(500);
-/// High counts after this long: longer than an autopilot takes to report the remote control lost (PX4: COM_RC_LOSS_T 0.5 s).
+/// Time for which high must be held: longer than an autopilot takes to report the loss of the remote control (PX4:
+/// COM_RC_LOSS_T 0.5 s).
 const HELD_HIGH: Span = Span::from_millis(1500);
-/// Readings in that time, at least.
 const MIN_READINGS: u32 = 3;
-/// Position of the switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Position {
     Low,
@@ -51,7 +49,6 @@ impl Position {
     }
 }
 
-/// A position that may become the one in force.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     position: Position,
@@ -61,20 +58,21 @@ struct Candidate {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RcSwitch {
-    /// The position in force; None: none was held since the beginning or since the remote control was lost.
+    /// Accepted position; None if no position has been held since the start or since the remote control was lost.
     position: Option<Position>,
     candidate: Option<Candidate>,
     received_at: Option<DroneTime>,
-    /// When the autopilot reported last that its receiver works; None: never. Some firmware reports nothing of it.
+    /// Time of the autopilot's last report that its receiver works; None if it has never reported that, as with some
+    /// firmware.
     healthy_at: Option<DroneTime>,
-    /// It reports now that its receiver does not.
+    /// Whether the autopilot reports that its receiver does not work.
     lost: bool,
-    /// Order that is commanded, and when it is published.
     given: Option<SentCommand>,
 }
 
 impl RcSwitch {
-    /// The autopilot's report of its sensors. PX4 has a receiver while it works, ArduCopter one that is healthy or not.
+    /// Processes the autopilot's sensor status. PX4 reports its receiver as present while it works, ArduCopter as
+    /// healthy or not.
     pub(super) fn on_status(&mut self, now: DroneTime, present: u32, healthy: u32) {
         if present & healthy & RC_RECEIVER != 0 {
             (self.healthy_at, self.lost) = (Some(now), false);
@@ -83,7 +81,8 @@ impl RcSwitch {
             self.forget();
         }
     }
-    /// Channels of the remote control, the switch on number `channel` from 1 on. What a change commands.
+    /// Processes the channels of the remote control, with the switch on number `channel`, counted from 1. Returns the
+    /// command that a change gives.
     pub(super) fn on_channels(
         &mut self,
         now: DroneTime,
@@ -111,10 +110,9 @@ impl RcSwitch {
                 });
             }
         }
-        self.settle(now)
+        self.accept_held(now)
     }
-    /// A candidate that was held comes into force.
-    fn settle(&mut self, now: DroneTime) -> Option<CommandKind> {
+    fn accept_held(&mut self, now: DroneTime) -> Option<CommandKind> {
         let c = self.candidate?;
         let works = self.healthy_at.is_none_or(|at| at >= c.since);
         if self.position == Some(c.position)
@@ -124,7 +122,7 @@ impl RcSwitch {
         {
             return None;
         }
-        // The first position that is held commands nothing.
+        // The first held position gives no command.
         self.position.replace(c.position)?;
         match c.position {
             Position::Low => Some(CommandKind::Abort),
@@ -132,26 +130,25 @@ impl RcSwitch {
             Position::High => Some(CommandKind::Land),
         }
     }
-    /// The remote control is lost: the next position is a first one.
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
-    /// It aborts, or is in the abort position: no landing is admitted, from any source.
+    /// Whether the switch aborts or stays in the abort position, so that a landing is accepted from no source.
     pub(super) fn bars(&self) -> bool {
         let aborts = |o: SentCommand| o.message.kind == CommandKind::Abort;
         self.position == Some(Position::Low) || self.given.is_some_and(aborts)
     }
-    /// It is held where it aborts: whoever orders a landing or a take-off, the pilot holds the drone back. One that is being moved
-    /// away holds nothing back, so that what it commands then is not rejected.
+    /// Whether the switch is held on abort, so that no order to land or take off is accepted. A switch that is moving
+    /// away does not block, so that its own command is accepted.
     pub(super) fn is_held_on_abort(&self) -> bool {
         let low = |p: Position| p == Position::Low;
         self.position.is_some_and(low) && self.candidate.is_none_or(|c| low(c.position))
     }
-    /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(orders::sent(header, kind));
     }
-    /// Order to publish now, by the newest mission state, and why an order was not taken; time passes for the channels too.
+    /// Order to publish now, given the newest mission state, and a text on a failed order; also detects the loss of the
+    /// remote control.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,
@@ -166,7 +163,7 @@ impl RcSwitch {
         let Some(taken) = orders::outcome(given, now, mission) else {
             return (given.due(now), None);
         };
-        let text = (!taken).then(|| orders::refusal(given, mission));
+        let text = (!taken).then(|| orders::rejection_text(given, mission));
         self.given = None;
         (None, text)
     }
@@ -193,8 +190,8 @@ mod tests {
         c
     }
 
-    /// Commands of a switch that is at these pulses (us; 0: the remote control sends nothing) for these times, s, at 10 Hz,
-    /// with the receiver's health at 5 Hz where the autopilot reports it.
+    /// Commands of a switch that outputs each pulse (us; 0: the remote control sends nothing) for its time, s, at 10
+    /// Hz; with `reports_health`, the receiver's health is reported at 5 Hz.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
         let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
         for &(pulse_us, for_s) in course {
@@ -220,7 +217,7 @@ mod tests {
         const HIGH: u16 = 2000;
         for reports_health in [false, true] {
             for (course, expected) in [
-                // The position at the beginning, whichever.
+                // The initial position gives no command.
                 (&[(LOW, 9.0)][..], &[][..]),
                 (&[(HIGH, 9.0)], &[]),
                 (&[(HIGH, 3.0), (MIDDLE, 3.0)], &[]),
@@ -232,15 +229,15 @@ mod tests {
                     &[(MIDDLE, 3.0), (HIGH, 3.0), (LOW, 3.0), (HIGH, 3.0)],
                     &[Land, Abort, Land],
                 ),
-                // Not held, and between two positions.
+                // The position is not held for long enough, or lies between two positions.
                 (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
-                // The remote control is lost, and comes back in another position.
+                // The remote control is lost and returns in another position.
                 (&[(MIDDLE, 3.0), (0, 2.0), (HIGH, 9.0)], &[]),
                 (&[(MIDDLE, 3.0), (0, 2.0), (LOW, 9.0)], &[]),
                 (&[(HIGH, 3.0), (0, 2.0), (MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
-                // No pulse of a receiver.
+                // These pulses are invalid.
                 (&[(MIDDLE, 3.0), (500, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (65535, 3.0)], &[]),
             ] {
@@ -259,14 +256,14 @@ mod tests {
             switch.is_held_on_abort()
         };
         assert_eq!([held(0.0, 1500), held(1.0, 1000)], [false, true]);
-        // High commands once it has been held for longer than this.
+        // High gives its command only after the holding time.
         assert!(!held(2.0, 2000));
         assert_eq!([held(3.0, 1000), held(4.0, 65535)], [true, false], "lost");
     }
 
     #[test]
     fn rc_switch_with_a_receiver_failsafe() {
-        // The receiver sets the channel on high at once; the autopilot reports the loss a second later.
+        // The receiver sets the channel to high at once; the autopilot reports the loss a second later.
         let mut switch = RcSwitch::default();
         for k in 0..100 {
             let (now, high) = (at(0.1 * f64::from(k)), k >= 30);
@@ -308,11 +305,11 @@ mod tests {
                 (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
-        // For 5 s every quarter of one, while the mission shows nothing or something else.
+        // The order is published every 0.25 s for 5 s, while the mission's state does not show it.
         assert_eq!(published(Abort, &before), 21);
         assert_eq!(published(Abort, &other), 21);
         assert_eq!(published(Abort, &own), 0);
-        // It was landing before it was commanded to.
+        // The mission was landing before the order.
         assert_eq!(published(Land, &before), 21);
         let taken = MissionState {
             order: Some([7, 3]),

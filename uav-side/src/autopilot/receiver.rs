@@ -1,7 +1,9 @@
-//! The drone's own GNSS receiver whose moving base is the vessel's: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13 or later.
+//! The drone's own GNSS receiver with the vessel's as moving base: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13
+//! or later.
 //!
-//! Each message needs its checksum. Its time of week is the receiver's; who takes the reports dates them. NAV-PVT waits for no base:
-//! it arrives soonest after its time, by which a NAV-RELPOSNED that waited for the radio is dated.
+//! Each message needs its checksum. Reports carry the receiver's time of week; the moving base dates them. NAV-PVT does
+//! not wait for the base and therefore arrives with the smallest delay, so it is used to date a NAV-RELPOSNED that was
+//! delayed by the radio.
 
 use std::collections::VecDeque;
 
@@ -10,29 +12,26 @@ use serde::{Deserialize, Serialize};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, Parser, UbxPacket};
 
-/// Longest unfinished message, bytes: above the longest that is read.
+/// Buffer for an unfinished message, bytes: more than the longest message read.
 const MAX_WAITING: usize = 2048;
-/// Bytes given to the parser at a time.
 const PART: usize = 512;
-/// Reports that wait to be taken: more than a receiver sends in a second.
+/// Queue length: more than a receiver sends in a second.
 const MAX_REPORTS: usize = 32;
-/// A week, ns.
 pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Standard deviation that no place exceeds, m: nothing is known.
+/// Maximum standard deviation, m; it marks an unknown place.
 pub const MAX_SD_M: f64 = 9_999.0;
 
-/// A relative place as the receiver reports it, or its time alone.
+/// Report of the receiver: its place relative to the base, or only its time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
-    /// Time of the GPS week, ns.
     pub of_week_ns: i64,
-    /// From the base's antenna to its own, NED, m, and the standard deviation of each component, m; None: not valid.
+    /// Position of the drone's antenna relative to the base's, NED, m, and the standard deviation of each component, m;
+    /// None if invalid.
     pub place: Option<[[f64; 3]; 2]>,
-    /// Solution of the ambiguities; None: this is the receiver's time alone.
+    /// Solution of the carrier ambiguities; None if the report contains only the receiver's time.
     pub solution: Option<CarrierSolution>,
 }
 
-/// Decodes a receiver's bytes.
 pub struct ReceiverDecoder {
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
     reports: VecDeque<RelativeReport>,
@@ -48,7 +47,7 @@ impl Default for ReceiverDecoder {
 }
 
 impl ReceiverDecoder {
-    /// Takes bytes as they come; of more reports than are taken the newest wait.
+    /// Decodes bytes; a full queue drops its oldest report.
     pub fn push(&mut self, bytes: &[u8]) {
         for part in bytes.chunks(PART) {
             let mut packets = self.parser.consume_ubx(part);
@@ -65,13 +64,13 @@ impl ReceiverDecoder {
             }
         }
     }
-    /// The next report.
     pub fn next_report(&mut self) -> Option<RelativeReport> {
         self.reports.pop_front()
     }
 }
 
-/// Smallest standard deviation of a solution, m: a receiver states less than it errs, by multipath and by a wrong float.
+/// Minimum standard deviation of a solution, m: a receiver understates its error through multipath and wrong float
+/// solutions.
 const fn min_sd_m(solution: CarrierSolution) -> f64 {
     match solution {
         CarrierSolution::Fixed => 0.01,
@@ -80,11 +79,12 @@ const fn min_sd_m(solution: CarrierSolution) -> f64 {
     }
 }
 
-/// A message as a report; None for one of another kind, or of a time that no week has.
+/// Report from a message; None for other messages, and for a time of week out of range.
 fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// gnssFixOK, relPosValid.
     const VALID: u32 = 1 | 1 << 2;
-    /// refPosMiss, refObsMiss: the base's place or observations are extrapolated. A base that rocks is off by decimetres then.
+    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, with an error of decimetres if the
+    /// base rocks.
     const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
     let (of_week_ms, place, solution) = match packet {
         PacketRef::NavPvt(p) => (p.itow(), None, None),
@@ -123,8 +123,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over class to
-    /// payload).
+    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over
+    /// class to payload).
     fn message(of_week_ms: u32, flags: u32) -> Vec<u8> {
         let mut payload = [0; 64];
         let mut put = |at: usize, bytes: &[u8]| payload[at..at + bytes.len()].copy_from_slice(bytes);
@@ -133,9 +133,9 @@ mod tests {
         put(8, &1234_i32.to_le_bytes());
         put(12, &(-50_i32).to_le_bytes());
         put(16, &300_i32.to_le_bytes());
-        // 5.7 mm, -1.0 mm, 0.
+        // High-precision parts of the position: 5.7 mm, -1.0 mm, 0.
         put(32, &[57, (-10_i8) as u8, 0]);
-        // 12.3 mm, 5 mm, 400 mm.
+        // Standard deviations: 12.3 mm, 5 mm, 400 mm.
         put(36, &123_u32.to_le_bytes());
         put(40, &50_u32.to_le_bytes());
         put(44, &4000_u32.to_le_bytes());
@@ -162,7 +162,7 @@ mod tests {
     fn relative_places_of_each_solution() {
         for (flags, solution, sd) in [
             (valid(2), CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
-            // The base moves.
+            // A moving base.
             (valid(2) | 1 << 5, CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
             (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4]),
             (valid(0), CarrierSolution::None, [2.0; 3]),
@@ -179,14 +179,14 @@ mod tests {
                 "{r:?}"
             );
         }
-        // No fix, or no relative place: the state alone counts.
+        // Without a fix or a relative place only the state is used.
         for flags in [valid(2) & !1, valid(2) & !4] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
             };
             assert_eq!((r.place, r.solution), (None, Some(CarrierSolution::None)));
         }
-        // A base that is extrapolated: the time alone.
+        // With an extrapolated base only the time is used.
         for flags in [valid(2) | 1 << 6, valid(2) | 1 << 7] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
@@ -200,7 +200,8 @@ mod tests {
         let sound = message(200, valid(2));
         let mut damaged = sound.clone();
         damaged[20] ^= 1;
-        // A frame of RTCM's preamble, a sentence, one that is damaged, one of a time that no week has.
+        // The bytes contain an RTCM preamble, an NMEA sentence, a damaged message, and one with a time of week out of
+        // range.
         let bytes = [
             &b"\xd3\x00\x13$GNGGA,1*00\r\n"[..],
             &damaged,
@@ -212,7 +213,7 @@ mod tests {
             let times: Vec<_> = decoded(&bytes, cut).iter().map(|r| r.of_week_ns).collect();
             assert_eq!(times, [200_000_000], "{cut}");
         }
-        // More than are taken: bounded, and the newest.
+        // The queue is bounded and keeps the newest reports.
         let many: Vec<u8> = (0..100).flat_map(|k| message(k, valid(2))).collect();
         let all = decoded(&many, 512);
         assert_eq!((all.len(), all[0].of_week_ns), (MAX_REPORTS, 68_000_000));

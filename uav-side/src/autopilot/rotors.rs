@@ -1,36 +1,35 @@
-//! Rotors after arming: whether they follow what the autopilot reports to ask of them, by its outputs (`SERVO_OUTPUT_RAW`).
+//! Spin-up of the rotors after arming, observed at the autopilot's outputs (`SERVO_OUTPUT_RAW`).
 //!
-//! ArduCopter's stand still for ARMING_DELAY_SEC after arming and then spin up for MOT_SPOOL_TIME, whatever is asked of them
-//! meanwhile; PX4's follow at once. Outputs are compared with themselves: as they were while the autopilot was disarmed, and a
-//! moment ago, so that neither their protocol nor their order matters. The heartbeat that reports armed comes up to a second
-//! late, and rotors turn by then: those at rest are of some heartbeats before.
+//! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for MOT_SPOOL_TIME,
+//! independently of the commanded thrust; PX4's rotors follow at once. Outputs are compared with their values while the
+//! autopilot was disarmed, and with those a moment ago, so that neither their protocol nor their order matters. The
+//! heartbeat that reports the arming may arrive a second late, after the rotors have started; values at rest are
+//! therefore taken from a time some heartbeats earlier.
 
 use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::message::OUTPUTS;
 
-/// Sets of outputs that are watched.
 const PORTS: usize = 2;
-/// No multirotor has fewer rotors; what else moves at arming are fewer servos.
+/// Minimum number of outputs that rise: no multirotor has fewer rotors, and fewer servos move at arming.
 const ROTORS: usize = 3;
-/// Outputs that rise by less have not risen, us or steps of a digital protocol.
+/// Smallest significant rise of an output, us or steps of a digital protocol.
 const RISEN: f64 = 5.0;
-/// Outputs that grow by no more than this factor within [`SETTLES`] do not spin up any more: ArduCopter's ramp from its rest doubles.
+/// Factor between the outputs' rises [`SPUN_UP`] apart up to which the spin-up is over: ArduCopter's ramp from rest
+/// doubles the rise.
 const GROWS: f64 = 1.5;
-const SETTLES: Span = Span::from_millis(200);
-/// A report counts for so long.
+const SPUN_UP: Span = Span::from_millis(200);
 const STALE: Span = Span::from_millis(500);
-/// Outputs at rest are those of so long before a disarmed report: two heartbeats.
+/// Time before a disarmed report from which outputs at rest are taken: two heartbeats.
 const REPORTED_WITHIN: Span = Span::from_millis(2000);
-/// Outputs that have not risen so long after arming are not those of the motors.
+/// Time after arming after which outputs that have not risen are taken for outputs other than motors.
 const OTHERS: Span = Span::from_millis(5000);
 
-/// Outputs of a disarmed autopilot.
 #[derive(Clone, Copy, Debug)]
 struct AtRest {
     pulses: [u16; OUTPUTS],
-    /// Those of a later time, which may be of an autopilot that has just armed.
+    /// Outputs at a later time, possibly of an autopilot that has just armed.
     later: [u16; OUTPUTS],
     later_at: DroneTime,
 }
@@ -44,7 +43,6 @@ impl AtRest {
             later_at: now,
         }
     }
-    /// Takes those that are reported now.
     fn update(&mut self, now: DroneTime, pulses: &[u16; OUTPUTS]) {
         if now - self.later_at >= REPORTED_WITHIN {
             *self = AtRest {
@@ -55,20 +53,16 @@ impl AtRest {
     }
 }
 
-/// The outputs since the autopilot was armed.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RotorOutputs {
-    /// As they were before.
     at_rest: [Option<AtRest>; PORTS],
     armed_at: Option<DroneTime>,
     newest: Option<DroneTime>,
-    /// Former rise of the outputs, and its time.
     before: Option<(DroneTime, f64)>,
     follow: bool,
 }
 
 impl RotorOutputs {
-    /// A report of the outputs of a set.
     pub(crate) fn outputs(&mut self, now: DroneTime, armed: bool, port: u8, pulses: &[u16; OUTPUTS]) {
         let Some(at_rest) = self.at_rest.get_mut(usize::from(port)) else {
             return;
@@ -79,13 +73,13 @@ impl RotorOutputs {
             (self.armed_at, self.before, self.follow) = (None, None, false);
             return;
         }
-        // What they were before is not known to a link that begins with an armed autopilot.
+        // A link that starts while the autopilot is armed does not know the values at rest.
         let Some(at_rest) = at_rest else { return };
         (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
         let mut rises = [0.0; OUTPUTS];
         for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {
-                // No pulses until it was armed.
+                // The output had no pulses before arming.
                 *rest = *pulse;
             }
             *rise = f64::from(*pulse) - f64::from(*rest);
@@ -93,12 +87,12 @@ impl RotorOutputs {
         rises.sort_by(|a, b| b.total_cmp(a));
         let rise = rises.get(ROTORS - 1).copied().unwrap_or_default();
         let (at, before) = *self.before.get_or_insert((now, rise));
-        if now - at >= SETTLES {
+        if now - at >= SPUN_UP {
             self.follow |= before > RISEN && rise > RISEN && rise <= GROWS * before;
             self.before = Some((now, rise));
         }
     }
-    /// They stand still, or spin up: what is asked of them is not given.
+    /// Whether the rotors are at rest or spin up, so that the commanded thrust is not applied.
     pub(crate) fn wait(&self, now: DroneTime) -> bool {
         let reported = self.newest.is_some_and(|at| now - at <= STALE);
         let recent = self.armed_at.is_some_and(|at| now - at <= OTHERS);
@@ -111,13 +105,13 @@ mod tests {
     use super::*;
     use alight_shared::time::Time;
 
-    /// When outputs of `pulse_us` at each time after arming (s), 20 a second, show that the rotors follow; the heartbeat reports
-    /// armed at `reported_s`.
+    /// Time after arming at which outputs of `pulse_us` (of that time, s; 20 Hz) show that the rotors follow; the
+    /// heartbeat reports armed at `reported_s`.
     fn follow_s(at_rest: u16, reported_s: f64, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
         let mut rotors = RotorOutputs::default();
         let mut outputs = |t: f64, armed, pulse: f64| {
             let mut all = [0; OUTPUTS];
-            // Rotors that also turn the drone, and a servo.
+            // Rotors that also yaw the drone, and a servo.
             for (k, p) in all.iter_mut().take(4).enumerate() {
                 *p = (pulse + if pulse > 1050.0 { 4.0 * k as f64 } else { 0.0 }) as u16;
             }
@@ -135,7 +129,7 @@ mod tests {
 
     #[test]
     fn outputs_of_motors_that_spin_up() {
-        // As ArduCopter 4.7-dev has logged them.
+        // Logged values of ArduCopter 4.7-dev.
         let arducopter = |t: f64| match t {
             t if t < 2.0 => 1000.0,
             t if t < 2.5 => 1000.0 + 40.0 * (t - 2.0),
@@ -145,14 +139,14 @@ mod tests {
             let s = follow_s(at_rest, 0.0, arducopter).unwrap();
             assert!((2.6..3.0).contains(&s), "{s}");
         }
-        // PX4's, and those of a digital protocol.
+        // PX4, and a digital protocol.
         for (at_rest, turns) in [(900, 1200.0), (54, 400.0)] {
             for reported_s in [0.0, 0.6, 1.2] {
                 let s = follow_s(at_rest, reported_s, |_| turns).unwrap();
                 assert!(s < reported_s + 0.3, "{s} s, reported after {reported_s} s");
             }
         }
-        // None of the motors': they show nothing, and hide nothing for ever.
+        // Outputs other than motors show nothing, and block only for a limited time.
         let s = follow_s(1000, 0.0, |_| 1000.0).unwrap();
         assert!((5.0..5.2).contains(&s), "{s}");
     }

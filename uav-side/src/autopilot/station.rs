@@ -1,16 +1,20 @@
-//! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to whoever gave it.
+//! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to the
+//! sender.
 //!
-//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF` takes
-//! off where the mission permits that, all whatever their parameters; `MAV_CMD_USER_4` keeps the station that its parameters name,
-//! and is DENIED where they name none. An abort counts whoever gives it; any other order is DENIED on a link that is not signed,
-//! unless the configuration permits that (`unsigned_orders`). A rejected order is answered with a text that has the
-//! reason. An order is answered with IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it,
-//! and with TEMPORARILY_REJECTED, or FAILED where no mission reports, when it rejects it or has not taken it in 5 s. It
-//! is admitted by the mission as any other. An order other than an abort that a station repeats (its confirmation counts;
-//! a `COMMAND_INT`, which has none, may be a repetition), or gives within a second of it, is rejected after an abort or
-//! after a person took the drone over: whoever gave it cannot know that yet. One whose confirmation counts is answered
-//! as it was before; an abort is ordered again each time, for somebody else may have ordered a landing since. Whoever
-//! reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others out of both.
+//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF`
+//! takes off if the mission permits that, all with any parameters. `MAV_CMD_USER_4` keeps the station given by its
+//! parameters, and is DENIED for invalid ones. An abort is accepted from every sender; on an unsigned link any other
+//! order is DENIED unless the configuration permits it (`unsigned_orders`).
+//!
+//! An order is answered with IN_PROGRESS at once and each second, and with ACCEPTED when the mission has accepted it.
+//! When the mission rejects it or does not accept it within 5 s, the answer is TEMPORARILY_REJECTED, or FAILED without
+//! a report of the mission, and a text gives the reason. The mission applies its own rules, as to any other order.
+//!
+//! After an abort or a pilot's takeover, an order other than an abort is rejected when a station repeats it (its
+//! confirmation counts up; a `COMMAND_INT`, which has no confirmation, may be a repetition) or gives it within a
+//! second: the operator cannot know of the abort yet. Otherwise a repetition gets the former answer; an abort is
+//! carried out each time, because another operator may have ordered a landing since. Any sender on the autopilot's link
+//! can also fly the drone without Alight: `signing_key` protects both.
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
@@ -21,17 +25,15 @@ use super::DroneTime;
 use super::message::{Address, CommandResult, MavlinkMessage, command};
 use super::orders::{self, SentCommand};
 
-/// A command as a station gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StationCommand {
     pub(super) number: u16,
-    /// First four parameters of the command.
     pub(super) first: [f64; 4],
     pub(super) repetition: Repetition,
 }
 
 impl StationCommand {
-    /// Kind of the order; otherwise the answer.
+    /// Kind of the order; Err: the answer to the station.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
             command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
@@ -44,9 +46,9 @@ impl StationCommand {
     }
 }
 
-/// The station of these parameters: height, m; ahead and to starboard, m; min. What is not a number is the usual, and a
-/// height, a distance ahead and a time of 0 are, too. Consoles send 0 for what is left out: neither ahead nor to the side is the usual
-/// place, never one straight above the deck. DENIED outside a station's bounds.
+/// Station from the parameters: height, m; distances ahead and to starboard, m; duration, min. NaN selects the default,
+/// as does 0 for height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to starboard
+/// select the default place, never a place straight above the deck. DENIED outside a station's bounds.
 fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
     let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
@@ -55,7 +57,7 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
         let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&whole);
         fits.then_some(whole as i8).ok_or(CommandResult::Denied)
     };
-    // Nearly nothing is not the usual.
+    // A value that rounds to 0 is out of bounds, not the default.
     let positive = |value: f64| match whole(value)? {
         most @ 1.. => Ok(most.unsigned_abs()),
         i8::MIN..=0 => Err(CommandResult::Denied),
@@ -76,37 +78,30 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     station.is_sane().then_some(station).ok_or(CommandResult::Denied)
 }
 
-/// A station repeats an order for no longer than this.
+/// Time within which a station repeats an order.
 const REPEATED: Span = Span::from_millis(15_000);
-/// An order under way is answered again at this period: a station gives up a command without an answer.
+/// Period of answers to a pending order: a station gives up a command without an answer.
 const ANSWERED: Span = Span::from_millis(1000);
 
-/// Stations that wait for the answer to one order, at most.
 const MAX_STATIONS: usize = 4;
 
-/// The order of a station under way.
 #[derive(Clone, Debug)]
 struct StationOrder {
     number: u16,
     order: SentCommand,
     answers: Periodic<DroneClock>,
-    /// Who gave it, and who gave it again.
+    /// Stations that gave or repeated the order.
     stations: Vec<Address>,
 }
 
-/// Whether a command repeats another, by its message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Repetition {
-    /// Given for the first time.
     No,
-    /// The command's confirmation counts.
     Yes,
-    /// The message does not state it.
     Perhaps,
 }
 
 impl Repetition {
-    /// Repetition of a `COMMAND_LONG` with this confirmation.
     pub(super) fn counted(confirmation: u8) -> Repetition {
         if confirmation > 0 {
             Repetition::Yes
@@ -116,38 +111,33 @@ impl Repetition {
     }
 }
 
-/// The orders of all stations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationOrders {
     given: Option<StationOrder>,
-    /// The answer to the last order that was decided, and when.
     decided: Option<(Answer, DroneTime)>,
-    /// When a landing was stopped last: by an abort of anybody, or by a person who took the drone over.
+    /// Time at which an abort or a pilot's takeover last stopped a landing.
     stopped: Option<DroneTime>,
 }
 
-/// Result of a command from a station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CommandOutcome {
-    /// It is no order of ours, or repeats another.
+    /// Answered at once: an unknown command, or the repetition of an order.
     Answered(CommandResult),
-    /// It is not taken, for this reason.
     Rejected(CommandResult, &'static str),
-    /// A new order.
     Order(CommandKind),
 }
 
-/// Why an order is not taken before the mission is asked: each fits a STATUSTEXT.
-const OUT_OF_BOUNDS: &str = "out of a station's bounds";
-const UNAWARE: &str = "just stopped, or switch on abort";
+/// Reasons to reject an order before it reaches the mission; each fits a STATUSTEXT.
+const OUT_OF_BOUNDS: &str = "station out of bounds";
+const UNAWARE: &str = "landing just stopped, or switch on abort";
 pub(super) const UNSIGNED: &str = "no signing_key (or unsigned_orders)";
 
 impl StationOrders {
-    /// A landing was stopped.
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// A command to the companion. `barred`: the remote control's switch aborts or stands there; `counts`: orders of this link do.
+    /// Processes a command to the companion. `barred`: whether the remote control's switch blocks orders; `counts`:
+    /// whether orders of this link are accepted.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
@@ -172,11 +162,11 @@ impl StationOrders {
             return CommandOutcome::Answered(CommandResult::InProgress);
         }
         if kind == CommandKind::Abort {
-            // Never by an old answer: somebody may have ordered a landing since, and a second abort does no harm.
+            // An old answer is not reused: a landing may have been ordered since, and a second abort does no harm.
             return CommandOutcome::Order(kind);
         }
         let recent = |at: DroneTime, within| now - at < within;
-        // Before the answer that it had once: what it ordered is no longer in force.
+        // This is checked before the former answer is reused, because the former order is no longer in force.
         let unaware = match repetition {
             Repetition::No => UNAWARE_OF_ABORT,
             Repetition::Yes | Repetition::Perhaps => REPEATED,
@@ -193,7 +183,7 @@ impl StationOrders {
             Some(_) | None => CommandOutcome::Order(kind),
         }
     }
-    /// Begins a new order; the answer to the one that it takes the place of.
+    /// Starts a new order. Returns the answer to the order that it replaces.
     pub(super) fn give(
         &mut self,
         (number, kind): (u16, CommandKind),
@@ -211,12 +201,11 @@ impl StationOrders {
         });
         before.map(|g| g.answer(CommandResult::Other))
     }
-    /// An abort is under way.
     pub(super) fn aborts(&self) -> bool {
         let given = self.given.as_ref();
         given.is_some_and(|g| g.order.message.kind == CommandKind::Abort)
     }
-    /// Order to publish now, and the answer where it is decided, with a text where it was not taken.
+    /// Order to publish now, and the answer to a completed order, with a text when it failed.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,
@@ -256,26 +245,22 @@ impl StationOrder {
             None => CommandResult::Failed,
         };
         Answer {
-            text: Some(orders::refusal(&self.order, mission)),
+            text: Some(orders::rejection_text(&self.order, mission)),
             ..self.answer(result)
         }
     }
 }
 
-/// An answer to an order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Answer {
     number: u16,
     kind: CommandKind,
     result: CommandResult,
-    /// Who waits for it.
     stations: Vec<Address>,
-    /// Why it was not taken.
     pub(super) text: Option<String>,
 }
 
 impl Answer {
-    /// As messages to all who wait for it.
     pub(super) fn messages(&self) -> impl Iterator<Item = MavlinkMessage> + '_ {
         self.stations.iter().map(|to| MavlinkMessage::CommandAck {
             command: self.number,

@@ -1,11 +1,12 @@
-//! Parameters of the companion: what an operator changes of the mission at a ground station, by MAVLink's parameter protocol.
+//! Parameters of the companion: mission settings that an operator changes at a ground station, by MAVLink's parameter
+//! protocol.
 //!
-//! The mission's state has their values, and whether they may be changed. A PARAM_SET goes to the mission as a
-//! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is rejected is
-//! answered with the value as it is and a text that has the reason. What is set counts until the processes are restarted,
-//! and outlives the crash of one by the mission's checkpoint. Where that was lost a text states what counts now; a link
-//! that was lost with it knows the mode before by its own checkpoint, and no heights. Each value is REAL32, for which the
-//! two encodings of MAVLink's parameters, by bytes and by value, are one.
+//! The mission's state reports their values, and whether they may be changed. A PARAM_SET goes to the mission as a
+//! [`SettingsOrder`], repeated until the state shows the new value, and is then answered with PARAM_VALUE. A rejected
+//! one is answered with the present value and a text with the reason. Settings last until the processes are restarted,
+//! and survive a crash through the mission's checkpoint. When that checkpoint is lost, a text reports the present
+//! values; a link that crashed as well recovers the former mode from its own checkpoint, but not the heights. Each
+//! value is REAL32, for which MAVLink's two parameter encodings, by bytes and by value, coincide.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::config::ConfigError;
@@ -18,18 +19,16 @@ use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
 
-/// Values are rounded to a thousandth: the message's single precision has no more of a height.
+/// Steps per unit to which values are rounded: the message's single precision resolves a thousandth of a height.
 const STEPS: f64 = 1e3;
-/// Each name begins so.
 const PREFIX: &str = "ALIGHT_";
-/// By their numbers.
 const MODES: [(LandingMode, &str); 3] = [
     (LandingMode::Shadow, "shadow"),
     (LandingMode::Match, "match"),
     (LandingMode::Land, "land"),
 ];
 
-/// A parameter; its place is its index.
+/// Parameter of the companion; its MAVLink index is its position in this list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StationParameter {
     Mode,
@@ -45,7 +44,7 @@ impl StationParameter {
         StationParameter::TrackingHeight,
         StationParameter::LowestClearance,
     ];
-    /// Sixteen characters at most.
+    /// Name of at most 16 characters.
     const fn name(self) -> &'static str {
         match self {
             StationParameter::Mode => "ALIGHT_MODE",
@@ -77,7 +76,7 @@ impl StationParameter {
             StationParameter::LowestClearance => s.lowest_clearance_m,
         }
     }
-    /// These settings with another value of it, or why there are none.
+    /// Settings with a new value of the parameter, or the reason of a rejection.
     fn changed(self, s: &MissionSettings, value: f64) -> Result<MissionSettings, String> {
         let value = (value * STEPS).round() / STEPS;
         let mut changed = *s;
@@ -88,11 +87,11 @@ impl StationParameter {
                 changed.mode = *mode;
             }
             StationParameter::ApproachHeight => changed.approach_height_m = value,
-            // The exposure of the camera's images was checked against the one in the file.
+            // The camera's exposure was checked against the height in the file.
             StationParameter::TrackingHeight => return Err("only the file sets it".into()),
             StationParameter::LowestClearance => changed.lowest_clearance_m = value,
         }
-        // No limit of these depends on the rest of the mission's configuration.
+        // The limits of these settings do not depend on the rest of the mission's configuration.
         match MissionConfig::default().with(&changed) {
             Ok(_) => Ok(changed),
             Err(ConfigError::Range { key, value, allowed }) => {
@@ -107,7 +106,6 @@ impl StationParameter {
             Err(why @ (ConfigError::Read { .. } | ConfigError::Parse { .. })) => Err(why.to_string()),
         }
     }
-    /// Value as text.
     fn shown(self, s: &MissionSettings) -> String {
         let value = self.value(s);
         let mode = MODES
@@ -128,36 +126,32 @@ impl StationParameter {
     }
 }
 
-/// A change under way to the mission.
 #[derive(Clone, Debug)]
 struct UnderWay {
     order: Retransmission<DroneClock, SettingsOrder>,
-    /// Parameters that it changes, and the station that asked last.
+    /// Changed parameters, and the station that sent the last change.
     changes: Vec<StationParameter>,
     station: u8,
 }
 
-/// The parameters as the stations know them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationParameters {
-    /// As the mission's state had them last.
+    /// Newest settings in the mission's state.
     known: Option<MissionSettings>,
-    /// The mode of the mission before this one, as the link before this one knew it; until the mission reports.
+    /// Mode of the previous mission, recalled from the previous link's checkpoint; used up when the mission reports.
     pub(super) recalled: Option<LandingMode>,
     under_way: Option<UnderWay>,
 }
 
-/// Result of a mission's state.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Polled {
     order: Option<SettingsOrder>,
-    /// Whose values the stations are sent.
     values: Vec<StationParameter>,
     texts: Vec<(u8, String)>,
 }
 
 impl StationParameters {
-    /// Begins to set `p`, besides what is under way: all of it is wanted.
+    /// Starts a change of `p`, together with the changes already pending.
     fn begin(&mut self, order: SettingsOrder, station: u8, p: StationParameter) {
         let before = self.under_way.take().map(|u| u.changes);
         let mut changes = before.unwrap_or_default();
@@ -170,7 +164,7 @@ impl StationParameters {
             station,
         });
     }
-    /// By the mission's newest state.
+    /// Compares the pending change with the mission's newest state.
     fn poll(&mut self, now: DroneTime, mission: &MissionState) -> Polled {
         let settings = &mission.settings;
         let recalled = self.recalled.take();
@@ -188,7 +182,7 @@ impl StationParameters {
             polled.texts = polled.values.iter().map(again).collect();
             return polled;
         };
-        // A state that is older than the order shows what may be about to change by the order before it.
+        // A state older than the order may still change because of the previous order.
         let ordered = under_way.order.message;
         let is_taken = mission.header.at > ordered.header.at && ordered.settings == *settings;
         if !is_taken && !under_way.order.is_over(now) {
@@ -202,7 +196,7 @@ impl StationParameters {
                 let text = format!("ground station {station} sets {name} to {value}");
                 (severity::NOTICE, text)
             } else {
-                let text = format!("{name} stays: the mission did not take it");
+                let text = format!("{name} unchanged: not accepted by the mission");
                 (severity::WARNING, text)
             }
         };
@@ -214,14 +208,13 @@ impl StationParameters {
 }
 
 impl AutopilotLink {
-    /// Answers a station that asks for all parameters. They are not known before the mission has reported.
+    /// Answers a request for all parameters; without a report of the mission they are unknown.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
         if let Some(m) = self.inputs.mission.get() {
             out.messages
                 .extend(StationParameter::ALL.map(|p| p.message(&m.settings)));
         }
     }
-    /// A station asks for one, by its index or its name.
     pub(super) fn read_parameter(&self, name: &str, index: Option<u16>, out: &mut AutopilotOut) {
         let parameter = match index {
             Some(k) => StationParameter::ALL.get(usize::from(k)).copied(),
@@ -231,7 +224,7 @@ impl AutopilotLink {
         out.messages
             .extend(parameter.zip(known).map(|(p, s)| p.message(&s)));
     }
-    /// A station sets one.
+    /// Processes a PARAM_SET of a station.
     pub(super) fn set_parameter(
         &mut self,
         now: DroneTime,
@@ -241,7 +234,7 @@ impl AutopilotLink {
         out: &mut AutopilotOut,
     ) {
         let Some(p) = StationParameter::named(name) else {
-            let text = format!("{name} is no parameter of this companion");
+            let text = format!("{name} is not a parameter of this companion");
             return out.alarm(severity::WARNING, text);
         };
         let firmware = self.firmware().unwrap_or_default();
@@ -254,16 +247,15 @@ impl AutopilotLink {
             }
             Err(why) => {
                 self.read_parameter(name, None, out);
-                out.alarm(severity::WARNING, format!("{name} stays: {why}"));
+                out.alarm(severity::WARNING, format!("{name} unchanged: {why}"));
             }
         }
     }
-    /// The mission has these settings, and no order is on its way that changes them.
     fn is_set(&self, settings: &MissionSettings) -> bool {
         let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
         shown && self.operators.parameters.under_way.is_none()
     }
-    /// The settings with this value of `p`, or why they stay.
+    /// Settings with this value of `p`, or the reason of a rejection.
     fn changed_settings(
         &self,
         now: DroneTime,
@@ -281,7 +273,6 @@ impl AutopilotLink {
         let wanted = under_way.map_or(mission.settings, |u| u.order.message.settings);
         p.changed(&wanted, value)
     }
-    /// Why nothing may be set now.
     fn is_locked(&self, now: DroneTime, mission: &MissionState) -> Option<&'static str> {
         let peer = self.peer.as_ref();
         let alive = peer.is_some_and(|p| (now - p.heartbeat_at).secs() <= self.config.heartbeat_loss_s);
@@ -291,9 +282,8 @@ impl AutopilotLink {
             Some(_) | None => Some("the autopilot is silent"),
         }
     }
-    /// Passes on what is set, and informs the stations of what has changed.
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // Before the autopilot is found no station receives it.
+        // No station receives anything before the autopilot is found.
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
@@ -324,7 +314,6 @@ mod tests {
         let header = Header::new(0, 1, 7, 1, at(s));
         SettingsOrder { header, settings }
     }
-    /// A mission's state at that time.
     fn shown(s: f64, settings: &MissionSettings) -> MissionState {
         MissionState {
             header: Header::new(0, 1, 5, 1, at(s)),
@@ -332,7 +321,6 @@ mod tests {
             ..MissionState::default()
         }
     }
-    /// Result of a state at once.
     fn poll(parameters: &mut StationParameters, s: f64, settings: &MissionSettings) -> Polled {
         parameters.poll(at(s), &shown(s, settings))
     }
@@ -356,7 +344,7 @@ mod tests {
         let c = configured();
         let matching = Mode.changed(&c, 1.0).unwrap();
         assert_eq!(matching.mode, LandingMode::Match);
-        for (of, p, value, expected) in [
+        for (settings, p, value, expected) in [
             (c, Mode, 3.0, "3 is not 0, 1 or 2"),
             (c, Mode, 0.5, "0.5 is not 0, 1 or 2"),
             (c, Mode, f64::NAN, "NaN is not 0, 1 or 2"),
@@ -366,9 +354,9 @@ mod tests {
             (c, TrackingHeight, 6.0, "only the file sets it"),
             (matching, LowestClearance, 6.5, "6.5 not in 1 to 6"),
         ] {
-            assert_eq!(p.changed(&of, value), Err(expected.into()), "{p:?}");
+            assert_eq!(p.changed(&settings, value), Err(expected.into()), "{p:?}");
         }
-        // By single precision.
+        // The value has the rounding of single precision.
         let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
         assert_eq!(height.approach_height_m, 12.3);
     }
@@ -394,7 +382,7 @@ mod tests {
             "ground station 255 sets ALIGHT_MODE to 1 (match)"
         );
         assert_eq!(poll(&mut parameters, 10.4, &both), Polled::default());
-        // The mission's successor has lost them.
+        // The mission's successor has lost the settings.
         let lost = poll(&mut parameters, 20.0, &before);
         assert_eq!(lost.values, done.values);
         assert_eq!(lost.texts[0].1, "ALIGHT_MODE is 2 (land) now: mission restarted");
@@ -416,7 +404,10 @@ mod tests {
         }
         assert_eq!(last.values, [StationParameter::Mode]);
         assert!((8..=9).contains(&published), "{published}");
-        assert_eq!(last.texts[0].1, "ALIGHT_MODE stays: the mission did not take it");
+        assert_eq!(
+            last.texts[0].1,
+            "ALIGHT_MODE unchanged: not accepted by the mission"
+        );
     }
 
     #[test]
@@ -425,7 +416,8 @@ mod tests {
         let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
         parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());
-        // Back, while the mission may be about to take the other: it is ordered, not taken for done.
+        // The change is reverted while the mission may still apply the former order: the old value is ordered again,
+        // not assumed to be confirmed.
         parameters.begin(order(10.02, before), 255, StationParameter::ApproachHeight);
         let old = shown(10.01, &before);
         let ordered = parameters.poll(at(10.02), &old);
@@ -460,7 +452,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is set, the mission has a configuration that its file could have.
+        /// Whatever value is set, the mission's configuration remains one that would be valid in its file.
         #[test]
         fn settings_by_arbitrary_values(values in prop::collection::vec((0..4_usize, any::<f32>()), 1..20)) {
             let mut settings = configured();

@@ -1,4 +1,4 @@
-//! Message rates requested of the autopilot, and requested again where they are not kept.
+//! Message rates requested from the autopilot, and requested again when they are too low.
 
 use alight_shared::time::Span;
 
@@ -7,31 +7,25 @@ use super::config::AutopilotLinkConfig;
 use super::message::{Address, CommandLong, CommandResult, MavlinkMessage, command, id};
 use super::modes::Firmware;
 
-/// Time between two requests on the link, s.
 const REQUEST_SPACING_S: f64 = 0.02;
-/// Period of the review of each stream's rate, s.
+/// Period of the check of each stream's rate, s.
 const REVIEW_S: f64 = 2.0;
-/// Rate that is requested of CURRENT_MODE: a change is reported within its period, Hz.
+/// Requested rate of CURRENT_MODE, Hz: a change of mode is reported within its period.
 const MODE_HZ: f64 = 50.0;
-/// Rates of the remote control's channels and of the autopilot's sensors' health, where a switch commands, Hz.
+/// Rates of the remote control's channels and of the sensors' health, requested when a switch gives commands, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
-/// Rate of the outputs to the motors, Hz.
 const OUTPUTS_HZ: f64 = 20.0;
-/// Rate of the estimator's status, Hz.
 const ESTIMATOR_HZ: f64 = 5.0;
-/// Below this fraction of its rate a stream is requested again.
+/// Fraction of the requested rate below which a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
-/// A denied stream is not requested for this long, s.
 const DENIED_PAUSE_S: f64 = 60.0;
-/// Denials after which a stream counts as denied.
 const MAX_DENIALS: u32 = 3;
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     id: u32,
     hz: f64,
-    /// Requested again below this rate, Hz.
     min_hz: f64,
     received: u32,
     review_at: DroneTime,
@@ -39,7 +33,6 @@ struct Stream {
     wanted: bool,
 }
 
-/// The streams of one autopilot.
 #[derive(Clone, Debug)]
 pub(crate) struct MessageStreams {
     list: Vec<Stream>,
@@ -48,15 +41,15 @@ pub(crate) struct MessageStreams {
 }
 
 impl MessageStreams {
-    /// Streams that landing needs, as far as this firmware can send them.
+    /// Streams that a landing needs and this firmware can send.
     pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> MessageStreams {
         let own: &[(u32, f64)] = match firmware {
             Firmware::Px4 => &[
                 (id::ODOMETRY, c.odometry_hz),
                 (id::HIGHRES_IMU, c.odometry_hz),
                 (id::ESTIMATOR_STATUS, ESTIMATOR_HZ),
-                // Its heartbeats keep to 1 Hz whatever is requested; this comes when the mode changes, and twice
-                // a second.
+                // PX4's heartbeats keep to 1 Hz at any requested rate; CURRENT_MODE is sent at a change of mode and at
+                // 2 Hz.
                 (id::CURRENT_MODE, MODE_HZ),
             ],
             // ArduCopter has no ODOMETRY.
@@ -66,13 +59,13 @@ impl MessageStreams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
-                // Whether the rotors follow: PX4's do at once.
+                // Shows the spin-up of the rotors; with PX4 they start at once.
                 (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
         let both = [
             (id::EXTENDED_SYS_STATE, 10.0),
-            // The thrust in force. (ArduCopter has it in VFR_HUD too, cut to whole percents.)
+            // Thrust in force. (ArduCopter also has it in VFR_HUD, truncated to whole percents.)
             (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
@@ -104,13 +97,11 @@ impl MessageStreams {
             last_asked: None,
         }
     }
-    /// A message of a stream arrived.
     pub(crate) fn received(&mut self, id: u32) {
         if let Some(s) = self.list.iter_mut().find(|s| s.id == id) {
             s.received = s.received.saturating_add(1);
         }
     }
-    /// The last request was answered.
     pub(crate) fn answered(&mut self, now: DroneTime, result: CommandResult) {
         let denied = match result {
             CommandResult::Denied
@@ -128,14 +119,13 @@ impl MessageStreams {
             }
         }
     }
-    /// The next request, when it is due.
     pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
         }
         for s in &mut self.list {
             if now >= s.review_at {
-                // The first review finds nothing received, and so requests.
+                // Nothing was received before the first check, so it requests the stream.
                 s.wanted = f64::from(s.received) < s.min_hz * REVIEW_S;
                 if !s.wanted {
                     s.denials = 0;
@@ -164,7 +154,7 @@ mod tests {
 
     const TO: Address = Address::new(1, 1);
 
-    /// Asked-for ids over `seconds`, when the streams in `sent` come at their rate.
+    /// Message ids requested over `seconds` while the streams in `sent` arrive at their rate.
     fn asked(
         s: &mut MessageStreams,
         from_s: f64,

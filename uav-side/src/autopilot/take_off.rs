@@ -1,14 +1,14 @@
-//! The mode and the arming of a take-off, and the disarm of one that was stopped on the deck.
+//! Mode change and arming for a take-off, and the disarm after a take-off that was stopped on the deck.
 //!
-//! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the take-off,
-//! the crew has cleared the deck, and the countdown is over. A mode that the pilot chooses after that is not chosen again, nor
-//! is armed again what was armed: a link that begins in that state does neither.
-//! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
+//! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the
+//! take-off, the crew has cleared the deck, and the countdown is over. It does not override a mode that the pilot
+//! chooses afterwards, nor arm a second time; a link that starts in that state does neither. The autopilot's answer to
+//! the arming command is passed on with its text.
 //!
-//! A take-off that was stopped leaves a drone that this link has armed and that has had little thrust since. It is disarmed by
-//! force, because no land detector finds the ground on a deck that moves: once two witnesses show that it stands
-//! ([`crate::standing`]). Where set-points have ceased meanwhile its autopilot may have lifted it: until two witnesses show that it
-//! stands, a thrust that does not carry it is not passed on, and it climbs a little and holds.
+//! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed by force,
+//! because no land detector works on a moving deck: as soon as two witnesses show that it stands ([`crate::standing`]).
+//! If set-points stopped in the meantime, the autopilot may have lifted the drone; until two witnesses show that it
+//! stands, a thrust too low to carry it is replaced by a small climb and a hold.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geometry::GRAVITY;
@@ -21,60 +21,55 @@ use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
-/// PX4 denies OFFBOARD without a stream of set-points for so long.
+/// Duration of a set-point stream before PX4 accepts OFFBOARD.
 const STREAMS: Span = Span::from_millis(1200);
-/// Between two commands.
 const PAUSE: Span = Span::from_millis(1000);
-/// Commands to choose the mode, to arm and to disarm, at most.
+/// Maximum numbers of commands to choose the mode, to arm and to disarm.
 const MODE_TRIES: u32 = 3;
 const ARM_TRIES: u32 = 3;
 const DISARM_TRIES: u32 = 50;
-/// Between two commands to disarm.
 const DISARM_PAUSE: Span = Span::from_millis(200);
-/// Without set-points for so long its autopilot may do something by itself.
+/// Gap in the set-points after which the autopilot may act by itself.
 const GAP: Span = Span::from_millis(150);
-/// A text explains a denial that comes no later.
+/// Maximum age of a text that explains a denial.
 const EXPLAINS: Span = Span::from_millis(3000);
 
-/// Progress of a take-off at the autopilot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TakeOffSequence {
-    /// Since when set-points are streamed for it.
     since: Option<DroneTime>,
     modes: u32,
     arms: u32,
-    /// The autopilot was in our mode since.
+    /// Whether the autopilot has been in our mode since the start.
     was_ours: bool,
-    /// It was commanded to arm, and was not observed disarmed in another state of the mission since.
+    /// Whether an arming command was sent and no disarmed state outside of a take-off was observed since.
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// Set-points ceased, and nothing has shown since that it stands.
+    /// Whether set-points stopped and no later verdict shows that the drone stands.
     may_fly: bool,
     next: Periodic<DroneClock>,
-    /// The autopilot's newest text of a denial.
+    /// Newest text of the autopilot on a denial.
     text: Option<(DroneTime, String)>,
 }
 
 impl TakeOffSequence {
-    /// Commands to disarm so far.
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// Takes a text of the autopilot, which may be its reason not to arm.
+    /// Stores a text of the autopilot that may explain why it denies arming.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));
         }
     }
-    /// A command to arm or disarm was accepted: PX4's next heartbeat may be a second away.
+    /// Waits after an accepted command to arm or disarm: PX4's next heartbeat may be a second later.
     pub(super) fn accepted(&mut self, now: DroneTime) {
         if self.arms > 0 && self.disarms == 0 {
             self.next.restart(now, PAUSE + PAUSE);
         }
     }
-    /// Report of a denied command to arm; None where it was not for a take-off.
+    /// Text on a denied command to arm; None unless it was for a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;
@@ -86,13 +81,13 @@ impl TakeOffSequence {
 }
 
 impl AutopilotLink {
-    /// Set-points are to be followed before a heartbeat shows that they are: in a take-off, and where the autopilot holds because
-    /// they had ceased, in every state in which the mission flies.
+    /// Whether set-points are streamed before a heartbeat shows that they are followed: in a take-off, and, after a
+    /// set-point loss, in every state in which the mission flies.
     pub(super) fn streams_ahead(&self, now: DroneTime) -> bool {
         let Some(state) = self.inputs.fresh_state(now) else {
             return false;
         };
-        let (authority, lapsed) = (self.control_authority(), self.stream.lapse.is_lapsed());
+        let (authority, lost) = (self.control_authority(), self.stream.loss.is_lost());
         match state {
             State::SpinUp | State::TakeOff | State::StandDown => {
                 authority.may_offer() || authority == ControlAuthority::Disarmed
@@ -106,12 +101,12 @@ impl AutopilotLink {
             | State::Tracking
             | State::TrackingStable
             | State::Descent
-            | State::Flare => authority.may_offer() && lapsed,
+            | State::Flare => authority.may_offer() && lost,
             State::Idle | State::Preparing | State::Countdown | State::Landed => false,
         }
     }
 
-    /// Watches whether a drone that is to take off, or was to, stands on the deck.
+    /// Updates the verdict whether the drone stands on the deck, during a take-off or after a stopped one.
     pub(super) fn watch_standing(&mut self, now: DroneTime) {
         let Some(peer) = &self.peer else { return };
         let mission = self.inputs.last_state(now);
@@ -123,12 +118,13 @@ impl AutopilotLink {
         }
         let evidence = self.contact(now);
         let applied = self.thrust_of_hover(now);
-        // Who follows what is sent gives that, where it reports nothing.
+        // In OFFBOARD without a thrust report, the commanded thrust is used.
         let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
-        // In whatever attitude it came to rest.
+        // The norm is used because the drone may rest in any attitude.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
-        // By the receivers the deck may be metres off: their height speaks for it alone.
+        // With GNSS receivers alone the forecast deck may be wrong by metres, so its height can only support the
+        // verdict.
         let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
         let heights = [
             by_height(evidence.range_height),
@@ -137,7 +133,7 @@ impl AutopilotLink {
             // The mission stands down on two witnesses of its own.
             (mission == Some(State::StandDown)).then_some(true),
         ];
-        let ceased = self.stream.sent_at.is_none_or(|at| now - at > GAP) || self.stream.lapse.is_lapsed();
+        let ceased = self.stream.sent_at.is_none_or(|at| now - at > GAP) || self.stream.loss.is_lost();
         let d = &mut self.commands.departure;
         d.verdict = d.standing.step(now, applied.or(sent), force, &heights);
         d.may_fly = match d.verdict {
@@ -146,7 +142,8 @@ impl AutopilotLink {
             StandingVerdict::Flies => true,
         };
     }
-    /// The pilot's set-point for a drone that stands on the deck; one that may be in the air climbs a little and holds.
+    /// Replaces the pilot node's set-point by a small climb and a hold when the drone may be in the air and the thrust
+    /// is too low to carry it.
     pub(super) fn carried(&mut self, now: DroneTime, wanted: SetPoint) -> Option<SetPoint> {
         let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
         let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
@@ -158,9 +155,9 @@ impl AutopilotLink {
         self.hold_above(now).or(Some(wanted))
     }
 
-    /// Chooses the mode and arms, or disarms, as the mission's state wants it.
+    /// Chooses the mode and arms, or disarms, according to the mission's state.
     pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // One that is silent may be back.
+        // A mission that is silent now may return.
         let Some(state) = self.inputs.fresh_state(now) else {
             return;
         };
@@ -175,7 +172,7 @@ impl AutopilotLink {
 
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
-        // A link before this one may have been in our mode, or have armed, and the pilot have ended that.
+        // A previous link may have chosen our mode or armed, and the pilot may have ended that.
         let succeeds = self.inputs.fresh_mission(now).map(|m| m.since) < self.succession.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.commands.departure;
@@ -183,7 +180,7 @@ impl AutopilotLink {
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
-            // A later disarm is the will of the pilot, or the autopilot's own.
+            // No further attempts: a later disarm is the pilot's or the autopilot's.
             d.arms = ARM_TRIES;
         }
         if peer.armed || succeeds {
@@ -198,7 +195,7 @@ impl AutopilotLink {
             }
             return;
         }
-        // In that mode PX4 wants the stream, too.
+        // PX4 needs the stream for arming in that mode as well.
         let streamed = now - since >= STREAMS;
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
         if may && d.next.is_due_spaced(now, PAUSE) {
@@ -207,20 +204,20 @@ impl AutopilotLink {
         }
     }
 
-    /// A drone that this link has armed for a take-off that was stopped is disarmed.
+    /// Disarms a drone that this link has armed for a take-off that was stopped.
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
         let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
-            // A command to arm may be under way for as long as its answer takes.
+            // A command to arm may be in progress until its answer.
             let d = &mut self.commands.departure;
             if d.next.is_ready(now - PAUSE) {
                 *d = TakeOffSequence::default();
             }
             return;
         }
-        // A drone that somebody else flies is theirs.
+        // The drone is not disarmed while another authority flies it.
         let may = armed && ours && (self.commands.departure.armed || stands_down);
         let low = self.stream.thrust.is_low(now);
         let d = &mut self.commands.departure;

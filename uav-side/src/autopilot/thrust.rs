@@ -1,21 +1,18 @@
-//! Collective thrust as the autopilot commands it and as a fraction of the greatest, and the hover thrust.
+//! Collective thrust as a command of the autopilot and as a fraction of full thrust, and hover thrust.
 
 use super::DroneTime;
 use crate::odometry::hover::hover_sample;
 
-/// Bounds of a plausible hover thrust.
 const BOUNDS: [f64; 2] = [0.1, 0.9];
 
-/// The fraction of the greatest thrust that a command `u` of the autopilot gives: `T = f u² + (1 - f) u`
-/// (PX4's thrust model, THR_MDL_FAC).
+/// Fraction of full thrust at a command `u` of the autopilot: `T = f u² + (1 - f) u` (PX4's thrust model, THR_MDL_FAC).
 pub(crate) fn fraction(command: f64, curve: f64) -> f64 {
     let u = command.clamp(0.0, 1.0);
     curve * u * u + (1.0 - curve) * u
 }
 
-/// The inverse of [`fraction`].
 pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
-    // NaN turns nothing.
+    // NaN gives zero thrust.
     let t = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
     if curve < 1e-6 {
         return t;
@@ -24,8 +21,8 @@ pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
     ((b * b + 4.0 * curve * t).sqrt() - b) / (2.0 * curve)
 }
 
-/// The hover thrust, identified in flight: `T_h = T g / f`, with `f` the specific force upwards along
-/// the body's axis, smoothed.
+/// Hover thrust, identified in flight: `T_h = T g / f`, with `f` the low-pass filtered specific force along the body's
+/// up axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HoverThrust {
     value: f64,
@@ -39,25 +36,25 @@ impl HoverThrust {
             learned_s: 0.0,
         }
     }
-    /// The hover thrust, fraction of the greatest.
+    /// Hover thrust as a fraction of full thrust.
     pub(crate) fn value(&self) -> f64 {
         self.value
     }
-    /// Thrust that hovers, and for how long it was learned, s.
+    /// Hover thrust, and the time over which it was learned, s.
     pub(crate) fn learned(&self) -> (f64, f64) {
         (self.value, self.learned_s)
     }
-    /// Goes on from a value that was learned for so long, s.
+    /// Continues from a value that was learned over `learned_s`, s.
     pub(crate) fn resume(&mut self, value: f64, learned_s: f64) {
         *self = HoverThrust::new(value);
         self.learned_s = learned_s;
     }
-    /// Learned for long enough to be reported.
-    pub(crate) fn settled(&self, time_s: f64) -> bool {
+    /// Whether the hover thrust was learned for long enough to be reported.
+    pub(crate) fn is_learned(&self, time_s: f64) -> bool {
         self.learned_s >= time_s
     }
-    /// Learns from flight: thrust applied (fraction), specific force upwards, m/s². Shocks, free fall and
-    /// low thrust hold no information about hover.
+    /// Learns in flight from the applied thrust (fraction) and the specific force upwards, m/s². Shocks, free fall and
+    /// low thrust carry no information about hover.
     pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
         let Some(sample) = hover_sample(thrust, up, [0.7, 1.3]) else {
             return;
@@ -65,7 +62,8 @@ impl HoverThrust {
         if !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
             return;
         }
-        // At first the mean, then the exponential window: a wrong first value is soon forgotten.
+        // The estimate is first the mean and then an exponentially weighted one, so that a wrong initial value is soon
+        // forgotten.
         self.learned_s += dt;
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (sample - self.value);
@@ -73,12 +71,13 @@ impl HoverThrust {
     }
 }
 
-/// Set-points further apart than this are no stream, s.
+/// Maximum time between set-points of a stream, s.
 const STREAM_S: f64 = 0.1;
-/// A commanded thrust has reached the rotors after this long, s: the wire, the autopilot's period and the rotors' lag.
+/// Delay until a commanded thrust takes effect, s: serial line, the autopilot's period and the rotors' lag.
 const REACHES_S: f64 = 0.2;
 
-/// Whether little thrust has been commanded for long enough to act: what stands in for a report that has stopped.
+/// Whether the commanded thrust has been low for long enough to take effect; this replaces the autopilot's report if it
+/// has stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SentThrust {
     at: Option<DroneTime>,
@@ -86,13 +85,12 @@ pub(crate) struct SentThrust {
 }
 
 impl SentThrust {
-    /// A set-point was sent, with little thrust or not.
     pub(crate) fn sent(&mut self, now: DroneTime, low: bool) {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
         let since = self.low_since.filter(|_| streams).unwrap_or(now);
         (self.at, self.low_since) = (Some(now), low.then_some(since));
     }
-    /// Set-points are sent, and for so long with little thrust.
+    /// Whether set-points are streamed whose thrust has been low for long enough to take effect.
     pub(crate) fn is_low(&self, now: DroneTime) -> bool {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
         let acts = self

@@ -1,17 +1,17 @@
-//! The deck's place on the vessel, measured by the drone that stands on it.
+//! Position of the deck on the vessel, measured by the drone that stands on it.
 //!
-//! With the drone at rest on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`,
-//! `R_v`) determine the point `r` of the vessel's body on which its feet stand:
+//! With the drone at rest on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`, `R_v`) determine
+//! the point `r` of the vessel's body on which its feet stand:
 //!
 //! ```text
 //! p_d + R_d [0, 0, feet_below] = p_v + R_v r + b
 //! ```
 //!
-//! `b` is what the two GNSS receivers differ by: a metre without corrections, centimetres with RTK, slow
-//! in both. It is separated from `r` by its slowness: what the rocking of the vessel adds to both sides
-//! within [`SLOW_S`] has no `b` in it ([`regression::regress`]); the mean over the time has all of it. Both are
-//! weighted by their information. A tag that the camera detects from the deck gives the drone's place on
-//! it, and the camera's rotation against the feet.
+//! `b` is the difference of the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly varying
+//! in both cases. `b` is separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but not
+//! `b` ([`regression::regress`]), while the mean over time contains all of `b`. Both are weighted by their information.
+//! A tag that the camera detects from the deck gives the drone's position on the deck, and the camera's rotation
+//! relative to the feet.
 
 pub mod regression;
 #[cfg(test)]
@@ -31,60 +31,56 @@ use crate::predictor::track::DroneTrack;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
 
-/// Changes over longer than this are put down to the receivers, s (ours: two periods of a 5 s sea;
-/// their errors have correlation times of minutes).
+/// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea; the receivers'
+/// errors have correlation times of minutes.
 const SLOW_S: f64 = 10.0;
-/// Errors of the vessel's estimate are shared over this time, s (ours: a wave period).
+/// Correlation time of the vessel estimate's errors, s. Chosen: a wave period.
 const SHARED_S: f64 = 5.0;
-/// Rocking below this holds no information, rad, root mean square (ours: 0.3 deg moves a deck 1.3 m up by 7 mm).
+/// Minimum rocking that carries information, rad, root mean square. Chosen: 0.3 deg moves a deck at 1.3 m by 7 mm.
 const MIN_ROCKING_RAD: f64 = 0.005;
-/// The vessel's estimate of its own swaying is wrong by this in phase with its rocking, m (ours:
-/// slight sea, a minute, seeds 1 to 8: the rocking alone is wrong by 0.08, 0.06, 0.09 m then, 0.006 states
-/// 0.3, 0.14, 0.1 m).
+/// Error of the vessel's estimated sway in phase with its rocking, m. Chosen: in one minute of slight sea (seeds 1 to
+/// 8) an estimate from the rocking alone is wrong by 0.08, 0.06, 0.09 m; with 0.006 the stated errors are 0.3, 0.14,
+/// 0.1 m.
 const RHYTHM_M: f64 = 0.006;
-/// ... and by this fraction of what it states (ours: receivers without corrections make it wrong by 0.3 m, and the
-/// rocking alone by 0.3 to 1 m then).
+/// Error of the estimated sway as a fraction of the stated error. Chosen: receivers without corrections are wrong by
+/// 0.3 m, and an estimate from the rocking alone is then wrong by 0.3 to 1 m.
 const RHYTHM_FRACTION: f64 = 0.05;
-/// The drone's odometry and the vessel's estimate wander over longer than a record lasts, each axis, m
-/// (ours: the same seeds with receivers of 1 cm: the mean alone is wrong by 0.11, 0.16, 0.12 m).
+/// Drift of the drone's odometry and the vessel's estimate beyond the length of a recording, each axis, m. Chosen: with
+/// receivers of 1 cm and the same seeds the mean alone is wrong by 0.11, 0.16, 0.12 m.
 const WANDER_M: f64 = 0.13;
-/// Shortest time on the deck, s, and fewest of the vessel's estimates (ours: four periods of a 5 s sea).
+/// Minimum time on the deck, s, and number of vessel estimates. Chosen: four periods of a 5 s sea.
 const MIN_DURATION_S: f64 = 20.0;
 const MIN_ESTIMATES: usize = 200;
-/// The rest is thinned to this many (an hour at 2 Hz).
+/// Maximum number of samples; more are thinned (an hour at 2 Hz).
 const MAX_SAMPLES: usize = 8192;
-/// Fewest detections of the tag.
 const MIN_TAGS: usize = 30;
-/// A drone at rest keeps its attitude on the deck within this, rad (ours: 3 deg, the errors of both
-/// attitudes are below 1 deg), its place within this, m, in 95 of 100 samples (receivers without
-/// corrections make 0.3 m of a drone that stands).
+/// Limits of a drone at rest, for 95 of 100 samples: rotation relative to the deck, rad, and displacement, m. Chosen: 3
+/// deg, because the errors of both attitudes are below 1 deg; 0.5 m, because without corrections the receivers make a
+/// standing drone appear to move by 0.3 m.
 const STILL_RAD: f64 = 0.052;
 const STILL_M: f64 = 0.5;
-/// ... and its place in the tag's frame within this, m.
+/// Limit of the displacement in the tag's frame, m.
 const STILL_TAG_M: f64 = 0.05;
-/// The vessel's reference point is known to its own sensors to this, m (ours: their lever arms by tape).
+/// Error of the vessel's reference point relative to its sensors, m. Chosen: lever arms measured by tape.
 const LEVER_SD_M: f64 = 0.01;
-/// A foot stands higher than another by this, m (ours).
+/// Assumed height differences between the feet, m.
 const FOOT_SD_M: f64 = 0.002;
-/// An error up to this shows a deck that was measured wrongly, m (ours: a fifth of what the receivers differ
-/// by, and of a deck's half width).
+/// Largest error of a calibration that can reveal a wrongly measured deck, m. Chosen: a fifth of the receivers'
+/// difference and of a deck's half width.
 pub const USABLE_M: f64 = 0.2;
-/// A configured value within so many standard errors of what was found is as good or better.
+/// Number of standard errors within which a configured value agrees with the result.
 const AGREEMENT_SDS: f64 = 2.0;
 
-/// Place where the crew has put the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DronePlacement {
-    /// Centre of the drone forward and right of the deck's centre, m.
     pub at_m: [f64; 2],
-    /// Standard deviation of that, m.
     pub sd_m: f64,
-    /// Difference of the two GNSS receivers, horizontally and vertically, standard deviations, m.
+    /// Difference of the two GNSS receivers, horizontal and vertical, standard deviations, m.
     pub receivers_sd_m: [f64; 2],
 }
 
 impl DronePlacement {
-    /// On the deck's centre to 2 cm, with the receivers' errors of the predictor's configuration.
+    /// Placement on the deck's centre to within 2 cm, with the receivers' errors of the predictor's configuration.
     pub fn centred(config: &PredictorConfig) -> DronePlacement {
         let [radio, vision] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
         DronePlacement {
@@ -95,80 +91,68 @@ impl DronePlacement {
     }
 }
 
-/// Why nothing was found.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum DeckCalibrationError {
-    /// The drone has not stood long enough.
     #[error(
         "{estimates} estimates of the vessel over {seconds:.0} s while the drone stood disarmed: \
          {MIN_ESTIMATES} over {MIN_DURATION_S} s are needed; leave the drone on the deck with \
          motors off while the vessel's radio is received"
     )]
-    Few {
-        /// Estimates of the vessel that met the drone's odometry.
-        estimates: usize,
-        /// Time that they cover.
-        seconds: f64,
-    },
-    /// It turns on the deck.
-    #[error("the drone turns against the vessel by {deg:.1} deg: it does not stand still on the deck")]
+    Few { estimates: usize, seconds: f64 },
+    #[error("the drone turns by {deg:.1} deg relative to the vessel: it does not stand still on the deck")]
     Turns {
         /// 95th percentile of the angle to the mean attitude.
         deg: f64,
     },
-    /// It moves on the deck, or one of the positions is useless.
+    /// The drone moves on the deck, or a position is useless.
     #[error(
-        "the drone moves against the vessel by {metres:.2} m within {SLOW_S} s: it does not stand still on the \
-         deck, or one of the two positions is spread too wide"
+        "the drone moves by {metres:.2} m relative to the vessel within {SLOW_S} s: it does not stand still on the \
+         deck, or one of the two positions is too uncertain"
     )]
     Moves {
-        /// 95th percentile of the distance to what the rocking explains.
+        /// 95th percentile of the distance not explained by the rocking.
         metres: f64,
     },
-    /// The numbers do not make an estimate.
-    #[error("the samples make no estimate: their spread is not finite")]
+    /// The spread of the samples is not finite.
+    #[error("no estimate from the samples: their spread is not finite")]
     Spread,
 }
 
-/// Whether the configured value is to be replaced by the one found.
+/// Whether the result should replace the configured value.
 pub fn replaces(found: &ValueWithSd, configured: f64) -> bool {
     found.sd <= USABLE_M && (found.value - configured).abs() > AGREEMENT_SDS * found.sd
 }
 
-/// The camera's mount, by a tag that it detects from the deck.
+/// Camera mount, calibrated by a tag detected from the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MountCalibration {
     pub tags: usize,
-    /// The camera is turned against the feet about forward and right, rad.
+    /// Rotation of the camera relative to the feet about forward and right, rad.
     pub tilt: [ValueWithSd; 2],
-    /// The camera is turned about down, rad; both compasses are in it.
+    /// Rotation of the camera about down, rad; it includes the errors of both compasses.
     pub turn: ValueWithSd,
-    /// The camera above the deck, more than by `feet_below_m` and `camera_m`, m.
+    /// Height of the camera above the deck minus the configured one (`feet_below_m`, `camera_m`), m.
     pub height: ValueWithSd,
 }
 
-/// Result of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeckCalibrationResult {
-    /// Estimates of the vessel used.
     pub estimates: usize,
-    /// Time that they cover, s.
     pub seconds: f64,
-    /// The vessel's rocking, rad, root mean square of roll and pitch about their slow mean.
+    /// Rocking of the vessel, rad: root mean square of roll and pitch about their slow mean.
     pub rocking_rad: f64,
-    /// Deck's centre in the vessel's body, m.
+    /// Centre of the deck in the vessel's body, m.
     pub centre: [ValueWithSd; 3],
-    /// Place where the drone stood on the deck, forward and right of its centre, m.
+    /// Position of the drone on the deck, forward and right of its centre, m.
     pub stood_at: [ValueWithSd; 2],
-    /// The deck against the vessel's inertial sensor, roll and pitch, rad.
+    /// Tilt of the deck relative to the vessel's inertial sensor, roll and pitch, rad.
     pub tilt: [ValueWithSd; 2],
-    /// The drone's heading on the deck, rad clockwise from the bow.
+    /// Heading of the drone on the deck, rad clockwise from the bow.
     pub heading: ValueWithSd,
-    /// Camera's mount; None when the tag is not detected from the deck.
+    /// Camera mount; None when the tag is not detected from the deck.
     pub mount: Option<MountCalibration>,
 }
 
-/// One estimate of the vessel and the drone at the same time.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     t_s: f64,
@@ -178,18 +162,18 @@ struct Sample {
     vessel: Matrix3<f64>,
     /// Vessel from drone.
     relative: UnitQuaternion<f64>,
-    /// Variances of both positions as they are stated, m².
+    /// Stated variances of both positions, m².
     stated: Vector3<f64>,
 }
 
-/// Collects while the drone stands.
+/// Collects samples while the drone stands.
 #[derive(Clone, Debug)]
 pub struct DeckCalibration {
     config: PredictorConfig,
     stand: DronePlacement,
     track: DroneTrack,
     samples: Vec<Sample>,
-    /// Every so many estimates one is kept.
+    /// One of `every` estimates is kept.
     every: usize,
     count: usize,
     newest: Option<Time<DroneClock>>,
@@ -197,7 +181,6 @@ pub struct DeckCalibration {
 }
 
 impl DeckCalibration {
-    /// Nothing collected yet.
     pub fn new(config: &PredictorConfig, stand: DronePlacement) -> DeckCalibration {
         DeckCalibration {
             config: config.clone(),
@@ -210,21 +193,19 @@ impl DeckCalibration {
             tags: Vec::new(),
         }
     }
-    /// The motors may turn: what was collected before is of another stand.
+    /// Discards all samples: the motors may turn, and the drone may stand elsewhere afterwards.
     pub fn armed(&mut self) {
         self.samples.clear();
         self.tags.clear();
         (self.every, self.count, self.newest) = (1, 0, None);
     }
-    /// The drone's odometry.
     pub fn drone(&mut self, state: &DroneState) {
         let newer = self.track.newest().is_none_or(|s| state.header.at > s.header.at);
-        // A jump of the autopilot's origin is a stand of its own.
+        // After a jump of the autopilot's origin the collection starts again.
         if state.check().is_ok() && newer && self.track.push(state).is_some() {
             self.armed();
         }
     }
-    /// The vessel's estimate.
     pub fn estimate(&mut self, e: &VesselEstimate<DroneClock>) {
         if e.check().is_err() || self.newest.is_some_and(|t| e.header.at <= t) {
             return;
@@ -263,7 +244,6 @@ impl DeckCalibration {
             stated: pose.variance + Vector3::from([0, 1, 2].map(|i| e.covariance(i)[0])),
         });
     }
-    /// A detection of the tag.
     pub fn tag(&mut self, m: &TagPose) {
         if m.check().is_err() || self.tags.len() >= MAX_SAMPLES {
             return;
@@ -276,7 +256,7 @@ impl DeckCalibration {
             camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
         ));
     }
-    /// Takes the predictor's input of one step; of a drone that stands or not.
+    /// Processes the predictor's input of one step; `stands`: whether the drone stands disarmed.
     pub fn take(&mut self, input: &PredictorIn, stands: bool) {
         input.drone.iter().for_each(|s| self.drone(s));
         if stands {
@@ -284,7 +264,7 @@ impl DeckCalibration {
             input.tags.iter().for_each(|m| self.tag(m));
         }
     }
-    /// Estimates collected, and the time that they cover, s.
+    /// Number of collected estimates, and their time span, s.
     pub fn collected(&self) -> (usize, f64) {
         let [first, last] = [self.samples.first(), self.samples.last()].map(|p| p.map_or(0.0, |p| p.t_s));
         (self.samples.len(), last - first)
@@ -329,19 +309,18 @@ impl DeckCalibration {
         })
     }
 
-    /// Tilt of the feet's plane against the deck's, standard deviation, rad.
+    /// Tilt of the feet's plane relative to the deck's, standard deviation, rad.
     fn uneven_rad(&self) -> f64 {
         let [along, across] = self.config.drone.feet_span_m;
         FOOT_SD_M / along.min(across).max(1e-3)
     }
 
-    /// Attitude of the drone on the vessel.
     fn relative(&self, lags: usize) -> Result<Relative, DeckCalibrationError> {
         let sum: Quaternion<f64> = self
             .samples
             .iter()
             .fold(Quaternion::new(0.0, 0.0, 0.0, 0.0), |s, p| {
-                // The same turn has two quaternions.
+                // Each rotation has two quaternions.
                 let q = *p.relative.quaternion();
                 if s.dot(&q) < 0.0 { s - q } else { s + q }
             });
@@ -362,7 +341,7 @@ impl DeckCalibration {
             let [radio, vision] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
             radio[i].hypot(vision[i])
         };
-        // Tilt of the feet's plane, whatever the drone's heading.
+        // Tilt of the feet's plane, independent of the drone's heading.
         let down = middle * Vector3::z();
         let sd = |i: usize| (covariance[(i, i)] + bias(i + 3).powi(2) + self.uneven_rad().powi(2)).sqrt();
         Ok(Relative {
@@ -374,7 +353,6 @@ impl DeckCalibration {
         })
     }
 
-    /// The feet in the vessel's body, and its rocking.
     fn feet(&self, lags: usize) -> Result<(Information, f64), DeckCalibrationError> {
         let fast = self.fast();
         let n = fast.len() as f64;
@@ -391,12 +369,12 @@ impl DeckCalibration {
             .collect();
         let (value, covariance) = mean(&own, lags).ok_or(DeckCalibrationError::Spread)?;
         let [h, v] = self.stand.receivers_sd_m;
-        // Filters' errors last: a mean over many estimates is no better than one of them.
+        // Filter errors are correlated: a mean over many estimates is no better than one of them.
         let stated = self.samples.iter().map(|p| p.stated).sum::<Vector3<f64>>() / self.samples.len() as f64;
         let rhythm = RHYTHM_M.hypot(RHYTHM_FRACTION * stated.xy().max().sqrt());
         let from_rocking = regress(&fast, MIN_ROCKING_RAD, lags, rhythm);
         let level = (Vector3::new(h * h, h * h, v * v) + stated).add_scalar(WANDER_M * WANDER_M);
-        // A level vessel: the receivers' errors are the same in its body.
+        // For a level vessel the receivers' errors are the same in its body.
         let receivers = Matrix3::from_diagonal(&Vector3::new(level.xy().max(), level.xy().max(), level.z));
         let from_mean =
             Information::of(&value, &(covariance + receivers)).ok_or(DeckCalibrationError::Spread)?;
@@ -409,7 +387,7 @@ impl DeckCalibration {
         Ok((feet, rocking_rad))
     }
 
-    /// Attitude of the vessel and distance of the feet about their means over [`SLOW_S`].
+    /// Attitude of the vessel and position of the feet relative to their means over [`SLOW_S`].
     fn fast(&self) -> Vec<(Matrix3<f64>, Vector3<f64>)> {
         let (mut first, mut last) = (0, 0);
         let (mut a, mut y) = (Matrix3::zeros(), Vector3::zeros());
@@ -432,7 +410,6 @@ impl DeckCalibration {
             .collect()
     }
 
-    /// The camera's mount, and where the drone stands on the deck.
     fn mount(
         &self,
         relative: &Relative,
@@ -442,7 +419,7 @@ impl DeckCalibration {
         }
         let c = &self.config;
         let feet = Vector3::z() * c.drone.feet_below_m;
-        // The feet in the deck's frame.
+        // Feet in the deck's frame.
         let places: Vec<Vector3<f64>> = self
             .tags
             .iter()
@@ -454,11 +431,11 @@ impl DeckCalibration {
             .map(|(tag, _)| {
                 let down = tag.column(2);
                 let yaw = Rotation3::from_matrix_unchecked(*tag).euler_angles().2;
-                // exp(-m) z = z - m x z, and the tag's heading from the drone.
+                // exp(-m) z = z - m x z, and the tag's heading relative to the drone.
                 Vector3::new(down.y, -down.x, yaw)
             })
             .collect();
-        // Errors of images further apart than these are independent.
+        // Number of images after which the tag's errors are independent.
         let lags = 30;
         let (Some((place, place_cov)), Some((rotation, rotation_cov))) =
             (mean(&places, lags), mean(&rotations, lags))
@@ -472,9 +449,9 @@ impl DeckCalibration {
         let tilt = core::array::from_fn(|i| {
             ValueWithSd::new(rotation[i], rotation_cov[(i, i)].sqrt().hypot(self.uneven_rad()))
         });
-        // Drone from tag is minus the drone's heading on the deck.
+        // The rotation of the tag relative to the drone is minus the drone's heading on the deck.
         let turn = alight_shared::frames::wrap_angle(-rotation[2] - relative.heading.value);
-        // A rotated camera points at another place below the feet.
+        // A rotated camera points to another place below the feet.
         let lens = c
             .camera_mount_sd_m
             .hypot(c.drone.feet_below_m * rotation.xy().norm());
@@ -489,13 +466,11 @@ impl DeckCalibration {
     }
 }
 
-/// The drone's attitude on the deck.
 struct Relative {
     tilt: [ValueWithSd; 2],
     heading: ValueWithSd,
 }
 
-/// Value that 95 of 100 are below.
 fn percentile_95(values: impl Iterator<Item = f64>) -> f64 {
     quantile(&mut values.collect::<Vec<f64>>(), 0.95).unwrap_or(f64::NAN)
 }

@@ -1,10 +1,10 @@
-//! Standard errors with autocorrelated samples: neighbours share their error, so that a thousand
-//! samples hold less information than a thousand independent ones.
+//! Standard errors for autocorrelated samples: neighbouring samples have a common error, so that a thousand samples
+//! hold less information than a thousand independent ones.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
-/// Sum over lags of the cross products of `scores`, Bartlett's weights up to `lags` (Newey and West
-/// 1987): the covariance of their sum.
+/// Covariance of the sum of `scores`: cross products over lags up to `lags` with Bartlett's weights (Newey and West
+/// 1987).
 fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
     let mut s: Matrix3<f64> = scores.iter().map(|v| v * v.transpose()).sum();
     for lag in 1..=lags.min(scores.len().saturating_sub(1)) {
@@ -20,7 +20,7 @@ fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
     s
 }
 
-/// Mean of `samples` and its covariance, errors shared over up to `lags` neighbours.
+/// Mean of `samples` and its covariance, with errors correlated over `lags` neighbours.
 pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     if samples.len() < 2 {
         return None;
@@ -31,8 +31,8 @@ pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matr
     Some((mean, long_run(&about, lags) / (n * n)))
 }
 
-/// Knowledge of a regression: an information matrix (the inverse of a covariance, zero where nothing is
-/// known) and its product with the value.
+/// Information matrix of a regression (the inverse of a covariance, zero in unknown directions) and its product with
+/// the value.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Information {
     matrix: Matrix3<f64>,
@@ -40,7 +40,6 @@ pub struct Information {
 }
 
 impl Information {
-    /// From a value and its covariance.
     pub fn of(value: &Vector3<f64>, covariance: &Matrix3<f64>) -> Option<Information> {
         let matrix = covariance.try_inverse()?;
         Some(Information {
@@ -55,16 +54,16 @@ impl Information {
             vector: self.vector + other.vector,
         }
     }
-    /// Value and covariance, once every direction is known.
+    /// Value and covariance; None while a direction is unknown.
     pub fn value(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let covariance = self.matrix.try_inverse()?;
         Some((covariance * self.vector, covariance))
     }
 }
 
-/// Least squares of `y = A x + e` over all samples, in those directions of x that the `A` move by
-/// `floor` (root mean square) or more; errors shared over up to `lags` neighbours, and of `with` (root mean
-/// square) in the same rhythm as the `A`, which no residual shows.
+/// Least squares of `y = A x + e` over all samples, in those directions of x that `A` excites by `floor` (root mean
+/// square) or more. Errors are correlated over `lags` neighbours; an error of `with` (root mean square) in phase with
+/// `A`, which no residual reveals, is added.
 pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], floor: f64, lags: usize, with: f64) -> Information {
     let n = samples.len() as f64;
     let normal: Matrix3<f64> = samples.iter().map(|(a, _)| a.transpose() * a).sum();
@@ -118,7 +117,7 @@ mod tests {
 
     #[test]
     fn mean_covariance_of_correlated_samples() {
-        // Each value ten times over: the error of the mean is that of the distinct ones.
+        // If each value is repeated ten times, the error of the mean equals that of the distinct values.
         let distinct: Vec<f64> = (0..100)
             .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
             .collect();
@@ -136,7 +135,7 @@ mod tests {
             .map(|k| {
                 let s = 0.1 * (f64::from(k) * 0.3).sin();
                 let e = 0.001 * f64::from(k * 37 % 101 - 50) / 50.0;
-                // Only the first component is moved.
+                // Only the first component is excited.
                 let a = Matrix3::new(s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
                 (a, Vector3::new(2.0 * s + e, 0.0, 0.0))
             })

@@ -2,8 +2,8 @@ use alight_shared::msg::{Header, f16};
 
 use super::*;
 
-/// A drone on a deck at `r` of a vessel that rolls and pitches by `rocking`, over `seconds`; `away` is the
-/// additional motion of its place and heading, m and rad.
+/// Calibration over `seconds` by a drone that stands at `r` on a vessel that rolls and pitches by `rocking`; `away` is
+/// an additional motion of the drone's position and heading, m and rad.
 fn stood(
     rocking: f64,
     seconds: f64,
@@ -54,7 +54,7 @@ const STILL: fn(f64) -> (Vector3<f64>, f64) = |_| (Vector3::new(0.0, 0.0, 0.0), 
 #[test]
 fn deck_calibration_with_receivers_metres_apart() {
     let r = Vector3::new(0.4, -0.2, -1.6);
-    // What the receivers wander meanwhile counts for less the more it rocks: 0.12 rad for 0.1 m.
+    // The receivers' drift matters less when the vessel rocks more: 0.12 rad against 0.1 m.
     let found = stood(0.12, 90.0, r, STILL).unwrap();
     for (f, truth) in found.centre.iter().zip(r.iter()) {
         assert!(

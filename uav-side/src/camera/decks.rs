@@ -1,16 +1,15 @@
-//! The tags in an image by the decks that they are on: boats that lie side by side may have the same numbers.
+//! Assignment of the tags in an image to decks; boats side by side may have the same tag numbers.
 
 use alight_shared::tags::DeckTag;
 use nalgebra::{Vector2, Vector3};
 
 use super::square_pose::{SeenTag, solve};
 
-/// Decks in an image, at most.
 pub(super) const MAX_DECKS: usize = 4;
-/// A tag belongs to a deck where it is no further from where that has it than this, m: half of the narrowest deck.
+/// Maximum distance of a tag from its place on a deck to be assigned to it, m: half of the narrowest deck.
 const WITHIN_M: f64 = 0.8;
 
-/// Each deck's tags, that with the largest tag first. Without a number that occurs twice they are of one deck.
+/// Tags by deck, the deck with the largest tag first. When no number occurs twice, all tags belong to one deck.
 pub(super) fn apart(detected: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
     let (mut rest, mut decks) = (detected, Vec::new());
     while decks.len() < MAX_DECKS && !rest.is_empty() {
@@ -26,7 +25,6 @@ pub(super) fn apart(detected: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
     decks
 }
 
-/// A number occurs twice.
 fn repeats(detected: &[SeenTag]) -> bool {
     (detected.iter().enumerate()).any(|(k, a)| detected.iter().skip(k + 1).any(|b| a.tag.id == b.tag.id))
 }
@@ -35,7 +33,8 @@ fn middle(s: &SeenTag) -> Vector2<f64> {
     s.image.iter().sum::<Vector2<f64>>() / 4.0
 }
 
-/// The largest tag and those that lie where its deck has them, one of each number; None where the largest has no pose.
+/// Largest tag and the tags that lie where its deck has them, one of each number; None when the largest tag has no
+/// pose.
 fn around_largest(detected: &[SeenTag]) -> Option<Vec<usize>> {
     let size = |s: &SeenTag| (s.image[2] - s.image[0]).norm_squared();
     let largest = detected.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
@@ -62,7 +61,7 @@ fn around_largest(detected: &[SeenTag]) -> Option<Vec<usize>> {
         .collect();
     own.sort_unstable();
     own.dedup();
-    // The largest lies where it lies.
+    // The largest tag belongs to its own deck by definition.
     (!own.is_empty()).then_some(own)
 }
 
@@ -73,7 +72,7 @@ mod tests {
     use alight_shared::geometry::DeckGeometry;
     use nalgebra::UnitQuaternion;
 
-    /// Two decks 3 m from each other from 9 m above, each tilted by itself, their tags in any order.
+    /// Two decks 3 m apart with different tilts are viewed from 9 m above, with their tags in any order.
     #[test]
     fn tags_of_two_boats_in_one_image() {
         let tags = DeckGeometry::default().tags();
@@ -107,7 +106,7 @@ mod tests {
             (places[0] + 1.0).abs() < 0.01 && (places[1] - 2.0).abs() < 0.01,
             "{places:?}"
         );
-        // One boat alone, and one with half of another in sight.
+        // The image shows one boat alone, or one boat with half of another.
         assert_eq!(apart(a.clone()).len(), 1);
         let half: Vec<_> = a.iter().chain(b.iter().take(3)).copied().collect();
         let sizes: Vec<_> = apart(half).iter().map(Vec::len).collect();

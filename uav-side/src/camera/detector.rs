@@ -1,5 +1,5 @@
-//! The deck's tags in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
-//! 36h11, and the conditions on a detection.
+//! Detection of the deck's tags in an image, by the AprilTag library of the family's authors (Wang and Olson 2016),
+//! family 36h11, and the conditions on a detection.
 
 use alight_shared::config;
 use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
@@ -11,65 +11,59 @@ use super::image::GreyImage;
 use super::light::TagLight;
 use super::motion_blur::motion_blur_px2;
 
-/// Detections of one image that are examined, at most.
 const MAX_DETECTIONS: usize = 64;
 
 config! {
-    /// The conditions on a detection.
+    /// Conditions on a detection.
     pub struct TagSettings {
-        /// Number of the deck's tag in the family 36h11, where it is one alone (`drone.deck.tag_side_m`).
+        /// Number of the deck's tag in the family 36h11, for a deck with a single tag (`drone.deck.tag_side_m`).
         pub id: u16 = 0, in 0.0..=586.0;
-        /// Most wrong bits of 36 that are corrected.
+        /// Maximum number of wrong bits of 36 that are corrected.
         pub bits_corrected: u8 = 1, in 0.0..=2.0;
         /// Minimum decision margin: mean contrast of the bits against their threshold, grey levels.
         pub min_margin: f64 = 20.0, in 0.0..=255.0;
-        /// Shortest side in the image, px.
+        /// Minimum side in the image, px.
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
-        /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
-        /// whole resolution.
-        /// Chosen: whole, 640 x 480 takes twice the time and the tag is detected 3 m further.
+        /// The image is searched at a resolution reduced by this factor (1: whole, 2: half); corners are refined at
+        /// full resolution.
+        /// Chosen: at full resolution 640 x 480 takes twice the time and extends the range by 3 m.
         pub decimate: f64 = 1.5, in 1.0..=4.0;
-        /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
-        /// Source: Twice what rendered images give, for what is left of a real lens after its
-        /// calibration.
+        /// Standard deviation of each corner coordinate of a large, sharp tag, px.
+        /// Source: Twice the value of rendered images, for the residual error of a calibrated lens.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
         /// Standard deviation of a corner as a fraction of the tag's side in the image: the lens error after calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
-        /// Standard deviation added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
+        /// Standard deviation added in quadrature for a tag as narrow as `small_width_px` or narrower, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
-        /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
+        /// Width of the tag in the image above which that deviation decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// Motion blur adds this fraction of its square over the tag's width; the blur is measured at the tag's
-        /// edges.
+        /// Added standard deviation by motion blur, as a fraction of its square over the tag's width; the blur is
+        /// measured at the tag's edges.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
-        /// Standard deviation of each tag's place against the deck's list, m, each axis: laid by tape on printed lines.
-        /// Of one tag alone nothing is asked.
+        /// Standard deviation of each tag's position against the deck's list, each axis, m: laid by tape on printed
+        /// lines. Unused for a single tag.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Largest sum of squared reprojection errors of one tag, in variances of a corner; of several as improbable a one.
+        /// Maximum sum of squared reprojection errors of a tag, in variances of a corner; for several tags the value
+        /// with the same probability.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }
 
-/// A tag in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagDetection {
-    /// Which it is.
     pub tag: DeckTag,
-    /// Corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
-    /// forward one.
+    /// Corners, px, in the order of [`super::square_pose::corners`]; the tag's upper edge is its forward one.
     pub corners: [Vector2<f64>; 4],
     pub wrong_bits: usize,
     /// Decision margin, grey levels.
     pub margin: f64,
-    /// Square of the motion during the exposure by its edges, px².
+    /// Square of the motion during the exposure, from the edges, px².
     pub motion_blur_px2: f64,
-    /// The light on it.
     pub light: TagLight,
 }
 
 impl TagDetection {
-    /// Another square lies on this one in the image.
     fn overlaps(&self, other: &[Vector2<f64>; 4]) -> bool {
         let middle = |c: &[Vector2<f64>; 4]| c.iter().sum::<Vector2<f64>>() / 4.0;
         let diagonal = (self.corners[2] - self.corners[0]).norm();
@@ -77,41 +71,36 @@ impl TagDetection {
     }
 }
 
-/// Images and the library's detections by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TagCounts {
-    /// Images that were searched.
     pub images: u64,
     /// Images with an accepted pose.
     pub detected: u64,
-    /// Tags of the family with a number that the deck has not.
+    /// Tags of the family with a number that the deck lacks.
     pub other_tags: u64,
-    /// Too little contrast.
+    /// Detections with too little contrast.
     pub faint: u64,
-    /// Too small, or mirrored, or not convex.
+    /// Detections that are too small, mirrored or not convex.
     pub misshapen: u64,
-    /// No pose explains the corners.
+    /// Detections whose corners fit no pose.
     pub misfit: u64,
-    /// Images whose size is not the lens's.
+    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 
-/// The detector with its working memory.
 pub struct TagDetector {
     settings: TagSettings,
     tags: Tags,
     library: Option<Detector>,
     buffer: Option<Image>,
-    /// Images and detections by result.
     pub counts: TagCounts,
 }
 
 impl TagDetector {
-    /// A detector of these tags.
     pub fn new(settings: &TagSettings, tags: &Tags) -> TagDetector {
         let builder =
             DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
-        // It fails only without memory, and then no image is searched.
+        // This fails only if memory runs out; images are then not searched.
         let mut library = builder.build().ok();
         if let Some(library) = &mut library {
             library.set_thread_number(1);
@@ -129,7 +118,7 @@ impl TagDetector {
     pub fn min_margin(&self) -> f64 {
         self.settings.min_margin
     }
-    /// The deck's tags in the image, each once: of several alike, the one with the most contrast.
+    /// Tags of the deck in the image. Of overlapping detections with one number the one with the most contrast is kept.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.counts.images += 1;
         self.search(image).unwrap_or_default()
@@ -165,7 +154,7 @@ impl TagDetector {
             } else if !well_shaped(&corners, self.settings.min_side_px) {
                 self.counts.misshapen += 1;
             } else {
-                // Another boat's tag of the same number lies elsewhere in the image.
+                // Another boat's tag with this number lies elsewhere in the image.
                 let same = |b: &&mut TagDetection| b.tag.id == tag.id && b.overlaps(&corners);
                 let room = best.len() < MAX_DETECTIONS;
                 match best.iter_mut().find(same) {
@@ -180,15 +169,15 @@ impl TagDetector {
     }
 }
 
-/// The library goes round the tag from its lower left corner, counter-clockwise as the tag is read, and
-/// counts pixels from the image's corner; we from its lower left clockwise, and from the first pixel's
-/// middle.
+/// Converts the library's order and origin: it starts at the tag's lower left corner, counter-clockwise as the tag is
+/// read, and counts from the image's corner; here corners run clockwise from the lower left, and coordinates from the
+/// middle of the first pixel.
 fn in_order(p: [[f64; 2]; 4]) -> [Vector2<f64>; 4] {
     let [left_low, right_low, right_high, left_high] = p.map(|[x, y]| Vector2::new(x - 0.5, y - 0.5));
     [left_low, left_high, right_high, right_low]
 }
 
-/// Convex, not mirrored, no side shorter than `min_side`.
+/// Whether the corners are convex, not mirrored, and no side is shorter than `min_side`.
 fn well_shaped(p: &[Vector2<f64>; 4], min_side: f64) -> bool {
     (0..4).all(|k| {
         let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
@@ -209,7 +198,7 @@ mod tests {
         }])
     }
 
-    /// A tag straight ahead: its upper left corner at `at`, cells of `cell` px.
+    /// Image of a tag viewed from straight above, its upper left corner at `at`, with cells of `cell` px.
     fn front(size: [usize; 2], at: [usize; 2], cell: usize, id: u16) -> GreyImage {
         let mut pixels = vec![200_u8; size[0] * size[1]];
         let cells = cells(id).unwrap();
@@ -239,10 +228,10 @@ mod tests {
     fn detector_corner_order() {
         let mut detector = TagDetector::new(&TagSettings::default(), &one(0));
         let found = detector.find(&front([200, 160], [40, 30], 10, 0))[0];
-        // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
+        // Edges lie between pixels: 40 px are pixels 40 to 119, with outer edges at 39.5 and 119.5.
         let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
         for (p, e) in found.corners.iter().zip(expected) {
-            // An edge without any blur is found to an eighth of a pixel in each direction.
+            // An edge without blur is located to an eighth of a pixel in each direction.
             assert!((p - Vector2::from(e)).norm() < 0.25, "{p} {e:?}");
         }
         assert_eq!(found.wrong_bits, 0);

@@ -1,37 +1,30 @@
-//! A grey image of bounded size, and the simplest file that holds one.
+//! Grey image of bounded size, and its file format PGM.
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::wire::hash_bytes;
 use nalgebra::Vector2;
-use serde::{Serialize, Serializer};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use thiserror::Error;
 
-/// Shortest side of an image, px: a tag of 10 cells does not fit into fewer, and the detector's
-/// tiles need them.
+/// Minimum side of an image, px: a tag needs 10 cells, and the detector works on tiles.
 pub const MIN_SIDE_PX: usize = 32;
-/// Longest side, px.
 pub const MAX_SIDE_PX: usize = 8192;
-/// Most pixels of an image.
 pub const MAX_PIXELS: usize = 12 * 1024 * 1024;
 
-/// Why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ImageError {
-    /// Too small, too large, or another number of pixels than its size implies.
+    /// The size is out of bounds, or the number of pixels does not match it.
     #[error(
         "an image of {width} x {height} px with {pixels} bytes is rejected: allowed are 32 to 8192 px a side, \
          12.6 million in all, one byte for each"
     )]
     Size {
-        /// Width, px.
         width: usize,
-        /// Height, px.
         height: usize,
-        /// Bytes that came.
         pixels: usize,
     },
-    /// Not a grey binary PGM.
     #[error("not a grey image as PGM (P5, 8 bit): {0}")]
     Pgm(&'static str),
 }
@@ -46,16 +39,17 @@ impl ImageError {
     }
 }
 
-/// An 8-bit grey image, rows from the top, without padding.
+/// 8-bit grey image, rows from the top, without padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
+    /// Its record holds the pixels.
+    is_kept: bool,
 }
 
-/// Rejects a lens whose image is not accepted: its size (width and height, px), its
-/// scale and its principal point.
+/// Checks a lens's image: its size (width and height, px), its scale and its principal point.
 pub(super) fn check_image(
     at: &Keys<'_>,
     [width_px, height_px]: [u32; 2],
@@ -85,20 +79,28 @@ pub(super) fn check_image(
     )
 }
 
-/// A record holds its size and a hash of its pixels.
+/// Recordings contain the size and a hash of the pixels.
 impl Serialize for GreyImage {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        (self.width, self.height, hash_bytes(&self.pixels)).serialize(to)
+        let pixels = self.is_kept.then_some(&self.pixels);
+        (self.width, self.height, hash_bytes(&self.pixels), pixels).serialize(to)
+    }
+}
+impl<'de> Deserialize<'de> for GreyImage {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let (width, height, _, pixels) = <(_, _, u64, Option<Vec<u8>>)>::deserialize(from)?;
+        let pixels = pixels.ok_or_else(|| D::Error::custom("an image is recorded by its hash alone"))?;
+        let mut image = GreyImage::new(width, height, pixels).map_err(D::Error::custom)?;
+        image.keep();
+        Ok(image)
     }
 }
 
 impl GreyImage {
-    /// Whether an image of this size is taken.
     pub fn accepts(width: usize, height: usize) -> bool {
         let side = MIN_SIDE_PX..=MAX_SIDE_PX;
         side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS
     }
-    /// An image from its rows.
     pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Result<GreyImage, ImageError> {
         if !GreyImage::accepts(width, height) || width * height != pixels.len() {
             return Err(ImageError::size(width, height, pixels.len()));
@@ -107,7 +109,12 @@ impl GreyImage {
             width,
             height,
             pixels,
+            is_kept: false,
         })
+    }
+    /// Its record holds the pixels from now on, and not their hash alone.
+    pub fn keep(&mut self) {
+        self.is_kept = true;
     }
     /// A binary PGM: `P5`, width, height and 255, comments from `#` to the line's end, one blank, rows.
     pub fn from_pgm(bytes: &[u8]) -> Result<GreyImage, ImageError> {
@@ -116,10 +123,10 @@ impl GreyImage {
         let (height, rest) = number(rest)?;
         let (depth, rest) = number(rest)?;
         if depth != 255 {
-            return Err(ImageError::Pgm("its greatest value is not 255"));
+            return Err(ImageError::Pgm("its maximum value is not 255"));
         }
         let rows = rest.get(1..).ok_or(ImageError::Pgm("no pixels"))?;
-        // What a file holds beyond the first image is another one.
+        // Bytes beyond the first image belong to another image.
         let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
         if !GreyImage::accepts(width, height) {
@@ -127,38 +134,34 @@ impl GreyImage {
         }
         GreyImage::new(width, height, rows.to_vec())
     }
-    /// The image as a file.
     pub fn to_pgm(&self) -> Vec<u8> {
         let mut bytes = format!("P5\n{} {}\n255\n", self.width, self.height).into_bytes();
         bytes.extend_from_slice(&self.pixels);
         bytes
     }
-    /// Width, px.
     pub fn width(&self) -> usize {
         self.width
     }
-    /// Height, px.
     pub fn height(&self) -> usize {
         self.height
     }
-    /// Whether it is of this size, px.
     pub(super) fn has_size(&self, width_px: u32, height_px: u32) -> bool {
         [self.width, self.height] == [width_px as usize, height_px as usize]
     }
-    /// Grey level of the pixel that holds this point, px; None outside the image.
+    /// Grey level of the pixel at this point, px; None outside the image.
     pub(super) fn level_near(&self, at: Vector2<f64>) -> Option<u8> {
         let (column, row) = (at.x.round(), at.y.round());
         let inside = (0.0..self.width as f64).contains(&column) && (0.0..self.height as f64).contains(&row);
         let index = || row as usize * self.width + column as usize;
         inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
-    /// Rows of the image.
+    /// Pixels, row by row from the top.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
 }
 
-/// The next decimal number of a PGM's head, and what follows it.
+/// Next decimal number of a PGM header, and the remaining bytes.
 fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
     let mut rest = bytes;
     loop {
@@ -172,9 +175,9 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
         }
     }
     let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
-    // Six digits are more than any size that is taken.
+    // A number of more than six digits exceeds every valid size.
     if digits == 0 || digits > 6 {
-        return Err(ImageError::Pgm("its size is no number"));
+        return Err(ImageError::Pgm("its size is not a number"));
     }
     let (digits, rest) = rest.split_at(digits);
     let value = digits.iter().fold(0, |n, b| n * 10 + usize::from(b - b'0'));
@@ -182,7 +185,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 }
 
 /// An image and when it was taken.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraFrame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
@@ -201,6 +204,18 @@ mod tests {
         let text = b"P5 # made by a person\n# 7\n40\t33 255\n";
         let bytes = [&text[..], image.pixels()].concat();
         assert_eq!(GreyImage::from_pgm(&bytes), Ok(image));
+    }
+
+    #[test]
+    fn record_of_an_image_by_hash_and_by_content() {
+        use alight_shared::wire::{decode_record, encode_record};
+        let mut image = GreyImage::new(40, 33, vec![7; 40 * 33]).unwrap();
+        let hash = encode_record(&image).unwrap();
+        assert_eq!(hash.len(), 3 * 8 + 1);
+        assert!(decode_record::<GreyImage>(&hash).is_err());
+        image.keep();
+        let whole = encode_record(&image).unwrap();
+        assert_eq!(decode_record::<GreyImage>(&whole).unwrap(), image);
     }
 
     #[test]

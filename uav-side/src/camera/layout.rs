@@ -1,4 +1,4 @@
-//! Layout of a deck's tags, and the places from which the camera sees each of them whole.
+//! Layout of a deck's tags, and the places from which the camera sees each of them completely.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -9,13 +9,12 @@ use super::CameraSettings;
 use super::motion_blur::width_px;
 use super::square_pose::corners_of;
 
-/// The codes of the family 36h11 by their numbers, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6
+/// Codes of the family 36h11 by number, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6
 /// cells, rows from the top, most significant bit first, 1 white.
 const CODES: &str = include_str!("tag36h11.txt");
-/// Cells along the side of a tag with its white margin.
 pub const CELLS: usize = 10;
 
-/// Whether each cell of a tag is white, rows from its upper edge, the white margin included; None beyond the family.
+/// Whether each cell of a tag is white, rows from its upper edge, with the white margin; None beyond the family.
 pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
     let code = CODES.split_whitespace().nth(usize::from(id))?;
     let code = u64::from_str_radix(code, 16).ok()?;
@@ -30,21 +29,23 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
     }))
 }
 
-/// Maximum height of the feet above the deck at which a tag has to be visible, m.
+/// Height of the feet above the deck up to which a tag must be visible, m.
 const MAX_HEIGHT_M: f64 = 10.0;
-/// Maximum offset from the deck's centre and tilt against it at which a drone still has to see a tag, m, rad.
-/// Source: 99 of 100 landings are within 0.2 m on vessels with the poorest sensors (docs/envelope.md); decks rock by 8 deg.
+/// Maximum offset from the deck's centre, m, and maximum tilt relative to the deck, rad, at which a drone must still
+/// see a tag.
+/// Source: 99 of 100 landings are within 0.2 m on vessels with the poorest sensors (docs/envelope.md); decks rock by 8
+/// deg.
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
 /// Width in the image with which nine of ten images of a tag are decoded, px.
-/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them with 13.3 px and a logistic spread of 0.093
-/// of its logarithm.
+/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them decoded at 13.3 px, with a logistic
+/// spread of 0.093 of the width's logarithm.
 const DECODED_PX: f64 = 16.3;
-/// Directions of offset, of tilt and of the drone's heading that are tried.
+/// Number of tested directions of offset, tilt and heading.
 const DIRECTIONS: u32 = 8;
 
-/// Whether the camera of a drone whose lowest foot is `height_m` above the deck sees one of the tags whole and large enough,
-/// wherever within [`OFFSET_M`] of the deck's centre, with whatever tilt up to [`TILT_RAD`] and heading.
+/// Whether the camera sees a tag completely and large enough when the drone's lowest foot is `height_m` above the deck,
+/// at every offset up to [`OFFSET_M`], tilt up to [`TILT_RAD`] and heading.
 fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height_m: f64) -> bool {
     let around = |k: u32| core::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS);
     let mount = Rotation3::from_matrix_unchecked(body_from_camera()) * camera.mount().0.to_rotation_matrix();
@@ -90,7 +91,8 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     })
 }
 
-/// Heights of the feet above the deck, from contact to 10 m, at which no whole tag may be visible: from, to, m.
+/// Height ranges of the feet above the deck, from contact to 10 m, in which no tag may be completely visible: from, to,
+/// m.
 pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) -> Vec<[f64; 2]> {
     let mut gaps: Vec<[f64; 2]> = Vec::new();
     let (mut height, mut open) = (0.0, false);
@@ -102,21 +104,21 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
             _ => {}
         }
         open = !visible;
-        // Ever coarser: what a height shows grows with it.
+        // Steps grow with the height, as does the visible area.
         height += 0.02 + 0.05 * height;
     }
     gaps
 }
 
-/// From a tag's range on a search keeps so much below, and so much it takes off a tag's width there: a deck that is not where it
-/// is thought to be, and an oblique view.
+/// Fraction of a tag's detection range used as the search height, and factor on the view's width there. They allow for
+/// an uncertain position of the deck and an oblique view.
 const SEARCH_RANGE: f64 = 0.8;
 
-/// Height over the deck from which a search sees its largest tag, and the distance from the point below within which it sees
-/// it whatever its heading, m, for a drone that tilts by [`TILT_RAD`].
+/// Height over the deck from which a search detects the largest tag, and radius around the point below the drone within
+/// which it is detected at any heading, m; the drone may tilt by [`TILT_RAD`].
 pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     let lens = &camera.lens;
-    let side_m = tags.iter().fold(0.0, |most: f64, tag| tag.side_m.max(most));
+    let side_m = tags.iter().fold(0.0, |max: f64, tag| tag.side_m.max(max));
     let [fx, fy] = lens.focal_px;
     let height_m = SEARCH_RANGE * fx.min(fy) * side_m / DECODED_PX;
     let half = (0.5 * f64::from(lens.width_px) / fx).min(0.5 * f64::from(lens.height_px) / fy);
@@ -124,8 +126,8 @@ pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     [height_m, (height_m * visible - side_m).max(0.5)]
 }
 
-/// Faults of a deck's tags, as text with the numbers: ids that occur twice or do not exist, tags that reach
-/// beyond the deck's edges or over each other, white margins included.
+/// Faults of a deck's tags, as texts: ids that occur twice or do not exist, tags that reach beyond the
+/// deck's edges or overlap, with their white margins.
 pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
     let mut faults = Vec::new();
     let half = |tag: &DeckTag| 0.5 * MARGIN * tag.side_m;
@@ -134,7 +136,7 @@ pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
         let over = (0..2)
             .map(|i| tag.centre_m[i].abs() + half(tag) - edges[i])
             .fold(f64::MIN, f64::max);
-        // A millimetre is what a tape shows.
+        // Tolerance of a tape, 1 mm.
         if over > 1e-3 {
             faults.push(format!(
                 "tag {} with its margin reaches {over:.3} m beyond the deck's edge",

@@ -1,27 +1,27 @@
-//! The direction of a pixel: a pinhole with the radial and tangential distortion that
-//! calibration programs write (Brown 1966; OpenCV's five numbers k1 k2 p1 p2 k3, ROS's `plumb_bob`).
+//! Lens model: a pinhole with radial and tangential distortion as written by calibration programs (Brown 1966; OpenCV's
+//! five numbers k1 k2 p1 p2 k3, ROS's `plumb_bob`).
 //!
-//! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle
-//! of the first one.
+//! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle of the first
+//! pixel.
 
 use alight_shared::config;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::image::check_image;
 
-/// Bound on the steps of Newton's method.
 const MAX_STEPS: usize = 20;
-/// It has converged when a step is smaller than this, at unit distance.
+/// Step below which Newton's method has converged, at unit distance.
 const CONVERGED: f64 = 1e-9;
-/// A pixel whose direction differs by more from that of its point, at unit distance, is not an image of that point.
+/// Maximum difference between a point's direction and that of its pixel, at unit distance; beyond it the pixel is not
+/// an image of the point.
 const FOLDED: f64 = 1e-3;
-/// Points further off the axis than this are not searched, at unit distance: 81 deg.
+/// Maximum distance from the axis in the search, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
 
 config! {
-    /// A lens with its image.
+    /// Pinhole lens with its image size.
     ///
-    /// Defaults: 640 x 480 over 90 deg: the camera of the simulated drone.
+    /// Defaults: 640 x 480 over 90 deg, the camera of the simulated drone.
     #[derive(Copy)]
     pub struct Lens {
         /// Width of the image, px.
@@ -33,8 +33,8 @@ config! {
         /// Principal point cx and cy, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Distortion k1, k2, p1, p2, k3.
-        /// Source: ROS's model plumb_bob; the 8 numbers of rational_polynomial are of another model, which is not read:
-        /// calibrate with plumb_bob.
+        /// Source: ROS's model plumb_bob. The 8 numbers of rational_polynomial belong to another model, which is not
+        /// supported: calibrate with plumb_bob.
         pub distortion: [f64; 5] = [0.0; 5], in -20.0..=20.0;
     }
     check |this, at| {
@@ -54,14 +54,14 @@ config! {
             corners.as_flattened().iter().all(|has| *has),
             "distortion",
             format!("{:?}", this.distortion),
-            "numbers by which every corner of the image has a direction (k1 k2 p1 p2 k3 of a calibration of \
+            "numbers that give every corner of the image a direction (k1 k2 p1 p2 k3 of a calibration of \
              this size)",
         )?;
     }
 }
 
 impl Lens {
-    /// Place to which distortion moves a point at unit distance, and its derivative.
+    /// Distorted position of a point at unit distance, and its derivative.
     fn distorted(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let (x, y) = (n.x, n.y);
@@ -93,14 +93,15 @@ impl Lens {
             moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
         })
     }
-    /// Projects a point that this lens can see: far off the axis the distortion's polynomial folds back into the image.
+    /// Projects a point within the lens's field of view; far off the axis the distortion polynomial folds back into the
+    /// image.
     pub fn project_inside(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
         let px = self.project(p)?;
         let back = self.normalised(px)?;
         ((back - p.xy() / p.z).norm() < FOLDED).then_some(px)
     }
-    /// Direction of a pixel, at unit distance: Newton's method on the distortion. None where the
-    /// distortion's polynomial folds the image over, so that no lens can be meant.
+    /// Direction of a pixel, at unit distance, by Newton's method on the distortion. None where the distortion
+    /// polynomial folds the image, which no real lens does.
     pub fn normalised(&self, px: Vector2<f64>) -> Option<Vector2<f64>> {
         let goal = self.at_unit(px);
         let mut n = goal;
@@ -110,7 +111,7 @@ impl Lens {
                 return None;
             }
             let step = derivative.try_inverse()? * (goal - moved);
-            // A long step may jump over the fold.
+            // A long step could cross the fold.
             n += step * (0.5 / step.norm()).min(1.0);
             if !(n.norm() < MAX_RADIUS) {
                 return None;
@@ -121,7 +122,7 @@ impl Lens {
         }
         None
     }
-    /// Size at unit distance of a pixel there: root of the mean square over directions.
+    /// Size of a pixel at unit distance: root mean square over directions.
     pub fn pixel_size(&self, n: Vector2<f64>) -> Option<f64> {
         let (_, derivative) = self.distorted(n);
         let to_px = Matrix2::from_diagonal(&Vector2::from(self.focal_px)) * derivative;

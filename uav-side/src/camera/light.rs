@@ -1,31 +1,30 @@
-//! Grey levels in an image: of the metered area, and contrast and saturation of the tag.
+//! Grey levels in an image: mean, brightest area, and contrast and saturation of the tag.
 
 use nalgebra::Vector2;
 
 use super::image::GreyImage;
 use alight_shared::msg::MIN_GLARE;
 
-/// The tag's square is sampled so often along each side: four times a cell.
+/// Number of samples along each side of the tag's square: four per cell.
 const SAMPLES: usize = 32;
-/// Part of the samples below the black level and above the white one. Black is at least the tag's edge, 28 of 64
+/// Fraction of the samples below the black level and above the white level. At least the tag's edge is black, 28 of 64
 /// cells; a code of 36h11 leaves a quarter of the square white or more.
 const QUANTILE: f64 = 0.1;
-/// An image's mean is taken of every so many pixels: a prime, so that no column is preferred.
+/// Every `STRIDE`-th pixel is averaged: a prime, so that no column is preferred.
 const STRIDE: usize = 17;
 
-/// The light on a tag as its image has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TagLight {
-    /// Level of its black: 10 % of the square are darker, grey levels.
+    /// Black level: 10 % of the square are darker, grey levels.
     pub black: u8,
-    /// Level of its white: 10 % of the square are brighter, grey levels.
+    /// White level: 10 % of the square are brighter, grey levels.
     pub white: u8,
     /// Fraction of the square at grey level 0 or 255.
     pub saturation: f64,
 }
 
 impl TagLight {
-    /// The light on the square with these corners, px; None when none of it is in the image.
+    /// Light on the square with these corners, px; None when all of it is outside the image.
     pub fn of(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> Option<TagLight> {
         let [a, b, c, d] = corners;
         let along = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
@@ -44,35 +43,31 @@ impl TagLight {
             saturation: clipped as f64 / levels.len() as f64,
         })
     }
-    /// White less black over 255.
+    /// White minus black, over 255.
     pub fn contrast(&self) -> f64 {
         f64::from(self.white.saturating_sub(self.black)) / 255.0
     }
 }
 
-/// Side of the squares of which the brightest is looked for, px: within the smallest tag that is decoded, its margin included,
-/// wherever it lies.
+/// Side of the squares among which the brightest is searched, px: they fit within the smallest decodable tag with its
+/// margin, at any position.
 const TILE_PX: usize = 6;
 
-/// Sum of a square that is at its brightest all over.
 const MAX_TILE_SUM: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
 
-/// By how much the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
+/// Factor by which the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
 
-/// Light in an image without a tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageLight {
-    /// Mean, grey levels.
     pub mean: f64,
-    /// Mean of its brightest square of [`TILE_PX`], grey levels.
+    /// Mean grey level of the brightest square of [`TILE_PX`].
     pub brightest: f64,
-    /// Part of these squares that are at grey level 255 all over, 0 to 1.
+    /// Fraction of these squares with all pixels at 255, 0 to 1.
     pub saturated: f64,
 }
 
 impl ImageLight {
-    /// The light of this image.
     pub fn of(image: &GreyImage) -> ImageLight {
         let columns = image.width() / TILE_PX;
         let (mut sums, mut brightest, mut saturated) = (vec![0_u32; columns], 0, 0);
@@ -94,19 +89,18 @@ impl ImageLight {
             saturated: saturated as f64 / tiles.max(1) as f64,
         }
     }
-    /// Fraction of it that is at its brightest, 0 to 1, where that is more than glints have.
+    /// Saturated fraction of the image, 0 to 1; None if it is small enough to be due to glints.
     pub fn glare(&self) -> Option<f64> {
         Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }
-    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is half of what
-    /// white and black differ by, sharpened by a quarter; a tag with its white margin is half white (52 of 100 cells or more), so
-    /// that some of its squares are as bright as four fifths of the margin.
+    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is
+    /// half of the difference between white and black, sharpened by a quarter; a tag with its white margin is half
+    /// white (52 of 100 cells or more), so that some of its squares are as bright as four fifths of the margin.
     pub fn is_dark(&self, min_margin: f64) -> bool {
         self.brightest < min_margin / SHARPENING
     }
 }
 
-/// Mean of an image, grey levels.
 pub fn mean_level(image: &GreyImage) -> f64 {
     let sampled = || image.pixels().iter().step_by(STRIDE);
     sampled().map(|p| f64::from(*p)).sum::<f64>() / sampled().count().max(1) as f64
@@ -124,7 +118,7 @@ mod tests {
         Vector2::new(89.5, 89.5),
     ];
 
-    /// A square of 60 px, white in its left quarter, on a ground of 100.
+    /// Image of a square of 60 px whose left quarter is white, on a background of grey level 100.
     fn square(black: u8, white: u8) -> GreyImage {
         let pixels = (0..120 * 120).map(|k| match (k % 120, k / 120) {
             (30..45, 30..90) => white,
@@ -153,14 +147,14 @@ mod tests {
 
     #[test]
     fn mean_level_of_all_pixels() {
-        // 900 pixels of 200, 2700 of 20, 10 800 of 100.
+        // The image has 900 pixels of level 200, 2700 of 20 and 10 800 of 100.
         let mean = mean_level(&square(20, 200));
         assert!((mean - 91.25).abs() < 2.0, "{mean}");
     }
 
     #[test]
     fn brightest_square_of_an_image() {
-        // A tag of 12 px, half white, anywhere in a dark image: the margin of 20 needs a white of 32.
+        // A half-white tag of 12 px anywhere in a dark image: a decision margin of 20 needs a white level of 32.
         let at = |white: u8, place: usize| {
             let pixels = (0..120 * 90).map(|k| {
                 let (x, y) = (
@@ -180,7 +174,7 @@ mod tests {
             assert!(at(28, place).is_dark(20.0), "{place}: {:?}", at(28, place));
         }
         assert!(at(255, 40).mean < 3.0);
-        // Two of 300 squares at their brightest: a lamp.
+        // A lamp saturates two of 300 squares.
         let lamp = |level: u8| {
             let lit = |k: usize| (42..54).contains(&(k % 120)) && (42..48).contains(&(k / 120));
             let pixels = (0..120 * 90).map(|k| if lit(k) { level } else { 0 });
@@ -188,7 +182,7 @@ mod tests {
         };
         assert_eq!((lamp(255).saturated, lamp(254).saturated), (2.0 / 300.0, 0.0));
         assert!(lamp(255).glare().is_some() && lamp(254).glare().is_none());
-        // Noise of a sensor at full gain is no tag.
+        // Noise of a sensor at full gain.
         let noise = (0..120 * 90_u32).map(|k| ((k.wrapping_mul(2_654_435_761) >> 24) / 13) as u8);
         assert!(ImageLight::of(&GreyImage::new(120, 90, noise.collect()).unwrap()).is_dark(20.0));
     }

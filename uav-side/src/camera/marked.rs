@@ -1,41 +1,38 @@
-//! The camera's image for people: small, with the detected tags and the deck's outline drawn in.
+//! The camera's image for display: reduced, with the detected tags and the deck's outline.
 
 use alight_shared::geometry::DeckGeometry;
 use nalgebra::{Vector2, Vector3};
 
 use super::image::GreyImage;
 
-/// Longest side of a marked image, px: enough for a phone's width, little enough for a slow link.
+/// Maximum side of a marked image, px: the width of a phone's screen, small enough for a slow link.
 const MAX_SIDE_PX: usize = 320;
-/// Most bytes of its pixels.
+/// Maximum size of the pixel data, bytes.
 pub const MAX_BYTES: usize = 3 * MAX_SIDE_PX * MAX_SIDE_PX;
-/// Each edge of the outline is drawn in so many straight parts, which a lens's distortion bends.
+/// Number of straight parts of an outline's edge, which follow the lens's distortion.
 const EDGE_PARTS: usize = 8;
-/// A line that leaves the image by more than this many of its sides is not drawn.
+/// Distance outside the image up to which a line is drawn, in image sides.
 const MAX_OUTSIDE: f64 = 4.0;
-/// Width of a line, px.
 const LINE_PX: usize = 2;
-/// Red, green and blue of the tags' edges and of the deck's outline: both differ from grey for every kind of colour vision.
+/// Red, green and blue of the tags' edges and of the deck's outline; both differ from grey in every kind of colour
+/// vision.
 const TAG: [u8; 3] = [0, 230, 90];
 const OUTLINE: [u8; 3] = [255, 150, 0];
 
-/// A small coloured image with marks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MarkedImage {
     /// Width and height, px.
     pub size: [usize; 2],
-    /// Red, green and blue of each pixel, row by row from the top.
     pub rgb: Vec<u8>,
-    /// Tags that are drawn in.
     pub tags: u32,
-    /// Outlines of the deck that are drawn in, one or none.
+    /// Number of drawn outlines of the deck, 0 or 1.
     pub outlines: u32,
-    /// Pixels of the image to one of this.
+    /// Pixels of the original per pixel.
     step: usize,
 }
 
 impl MarkedImage {
-    /// An image without marks, each pixel the mean of a square of the original's.
+    /// Reduced image without marks; each pixel is the mean of a square of the original's.
     pub fn of(image: &GreyImage) -> MarkedImage {
         let step = image.width().max(image.height()).div_ceil(MAX_SIDE_PX).max(1);
         let size = [image.width() / step, image.height() / step];
@@ -60,7 +57,7 @@ impl MarkedImage {
             step,
         }
     }
-    /// Draws the edges of a tag by its corners in the image, px.
+    /// Draws a tag's edges, given its corners in the original image, px.
     pub fn draw_tag(&mut self, corners: &[Vector2<f64>; 4]) {
         let [a, b, c, d] = *corners;
         for (from, to) in [(a, b), (b, c), (c, d), (d, a)] {
@@ -68,8 +65,8 @@ impl MarkedImage {
         }
         self.tags += 1;
     }
-    /// Draws the edge of the deck; `project` gives the pixel of a point of it (forward, right, down from its centre, m),
-    /// where the image has one.
+    /// Draws the deck's outline. `project` gives the pixel of a point of the deck (forward, right, down from its
+    /// centre, m), if it is in the image.
     pub fn draw_outline(
         &mut self,
         deck: &DeckGeometry,
@@ -88,9 +85,8 @@ impl MarkedImage {
         }
         self.outlines = 1;
     }
-    /// A line between two pixels of the original.
     fn draw_line(&mut self, from: Vector2<f64>, to: Vector2<f64>, colour: [u8; 3]) {
-        // The middle of pixel (0, 0) is the origin of both.
+        // The middle of pixel (0, 0) is the origin in both images.
         let scaled = |p: Vector2<f64>| (p.add_scalar(0.5) / self.step as f64).add_scalar(-0.5);
         let (from, to) = (scaled(from), scaled(to));
         let reach = MAX_OUTSIDE * MAX_SIDE_PX as f64;
@@ -157,7 +153,7 @@ mod tests {
             width_m: 1.0,
             ..DeckGeometry::default()
         };
-        // 200 px a metre, the bow up.
+        // The projection has 200 px per metre, with the bow up.
         marked.draw_outline(&deck, |p| {
             Some(Vector2::new(320.0 + 200.0 * p.y, 240.0 - 200.0 * p.x))
         });

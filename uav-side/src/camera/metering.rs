@@ -1,111 +1,105 @@
-//! Exposure and gain, metered on the tag: a step in stops (factors of two) towards a white of 180 grey levels.
+//! Control of exposure and gain by the tag's white: steps in stops (factors of two) towards a white of 180 grey levels.
 //!
-//! Light on a sensor grows in proportion to the exposure, so that alone follows, up to the longest that motion blur
-//! permits. The gain, whose scale each device chooses itself (linear, dB), is moved by parts of its range: up while
-//! the longest exposure is too dark, down while the exposure is far from its longest, because gain is noise.
+//! A sensor's signal is proportional to the exposure, so the exposure alone is adjusted up to the longest that motion
+//! blur permits. The gain, whose scale depends on the device (linear, dB), changes by fractions of its range: up while
+//! the longest exposure is too dark, down while the exposure is far from its longest, because gain adds noise.
 //!
-//! While no tag is detected, the image's mean is metered. A dark image with something clipped in it has two explanations: lit
-//! tags by night, which are overexposed, or a lamp or glint next to a deck in the dark. Both are tried in turns, each
-//! from the setting in which its last turn ended.
+//! Without a detected tag the image's mean is metered. A dark image with clipped parts has two explanations: lit tags
+//! at night that are overexposed, or a lamp or glint next to a dark deck. Metering alternates between the two in turns;
+//! each turn starts from the setting with which its last one ended.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::light::{ImageLight, TagLight};
 
-/// Level of the tag's white that is aimed at, grey levels: black is then 10 to 20, a third of light more clips nothing.
+/// Goal of the tag's white, grey levels: black is then 10 to 20, and a third more light clips nothing.
 const WHITE: f64 = 180.0;
-/// Largest deviation from it, stops, that is left: 150 to 216 grey levels.
+/// Tolerated deviation from the goal, stops: 150 to 216 grey levels.
 const WHITE_BAND: f64 = 0.26;
-/// White from which on the light may be any: it counts as twice too bright, grey levels.
+/// White level above which the true brightness is unknown and is assumed to be too high by a factor of two, grey
+/// levels.
 const CLIPPED: f64 = 250.0;
-/// Mean of an image without the tag that is aimed at, grey levels. A deck that fills it has its white at 60 or above;
-/// on water of a thirtieth of white, the tag's black stays below 120.
+/// Goal of the mean of an image without a tag, grey levels. A deck that fills the image then has its white at 60 or
+/// above; on water with a thirtieth of the light of white, the tag's black stays below 120.
 const MEAN: f64 = 60.0;
-/// Largest deviation from it, stops.
+/// Tolerated deviation from that goal, stops.
 const MEAN_BAND: f64 = 0.5;
-/// Images without the tag before the image's mean is metered: the tag is lost for single ones.
+/// Number of images without the tag after which the image's mean is metered: single detections can fail.
 const UNDETECTED: u32 = 5;
-/// Images of one turn where mean and brightest part of an image ask for opposite exposures: some ten changes of the setting.
+/// Length of a turn, images, when the mean and the brightest part of an image call for opposite changes: enough for
+/// about ten changes of the setting.
 const TURN: u32 = 60;
-/// Images that a device takes at most until a change shows.
+/// Maximum number of images until a change takes effect.
 const SETTLING: u64 = 3;
-/// Largest step of the exposure, stops.
 const MAX_STEP: f64 = 2.0;
-/// Part of the gain's range for each stop that is missing, of one stop at most: a linear gain up to 100 is not overdone
-/// by more than the stops to [`SHORT`], a gain of 48 dB moves by half a stop.
+/// Change of the gain per missing stop, of at most one stop, as a fraction of its range. A linear gain up to 100
+/// overshoots by no more than the stops to [`SHORT`]; a gain of 48 dB changes by half a stop.
 const GAIN_STEP: f64 = 1.0 / 16.0;
-/// Part of its range by which the gain falls while the exposure is short: 0.75 dB of 48 dB, which the band holds.
+/// Decrease of the gain while the exposure is short, as a fraction of its range: 0.75 dB of 48 dB, within the
+/// tolerance.
 const GAIN_FALL: f64 = 1.0 / 64.0;
-/// Exposure below this part of the longest is short: the gain may fall by up to two stops.
+/// Fraction of the longest exposure below which it is short: the gain may fall by up to two stops.
 const SHORT: f64 = 0.25;
 
-/// Values that a device can be set to: `low + k step`, up to `most`.
+/// Values that a device accepts: `low + k step`, up to `most`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SettingRange {
     pub low: f64,
     pub most: f64,
-    /// Between neighbours, above 0.
+    /// Difference between neighbours, above 0.
     pub step: f64,
 }
 
 impl SettingRange {
-    /// The nearest that can be set.
     pub fn nearest(&self, value: f64) -> f64 {
         let steps = |v: f64| (v - self.low) / self.step;
-        // What a division loses of a whole number of steps.
+        // Tolerance for the remainder of the division into steps.
         let most = (steps(self.most) + 1e-6).floor().max(0.0);
         self.low + self.step * steps(value).round().clamp(0.0, most)
     }
 }
 
 /// Exposure and gain of a device.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
-    /// Exposure, s.
     pub exposure_s: f64,
-    /// Gain in the device's own unit.
+    /// In the device's unit.
     pub gain: f64,
 }
 
-/// Light in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Light {
-    /// That on the tag.
     Tag(TagLight),
-    /// That of the whole image: no tag was detected.
     Image(ImageLight),
 }
 
 /// Exposure of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposed {
-    /// Exposure and gain.
     pub setting: Setting,
-    /// Neither may be more.
+    /// Whether exposure and gain are at their maximum.
     pub at_limit: bool,
 }
 
-/// Metering of one device.
 #[derive(Clone, Debug)]
 pub struct Metering {
     exposure_s: SettingRange,
     gain: SettingRange,
     setting: Setting,
-    /// The newest image when it was set.
+    /// Number of the newest image when the setting was changed.
     set_at: u64,
-    /// Images in a row without the tag.
     undetected: u32,
-    /// When the image's mean was metered last, it asked for more light, and something in the image was clipped.
+    /// Whether the image was too dark and partly clipped when its mean was last metered.
     contradicted: bool,
-    /// The image's brightest part is metered instead of its mean.
+    /// Whether the brightest part of the image is metered instead of its mean.
     by_brightest: bool,
-    /// Setting of the other turn: in which the tag, or the brightest part, was metered last.
+    /// Setting of the other turn: the last one in which the tag, or the brightest part, was metered.
     other: Setting,
 }
 
 impl Metering {
-    /// A device with these ranges, the exposure's up to the longest that is permitted; it begins at `setting` or what
-    /// is nearest to it.
+    /// Controller of a device with these ranges; the exposure's range ends at the longest permitted exposure. It starts
+    /// at the values nearest to `setting`.
     pub fn new(exposure_s: SettingRange, gain: SettingRange, setting: Setting) -> Metering {
         let setting = Setting {
             exposure_s: exposure_s.nearest(setting.exposure_s),
@@ -122,17 +116,15 @@ impl Metering {
             other: setting,
         }
     }
-    /// Setting of the device.
     pub fn setting(&self) -> Setting {
         self.setting
     }
-    /// Whether neither exposure nor gain may be more.
     pub fn at_limit(&self) -> bool {
         let most = |range: &SettingRange| range.nearest(range.most);
         self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
     }
-    /// Image number `image` of the device, whose newest is number `newest`, had this light: the next setting, if it
-    /// is another one. Images that may be of the former setting are not metered.
+    /// Next setting, if it changes, given the light of image number `image`; the device's newest image is number
+    /// `newest`. Images that may have been taken with the former setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
         let next = if self.takes_turn(light) {
             core::mem::replace(&mut self.other, self.setting)
@@ -149,7 +141,7 @@ impl Metering {
         self.set_at = newest;
         Some(next)
     }
-    /// Counts images without the tag; whether the other turn begins with this one.
+    /// Counts images without the tag. Returns whether the other turn begins with this one.
     fn takes_turn(&mut self, light: &Light) -> bool {
         match light {
             Light::Tag(_) => {
@@ -165,8 +157,7 @@ impl Metering {
             }
         }
     }
-    /// Stops of light that are missing, less than zero where it is too bright; zero within the band. None where
-    /// nothing is metered.
+    /// Missing stops of light, negative when it is too bright, zero within the tolerance. None when nothing is metered.
     fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
@@ -193,7 +184,7 @@ impl Metering {
         let (now, exposure) = (self.setting, self.exposure_s);
         let [min_s, max_s] = [exposure.low, exposure.most].map(|e| exposure.nearest(e));
         let wanted_s = now.exposure_s * stops.exp2();
-        // Rounded, but half a step does not count: the way back would be half a step, too.
+        // Rounds with a dead band: a half step would be repeated back and forth.
         let steps = (wanted_s - now.exposure_s) / exposure.step;
         let moved_s = exposure.step * (steps.abs() + 0.4).floor().copysign(steps);
         let exposure_s = exposure.nearest(now.exposure_s + moved_s);
@@ -223,26 +214,23 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::VecDeque;
 
-    /// The longest exposure, s.
     const MAX_EXPOSURE_S: f64 = 0.004;
-    /// Images within which a level is reached.
     const CONVERGED: u64 = 240;
 
-    /// Gain of a device's number.
     #[derive(Clone, Copy, Debug)]
     enum Scale {
         Linear,
         TenthDecibel,
     }
 
-    /// A linear sensor with 8 bits, whose settings show after `latency` images and whose images are metered `queue`
+    /// Linear 8-bit sensor whose settings take effect after `latency` images and whose images are metered `queue`
     /// images late.
     struct Sensor {
         metering: Metering,
         scale: Scale,
         latency: u64,
         queue: u64,
-        /// Settings, and the first image that may show each.
+        /// Settings, each with the first image that may have it.
         pending: VecDeque<(u64, Setting)>,
         shown: Setting,
         images: VecDeque<(u64, Light)>,
@@ -283,7 +271,7 @@ mod tests {
                 changes: 0,
             }
         }
-        /// White, grey levels without a limit: `light` is that of a white of 255 at 1 s with a gain of 1.
+        /// White without clipping, grey levels; `light` is that of a white of 255 at 1 s with a gain of 1.
         fn white(&self, light: f64, setting: Setting) -> f64 {
             let gain = match self.scale {
                 Scale::Linear => setting.gain,
@@ -291,7 +279,7 @@ mod tests {
             };
             255.0 * light * setting.exposure_s * gain
         }
-        /// One image; the water around the tag is a tenth as bright. Returns the tag's white.
+        /// Takes one image; the water around the tag has a tenth of its light. Returns the tag's white.
         fn take(&mut self, light: f64) -> f64 {
             self.image += 1;
             while let Some((from, setting)) = self.pending.front().copied()
@@ -301,7 +289,7 @@ mod tests {
                 self.pending.pop_front();
             }
             let white = self.white(light, self.shown);
-            let level = |share: f64| (share * white).round().clamp(0.0, 255.0) as u8;
+            let level = |fraction: f64| (fraction * white).round().clamp(0.0, 255.0) as u8;
             let tag = TagLight {
                 black: level(0.063),
                 white: level(1.0),
@@ -333,12 +321,13 @@ mod tests {
             }
             white
         }
-        /// Many images of one light; the last one's white, and the changes during the last of them.
-        fn settle(&mut self, light: f64) -> (f64, u64) {
+        /// Takes many images with constant light. Returns the last white level, and the number of changes during the
+        /// last images.
+        fn converge(&mut self, light: f64) -> (f64, u64) {
             for _ in 0..CONVERGED {
                 self.take(light);
             }
-            // The gain may go on falling, which the exposure makes up for.
+            // The gain may decrease further, compensated by the exposure.
             for _ in 0..4 * CONVERGED {
                 self.take(light);
             }
@@ -359,14 +348,15 @@ mod tests {
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
         ) {
-            // From what the longest exposure with most gain needs to what 0.2 us do.
+            // The light ranges from that for the longest exposure with maximum gain to that for 0.2 us.
             let light = 3.0 * 10_f64.powf(decades);
             let start = Setting { exposure_s, gain };
             let mut sensor = Sensor::new(scale, latency, queue, 2e-8, start);
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // The gain may go on falling, by halves where its numbers are small; a stop below 225 the tag is fit.
+            // The gain may decrease further, in steps of a half if its values are small; a tag is usable up to a stop
+            // below 225.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
@@ -380,7 +370,7 @@ mod tests {
         ) {
             let start = Setting { exposure_s: 0.001, gain };
             let mut sensor = Sensor::new(scale, latency, queue, 1e-4, start);
-            let (white, changes) = sensor.settle(3.0 * 10_f64.powf(decades));
+            let (white, changes) = sensor.converge(3.0 * 10_f64.powf(decades));
             prop_assert_eq!(changes, 0, "white {}", white);
         }
     }
@@ -394,11 +384,11 @@ mod tests {
                     gain: 0.0,
                 };
                 let mut sensor = Sensor::new(scale, latency, 1, 1e-5, start);
-                sensor.settle(1000.0);
+                sensor.converge(1000.0);
                 // Two seconds at 30 Hz.
                 let whites: Vec<f64> = (0..60).map(|_| sensor.take(1000.0 * factor)).collect();
                 assert!((140.0..225.0).contains(&whites[59]), "{factor}: {whites:?}");
-                // Never further off than it began.
+                // The deviation is never larger than at the start.
                 let off = 1.5 * factor.max(1.0 / factor);
                 let within = 180.0 / off..180.0 * off;
                 assert!(whites.iter().all(|w| within.contains(w)), "{factor}: {whites:?}");
@@ -406,7 +396,6 @@ mod tests {
         }
     }
 
-    /// A camera at 1 ms and gain 1.
     fn from_a_millisecond() -> Metering {
         let range = |most| SettingRange {
             low: 0.0001,
@@ -420,8 +409,8 @@ mod tests {
         Metering::new(range(MAX_EXPOSURE_S), range(8.0), start)
     }
 
-    /// Lit tags in the dark: overexposed they are not decoded, and they are a hundredth of the image. Returns whether they are
-    /// decoded in each image, and how many images are at the limits.
+    /// Lit tags in the dark: they fill a hundredth of the image and are not decoded when overexposed. Returns whether
+    /// they are decoded in each image, and the number of images at the limits.
     fn night(scale: Scale, light: f64, lamp: bool) -> (Vec<bool>, usize) {
         let start = Setting {
             exposure_s: MAX_EXPOSURE_S,
@@ -431,7 +420,7 @@ mod tests {
         let mut at_limit = 0;
         let detected = (1..=8 * u64::from(TURN)).map(|number| {
             let white = sensor.white(light, sensor.metering.setting());
-            // Of four times the white that clips, a lens scatters enough to fill the black.
+            // At four times the white level that clips, the lens scatters enough light to brighten the black cells.
             let decoded = (40.0..1020.0).contains(&white);
             let level = white.min(255.0);
             let detected = if decoded {
@@ -456,7 +445,7 @@ mod tests {
     #[test]
     fn metering_on_lit_tags_in_the_dark() {
         for scale in [Scale::Linear, Scale::TenthDecibel] {
-            // From faint ones, which the longest exposure shows, to those that the shortest shows.
+            // From faint tags at the longest exposure to bright ones at the shortest.
             for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
                     let (detected, _) = night(scale, light, lamp);
@@ -469,7 +458,8 @@ mod tests {
 
     #[test]
     fn metering_at_its_limit_in_the_dark() {
-        // Nothing is bright: it stays at the limit. A lamp is: it looks for what the lamp may hide, and comes back.
+        // Without bright parts the setting stays at the limit; with a lamp the control searches for tags that the lamp
+        // hides, and returns.
         let (detected, at_limit) = night(Scale::Linear, 0.01, false);
         assert!(
             !detected.contains(&true) && at_limit > detected.len() * 2 / 3,

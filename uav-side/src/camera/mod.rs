@@ -1,8 +1,9 @@
-//! The belly camera: images in, the deck's pose by its tags out.
+//! Belly camera: images in, the deck's pose from its tags out.
 //!
-//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are visible from where),
-//! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
-//! gain); [`marked`] (the image for people), [`strangers`] (tags that are not the deck's); then [`uvdar`], the second camera.
+//! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags), [`detector`] (their
+//! corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`]
+//! (exposure and gain); [`marked`] (image for display), [`strangers`] (tags of other decks); then [`uvdar`], the second
+//! camera.
 
 mod decks;
 pub mod detector;
@@ -30,22 +31,22 @@ pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
 
 config! {
-    /// The camera and what is looked for in its images.
+    /// Settings of the camera and its detectors.
     pub struct CameraSettings {
-        /// Rotation of the camera's mount against the designed one (optical axis down, upper edge of the image forward):
+        /// Rotation of the camera's mount relative to the design (optical axis down, upper edge of the image forward):
         /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
         /// Lens of the camera, from its calibration.
         pub lens: Lens;
-        /// The detector of the deck's tags.
+        /// Detector of the deck's tags.
         pub tag: TagSettings;
-        /// The ultraviolet camera and the deck's markers.
+        /// Ultraviolet camera and the deck's markers.
         pub uvdar: UvdarSettings;
     }
 }
 
 impl CameraSettings {
-    /// Rotation of the designed camera from the one that is mounted.
+    /// Rotation to the designed camera from the mounted one.
     pub fn mount(&self) -> Rotation<Camera, Camera> {
         let [roll, pitch, yaw] = self.mount_rotation_deg.map(f64::to_radians);
         Rotation::from_euler(roll, pitch, yaw)

@@ -1,27 +1,24 @@
-//! Motion blur by the width of the tag's edges; a lens out of focus widens them as well.
+//! Motion blur, measured by the width of the tag's edges; a lens out of focus widens them as well.
 //!
-//! The mean profile across a side is a step that was spread by the optics, the pixel and the motion. The
-//! derivative of that profile is the spread itself, whose variance is what they have together; motion by `b`
-//! px square to the edge adds `b²/12`.
+//! The mean profile across a side is a step spread by the optics, the pixel and the motion. The derivative of that
+//! profile is the spread, whose variance is the sum of theirs; motion by `b` px across the edge contributes `b²/12`.
 
 use nalgebra::Vector2;
 
 use super::image::GreyImage;
 
-/// Lines across a side.
 const LINES: usize = 12;
-/// Distance between samples on a line, px.
 const STEP_PX: f64 = 0.5;
-/// Shortest and longest distance from the edge that is sampled, px.
+/// Minimum and maximum sampled distance from the edge, px.
 const REACH_PX: [f64; 2] = [2.0, 24.0];
-/// Cells of the tag's black square; its edge and the margin around it are a cell each.
+/// Cells of the tag's black square; its edge and the margin around it have one cell each.
 const CELLS: f64 = 8.0;
-/// Variance of a sharp edge: optics of 0.6 px, the pixel's area and what lies between samples, px².
+/// Variance of a sharp edge: optics of 0.6 px, the pixel's area and the sampling interval, px².
 const SHARP_PX2: f64 = 0.55;
-/// Minimum step of the mean profile that is an edge, grey levels.
+/// Minimum step of the mean profile at an edge, grey levels.
 const MIN_EDGE_STEP: f64 = 5.0;
 
-/// Narrowest width of a quadrilateral: its area over its longest side, px.
+/// Width of a quadrilateral: its area over its longest side, px.
 pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = p;
     let longest = [b - a, c - b, d - c, a - d]
@@ -30,10 +27,11 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs() / longest
 }
 
-/// Longest exposure, s, with which a tag of `side_m` is decoded in half of the images from `height_m` above it while
-/// the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px.
-/// The blur `b` is what a tag of width `w = f side / height` is decoded with, `w = 13.3 px + 0.27 b² / px`, and at
-/// least 3 px: a tag that is too narrow for the detector anyway limits no exposure.
+/// Longest exposure, s, with which half of the images of a tag of `side_m` are decoded, from `height_m` above it and
+/// while the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px. `b` is the blur with which a tag
+/// of width `w = f side / height` is just decoded, `w = 13.3 px + 0.27 b² / px`, but at least 3 px: a tag too narrow
+/// for the detector does not limit the exposure.
+///
 /// Source: rendered images (`alight study camera` at commit 2bb52893).
 pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
     let width_px = focal_px * side_m / height_m;
@@ -41,8 +39,8 @@ pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f
     blur_px / (focal_px * rate_rps)
 }
 
-/// Square of the motion during the exposure, px², from the edges of the tag with these corners: that across
-/// one pair of sides and that across the other. Zero where no edge is found.
+/// Squares of the motion during the exposure across the two pairs of sides, summed, px², from the edges of the tag with
+/// these corners. Zero where no edge is found.
 pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = *corners;
     let reach = (0.9 * width_px(corners) / CELLS).clamp(REACH_PX[0], REACH_PX[1]);
@@ -59,7 +57,7 @@ pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     across([a, b], [c, d]) + across([b, c], [d, a])
 }
 
-/// Variance of the light's spread across the side from `p` to `q`, px². None when there is no edge.
+/// Variance of the spread across the side from `p` to `q`, px²; None without an edge.
 fn variance(image: &GreyImage, p: Vector2<f64>, q: Vector2<f64>, reach: f64) -> Option<f64> {
     let along = q - p;
     let normal = Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
@@ -88,7 +86,7 @@ fn variance(image: &GreyImage, p: Vector2<f64>, q: Vector2<f64>, reach: f64) -> 
     (mass.abs() >= MIN_EDGE_STEP && var.is_finite()).then_some(var)
 }
 
-/// Grey level between pixels' middles; None outside the image.
+/// Grey level interpolated between pixels; None outside the image.
 fn level(image: &GreyImage, at: Vector2<f64>) -> Option<f64> {
     let (width, height) = (image.width(), image.height());
     let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < (width - 1) as f64 && at.y < (height - 1) as f64;
@@ -123,12 +121,12 @@ mod tests {
         Vector2::new(89.5, 89.5),
     ];
 
-    /// A dark square of 60 px on a light ground that moved by `b` px to the right during the exposure.
+    /// Image of a dark square of 60 px on a light background that moved by `b` px to the right during the exposure.
     fn moved(b: f64) -> GreyImage {
         let pixels = (0..120 * 120).map(|k| {
             let (u, v) = (f64::from(k % 120), f64::from(k / 120));
-            // 64 instants, each with 8 places in the pixel.
-            let centred = |i: u32, of: u32| (f64::from(i) + 0.5) / f64::from(of) - 0.5;
+            // 64 instants with 8 positions within the pixel each.
+            let centred = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count) - 0.5;
             let dark = (0..64 * 8_u32).filter(|i| {
                 let x = u - centred(i / 8, 64) * b + centred(i % 8, 8);
                 (29.5..89.5).contains(&x) && (29.5..89.5).contains(&v)
@@ -148,10 +146,11 @@ mod tests {
 
     #[test]
     fn longest_exposure_by_height() {
-        // 320 px, 1 m from 7 m: 45.7 px wide, decoded with 11 px of blur, which 2 rad/s make in 17 ms.
+        // With 320 px of focal length a tag of 1 m at 7 m is 45.7 px wide and is decoded with 11 px of blur, which 2
+        // rad/s cause in 17 ms.
         let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
         assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
-        // Too narrow to be detected: 3 px.
+        // A tag too narrow to be detected permits 3 px of blur.
         assert!((longest_exposure_s(320.0, 0.1, 7.0, 2.0) - 3.0 / 640.0).abs() < 1e-9);
         assert!(longest_exposure_s(320.0, 1.0, 7.0, 4.0) < 0.6 * longest_s);
     }

@@ -1,4 +1,4 @@
-//! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
+//! Camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
 use alight_shared::bus::wiring;
 use alight_shared::geometry::DeckGeometry;
@@ -7,7 +7,7 @@ use alight_shared::node::Node;
 use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
@@ -19,17 +19,14 @@ use super::motion_blur::width_px;
 use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
 
-/// Whose camera it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraIdentity {
-    /// The vessel whose deck is detected.
     pub vessel: u32,
     pub drone: u32,
-    /// The start of this process.
     pub boot: u32,
 }
 
-/// Whose camera it is, and which of its images were processed.
+/// Identity of the camera, and its processed images.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Exposures {
     identity: CameraIdentity,
@@ -45,7 +42,7 @@ impl Exposures {
             last: None,
         }
     }
-    /// Every image counts once, in the order of exposure: not one that is older than the last.
+    /// Accepts images in the order of exposure, each once.
     pub(super) fn accept(&mut self, now: Time<DroneClock>, at: Time<DroneClock>) -> bool {
         let accepted = at <= now && self.last.is_none_or(|last| at > last);
         if accepted {
@@ -53,7 +50,6 @@ impl Exposures {
         }
         accepted
     }
-    /// The header of the next measurement.
     pub(super) fn header(&mut self, at: Time<DroneClock>) -> Header<DroneClock> {
         let CameraIdentity { vessel, drone, boot } = self.identity;
         let header = Header::new(vessel, drone, boot, self.sequence, at);
@@ -63,24 +59,22 @@ impl Exposures {
 }
 
 /// The images since the last step.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraIn {
     pub frames: Vec<CameraFrame>,
-    /// Exposure of the newest of them; None where the drone does not set it.
+    /// Exposure of the newest image; None when the drone does not control it.
     pub exposed: Option<Exposed>,
 }
 
-/// Detections in the images.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraOut {
-    /// Poses of the deck by its tags.
     pub tags: Vec<TagPose>,
-    /// The light in the newest image, twice a second.
+    /// Light in the newest image, twice a second.
     pub light: Option<CameraLight>,
 }
 
 wiring! {
-    /// Topics that the belly camera's node writes; it reads images alone.
+    /// Topics that the belly camera's node writes; it reads images only.
     CameraPorts of CameraNode: CameraIn => CameraOut {
         reads {}
         edge { frames, exposed }
@@ -89,35 +83,29 @@ wiring! {
     }
 }
 
-/// Time between two reports of the light.
 const LIGHT_PERIOD: Span = Span::from_millis(500);
 
-/// The camera node.
 pub struct CameraNode {
     lens: Lens,
-    /// Rotation of the designed camera from the mounted one.
     mount: UnitQuaternion<f64>,
     tag: TagSettings,
-    /// Standard deviation of the tags' places on the deck, m; one alone stands for the deck.
+    /// Standard deviation of the tags' positions on the deck, m; 0 for a single tag, which defines the deck.
     place_sd_m: f64,
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
-    /// Timer of the reports of the light.
+    /// Time and sequence of the light reports.
     reports: Exposures,
 }
 
-/// Light in the newest image.
 #[derive(Default)]
 struct Newest {
     tags: Vec<TagDetection>,
     pose: Option<TagPose>,
-    /// Light of the whole image.
     image: ImageLight,
 }
 
 impl CameraNode {
-    /// A camera that detects these tags.
     pub fn new(settings: &CameraSettings, tags: &Tags, identity: CameraIdentity) -> CameraNode {
         CameraNode {
             lens: settings.lens,
@@ -134,12 +122,12 @@ impl CameraNode {
             reports: Exposures::of(identity),
         }
     }
-    /// Light in the newest image: that on the largest tag, or the whole image's where none was detected.
+    /// Light in the newest image: that on the largest tag, otherwise that of the whole image.
     pub fn light(&self) -> Light {
         self.tag_light()
             .map_or(Light::Image(self.newest.image), Light::Tag)
     }
-    /// The light on the largest tag in the newest image; None where none was detected.
+    /// Light on the largest tag in the newest image; None without a tag.
     pub fn tag_light(&self) -> Option<TagLight> {
         let width = |d: &TagDetection| width_px(&d.corners);
         let largest = self
@@ -149,14 +137,14 @@ impl CameraNode {
             .max_by(|a, b| width(a).total_cmp(&width(b)));
         largest.map(|d| d.light)
     }
-    /// The newest image that was processed, if it is this one, small, with what was detected of the deck drawn in.
+    /// Reduced copy of `frame` with the detected tags and deck drawn in; None unless it is the newest processed image.
     pub fn marked(&self, frame: &CameraFrame, deck: &DeckGeometry) -> Option<MarkedImage> {
         if self.exposures.last != Some(frame.at) {
             return None;
         }
         let mut marked = MarkedImage::of(&frame.image);
         if let Some(pose) = &self.newest.pose {
-            // The pose is in the designed camera, the image is of the mounted one.
+            // The pose is in the designed camera's axes, the image in the mounted one's.
             let [w, i, j, k] = pose.attitude;
             let back = self.mount.inverse();
             let attitude = back * UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
@@ -169,15 +157,14 @@ impl CameraNode {
             .for_each(|tag| marked.draw_tag(&tag.corners));
         Some(marked)
     }
-    /// Images and detections by result.
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// The deck in one image; of several that of the largest tag.
+    /// Pose of the deck in an image; if there are several decks, of the one with the largest tag.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         self.decks(image).first().copied()
     }
-    /// Every deck with these tags in one image, that of the largest tag first.
+    /// Poses of all decks with these tags in an image; the deck with the largest tag comes first.
     pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
         self.newest = Newest {
             image: ImageLight::of(image),
@@ -196,7 +183,7 @@ impl CameraNode {
         (self.newest.tags, self.newest.pose) = (tags, poses.first().copied());
         poses
     }
-    /// The light in the newest image, where a report of it is due.
+    /// Report of the light in the newest image, when it is due.
     fn report(&mut self, frame: &CameraFrame, exposed: Option<Exposed>) -> Option<CameraLight> {
         let due = self
             .reports
@@ -206,7 +193,7 @@ impl CameraNode {
             return None;
         }
         self.reports.last = Some(frame.at);
-        // An exposure that is not the drone's is taken to be as long as it may be.
+        // An unknown exposure is assumed to be at its limit.
         let at_limit = exposed.is_none_or(|e| e.at_limit);
         let undetected = self.newest.tags.is_empty();
         Some(CameraLight {
@@ -217,8 +204,8 @@ impl CameraNode {
             glare: self.newest.image.glare().filter(|_| undetected),
         })
     }
-    /// The deck's pose from the corners of its tags, if one explains them; a tag that no common pose explains, one that
-    /// came loose or is another's, is left out.
+    /// Deck pose from the corners of its tags. A tag that fits no common pose, because it came loose or belongs
+    /// elsewhere, is left out.
     fn common_pose(&mut self, mut detected: Vec<SeenTag>) -> Option<TagPose> {
         while !detected.is_empty() {
             if let Some(pose) = self.pose(&detected) {
@@ -226,7 +213,7 @@ impl CameraNode {
                 return Some(pose);
             }
             self.detector.counts.misfit += 1;
-            // Without which of them do the others fit best?
+            // Leaves out the tag without which the others fit best.
             let without = |k: usize| {
                 let others: Vec<SeenTag> = (detected.iter().enumerate())
                     .filter_map(|(i, s)| (i != k).then_some(*s))
@@ -240,10 +227,11 @@ impl CameraNode {
         }
         None
     }
-    /// A detection at unit distance, with its noise: what the tag's place on the deck is not known to is as much in the image.
+    /// Detection at unit distance, with its noise; the uncertainty of the tag's position on the deck is converted to
+    /// the image.
     fn placed(&self, detection: &TagDetection) -> Option<SeenTag> {
         let mut image = [Vector2::zeros(); 4];
-        // Every corner counts the same: the largest pixel at unit distance stands for all.
+        // All corners have the same weight: that of the largest pixel at unit distance.
         let mut pixel = 0.0_f64;
         for (n, px) in image.iter_mut().zip(&detection.corners) {
             *n = self.lens.normalised(*px)?;
@@ -259,20 +247,21 @@ impl CameraNode {
     }
     fn pose(&self, detected: &[SeenTag]) -> Option<TagPose> {
         let s = solve(detected)?;
-        // Eight coordinates of each tag less six of the pose; one tag leaves two degrees of freedom.
+        // Eight coordinates per tag minus six of the pose; a single tag leaves two degrees of freedom.
         let freedom = 8.0 * detected.len() as f64 - 6.0;
-        // The same tail of the chi-square distribution with more degrees of freedom (Laurent and Massart 2000, lemma 1).
+        // Limit with the same tail probability of the chi-square distribution with more degrees of freedom (Laurent and
+        // Massart 2000, lemma 1).
         let more = freedom - 2.0;
         let most = self.tag.max_misfit + more + (2.0 * more * self.tag.max_misfit).sqrt();
         if !(s.misfit <= most) {
             return None;
         }
-        // A misfit beyond the corners' noise, by glare or motion, inflates the variance of all of them.
+        // A misfit beyond the corners' noise, from glare or motion, inflates all variances.
         let inflation = (s.misfit / freedom).max(1.0);
         let variance = s.variance * inflation;
         let position = self.mount * s.position;
         let attitude = self.mount * s.attitude;
-        // Variances along turned axes: the squares of the rotation's components.
+        // Variances along rotated axes: weighted by the squares of the rotation's components.
         let turn = self.mount.to_rotation_matrix().into_inner();
         let turned = |v: Vector3<f64>| turn.component_mul(&turn) * v;
         let moved = turned(variance.fixed_rows::<3>(0).into_owned());
@@ -286,10 +275,9 @@ impl CameraNode {
     }
 }
 
-/// Standard deviation of each coordinate of each corner, px:
-/// `sd² = corner² + (fraction side)² + (small min(1, (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its
-/// narrowest width `w` and the motion blur `b` of its edges in the image, px. The form is that of corners in rendered
-/// images over range, incidence and motion.
+/// Standard deviation of each corner coordinate, px: `sd² = corner² + (fraction side)² + (small min(1, (w1/w)⁴))² + (k
+/// b²/w)²`, with the tag's longest side, its minimum width `w` and the motion blur `b` of its edges in the image, px.
+/// The form follows corners in rendered images over range, incidence and motion.
 fn corner_sd_px(tag: &TagSettings, detection: &TagDetection) -> f64 {
     let [a, b, c, d] = detection.corners;
     let side = [b - a, c - b, d - c, a - d]
@@ -361,7 +349,7 @@ mod tests {
         let pose = node.common_pose(placed.clone()).unwrap();
         assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
         assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
-        // Known better than by the best of them alone.
+        // The pose from all tags is more accurate than that from the best tag alone.
         let alone = node.common_pose(placed[..1].to_vec()).unwrap();
         assert!(pose.variance[5] < 0.5 * alone.variance[5]);
     }
@@ -390,14 +378,14 @@ mod tests {
             };
             node.step(at, &input).light
         };
-        // Dark, and nothing may be more.
+        // The image is dark, with exposure and gain at their limits.
         let first = look(1000, 3, Some(true)).unwrap();
         assert!(
             first.dark && (first.mean, first.exposure_s) == (3.0, Some(0.004)),
             "{first:?}"
         );
         assert_eq!(look(1033, 3, Some(true)), None);
-        // The exposure may still rise; it is not the drone's to set; the image is bright enough.
+        // Cases: the exposure may still increase; the drone does not control it; the image is bright enough.
         for (k, level, at_limit, dark) in [
             (3, 3, Some(false), false),
             (4, 3, None, true),
@@ -431,7 +419,7 @@ mod tests {
         };
         assert!((sd(100.0, 0.0) / tag.corner_sd_px - 1.0).abs() < 0.01);
         assert!(sd(14.0, 0.0) > 2.0 * sd(40.0, 0.0));
-        // 10 px of motion over 80 px of tag.
+        // 10 px of motion over a tag of 80 px.
         assert!((0.3..0.4).contains(&sd(80.0, 100.0)), "{}", sd(80.0, 100.0));
         assert!(sd(40.0, 100.0) > 1.5 * sd(80.0, 100.0));
     }

@@ -1,25 +1,24 @@
-//! Levenberg-Marquardt on a pose in the camera's axes.
+//! Levenberg-Marquardt refinement of a pose in the camera's axes.
 
 use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 
-/// A pose in the camera's axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraPose {
     /// m.
     pub position: Vector3<f64>,
-    /// Rotation camera from object.
+    /// Rotation from the object to the camera.
     pub attitude: UnitQuaternion<f64>,
 }
 
 impl CameraPose {
-    /// Pose of the object's point `to`, in its own axes.
+    /// Pose of the object's point `to`, given in the object's axes.
     pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
         CameraPose {
             position: self.position + self.attitude * to,
             ..*self
         }
     }
-    /// After a step of translation and of rotation about the camera's axes.
+    /// Pose after a translation and a rotation about the camera's axes.
     fn moved(&self, step: &Vector6<f64>) -> CameraPose {
         let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());
         CameraPose {
@@ -29,27 +28,23 @@ impl CameraPose {
     }
 }
 
-/// Gauss-Newton matrix, half of the negative gradient and cost.
+/// Gauss-Newton matrix, half of the negative gradient, and cost.
 pub(super) type NormalEquations = (Matrix6<f64>, Vector6<f64>, f64);
 
-/// When the refinement ends, and how it is damped.
 pub(super) struct RefinementLimits {
-    /// Trials, at most.
     pub steps: usize,
-    /// Damping at first.
     pub damping: f64,
-    /// Minimum damping.
     pub min_damping: f64,
-    /// Gain of the cost at which it has converged: as a fraction of the cost ...
+    /// Reduction of the cost below which the refinement has converged, as a fraction of the cost.
     pub relative_gain: f64,
-    /// ... and in addition.
+    /// Absolute reduction, which is added to that threshold.
     pub absolute_gain: f64,
-    /// Norm of the step below which it has converged.
+    /// Norm of a step below which the refinement has converged.
     pub step: f64,
 }
 
-/// The pose of minimum cost near `start`, and that cost. None when a matrix is not positive definite or the
-/// equations do not hold at `start`.
+/// Pose of minimum cost near `start`, and that cost. None when a matrix is not positive definite, or when the equations
+/// are undefined at `start`.
 pub(super) fn refine(
     start: CameraPose,
     limits: &RefinementLimits,

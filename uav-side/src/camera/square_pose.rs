@@ -1,15 +1,15 @@
-//! Pose of a deck from the images of the corners of its square tags, one or several, as one body.
+//! Pose of a deck from the image corners of its square tags, one or several as one rigid body.
 //!
-//! A start from the closed-form homography (Heckbert 1989, section 2.2.3) of the tag that is known best, refined by
-//! Levenberg-Marquardt on the reprojection error of all corners, each in units of its own noise. A small distant square has a second
-//! minimum, tilted the other way about the line of sight (Collins and Bartoli 2014, "Infinitesimal
-//! plane-based pose estimation", section 3); both are refined and the better one is reported, so
-//! that noise makes the solver take the wrong one as often as it would in reality.
+//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate tag, and
+//! is refined by Levenberg-Marquardt on the reprojection error of all corners, each in units of its noise. A small
+//! distant square has a second minimum, tilted the other way about the viewing direction (Collins and Bartoli 2014,
+//! "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with the smaller error is
+//! reported; noise sometimes makes that the wrong one.
 //!
-//! For a tag of 1 m, 320 px focal length and corner noise of 1 px, for example, tilt is known to
-//! 0.8 deg at 1.5 m, 3 deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly
-//! always more tilted than the truth, and therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm
-//! at 10 m, which averaging does not remove. The variance covers both.
+//! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at 1.5 m, 3
+//! deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly always more tilted than the truth, and
+//! therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm at 10 m, which averaging does not remove. The variance
+//! covers both effects.
 
 use alight_shared::tags::DeckTag;
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
@@ -25,32 +25,30 @@ const LIMITS: RefinementLimits = RefinementLimits {
     step: 1e-10,
 };
 
-/// A tag as an image has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenTag {
     pub tag: DeckTag,
     /// Corners of the square at unit distance, in the order of [`corners`].
     pub image: [Vector2<f64>; 4],
-    /// Standard deviation of each of their coordinates, same unit.
+    /// Standard deviation of each coordinate, in the same unit.
     pub sd: f64,
 }
 
-/// A solved pose.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckPose {
-    /// The deck's centre in camera coordinates, m.
+    /// Centre of the deck in camera coordinates, m.
     pub position: Vector3<f64>,
-    /// Rotation camera from deck.
+    /// Rotation from the deck to the camera.
     pub attitude: UnitQuaternion<f64>,
-    /// Second moments of the error (position x, y, z in m², rotation about the camera's x, y, z
-    /// in rad²) for the given corner noise, the other minimum counted by its likelihood.
+    /// Second moments of the error (position x, y, z in m², rotation about the camera's x, y, z in rad²) for the given
+    /// corner noise; the other minimum is weighted by its likelihood.
     pub variance: Vector6<f64>,
-    /// Sum of squared reprojection errors, each in units of its corner's noise squared.
+    /// Sum of squared reprojection errors, in units of the corner variance.
     pub misfit: f64,
 }
 
-/// The corners of a square of the given side in its own plane: aft port, fore port, fore starboard, aft starboard
-/// (x forward, y right).
+/// Corners of a square of the given side in its own plane: aft port, fore port, fore starboard, aft starboard (x
+/// forward, y right).
 pub fn corners(side: f64) -> [Vector3<f64>; 4] {
     let h = 0.5 * side;
     [
@@ -60,16 +58,15 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
         Vector3::new(-h, h, 0.0),
     ]
 }
-/// Corners of a tag, from the deck's centre.
+/// Corners of a tag, relative to the deck's centre.
 pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
     corners(tag.side_m).map(|corner| corner + Vector3::from(tag.centre_m))
 }
 
-/// A corner: its place on the deck, its image at unit distance, one over the variance of each coordinate.
+/// A corner: position on the deck, image at unit distance, inverse variance of each coordinate.
 type Corner = (Vector3<f64>, Vector2<f64>, f64);
 
-/// Solves for the pose of the deck from its tags in an image. None without one, when the corners are degenerate or the
-/// refinement fails.
+/// Deck pose from its tags in an image. None without a tag, for degenerate corners, or when the refinement fails.
 pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
     let (best, size) = (tags.iter())
         .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
@@ -85,7 +82,7 @@ pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
                 .map(|(x, z)| (x, z, 1.0 / (s.sd * s.sd)))
         })
         .collect();
-    // Tilt is known about the middle of the tags: there the two minima lie.
+    // Both minima are tilted about the middle of the tags, so tilt is estimated there.
     let middle = on_deck.iter().map(|c| c.0).sum::<Vector3<f64>>() / on_deck.len() as f64;
     let body: Vec<Corner> = on_deck.iter().map(|(x, z, w)| (x - middle, *z, *w)).collect();
     let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &body));
@@ -118,8 +115,8 @@ pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
     })
 }
 
-/// The pose whose image is the same under parallel projection along the line of sight `v`: depths mirrored,
-/// `R2 = (I - 2 v v') R diag(1, 1, -1)`.
+/// Pose with the same image under parallel projection along the viewing direction `v`, with mirrored depths: `R2 = (I -
+/// 2 v v') R diag(1, 1, -1)`.
 fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     let v = pose.position.try_normalize(1e-9)?;
     let mirror = Matrix3::identity() - v * v.transpose() * 2.0;
@@ -132,8 +129,8 @@ fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     })
 }
 
-/// Normal equations of the reprojection error. The perturbation is (translation, rotation about the camera's axes through
-/// the body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
+/// Normal equations of the reprojection error. The perturbation is (translation, rotation about the camera's axes
+/// through the body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
 fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquations> {
     let r = pose.attitude.to_rotation_matrix();
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
@@ -159,7 +156,7 @@ fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquat
     cost.is_finite().then_some((a, b, cost))
 }
 fn variance(pose: &CameraPose, corners: &[Corner]) -> Option<Vector6<f64>> {
-    // The measured image does not enter the Gauss-Newton matrix.
+    // The Gauss-Newton matrix does not depend on the measured image.
     let (a, _, _) = normal_equations(pose, corners)?;
     Some(a.cholesky()?.inverse().diagonal())
 }
@@ -168,7 +165,7 @@ fn rotation(m: Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(m))
 }
 
-/// The homography from the square's plane to the image, and the rigid motion nearest to it.
+/// Rigid motion nearest to the homography from the square's plane to the image.
 fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<CameraPose> {
     let [p0, p1, p2, p3] = image;
     let (d1, d2, sum) = (p1 - p2, p3 - p2, p0 - p1 + p2 - p3);
@@ -184,7 +181,7 @@ fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<CameraPose> {
     let (nu, nv) = (u.norm() / side, v.norm() / side);
     let scale = 2.0 / (nu + nv);
     let (u, v) = (u.try_normalize(1e-12)?, v.try_normalize(1e-12)?);
-    // The orthonormal pair with the same bisector.
+    // Orthonormal pair with the same bisector.
     let (c, d) = ((u + v).try_normalize(1e-9)?, (u - v).try_normalize(1e-9)?);
     let half = core::f64::consts::FRAC_1_SQRT_2;
     let (x, y) = ((c + d) * half, (c - d) * half);

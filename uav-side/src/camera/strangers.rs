@@ -1,5 +1,5 @@
-//! Tags in an image in which none of the deck's is detected: of another number, mirrored, or of another family. For people
-//! who ask why nothing is detected; no flight looks for them.
+//! Tags in an image without a tag of the deck: tags with another number, mirrored ones, and tags of another family.
+//! They explain to the operator why the deck is not detected; a flight does not search for them.
 
 use alight_shared::tags::Tags;
 use apriltag::{Detector, DetectorBuilder, Family, Image};
@@ -7,18 +7,15 @@ use apriltag::{Detector, DetectorBuilder, Family, Image};
 use super::detector::TagSettings;
 use super::image::GreyImage;
 
-/// A tag that does not belong to the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
-    /// A tag of the deck's family, with this number, which the deck has not.
+    /// Tag of the deck's family with this number, which the deck lacks.
     Number(usize),
-    /// A tag of the deck's family, with this number, mirrored.
+    /// Mirrored tag of the deck's family with this number.
     Mirrored(usize),
-    /// A tag of the family of this name.
     Family(&'static str),
 }
 
-/// The search for them.
 pub struct Strangers {
     tags: Tags,
     min_margin: f64,
@@ -27,7 +24,7 @@ pub struct Strangers {
 }
 
 impl Strangers {
-    /// A search for tags other than these. A tag counts only without a wrong bit.
+    /// Search for tags other than `tags`; a tag with a wrong bit is ignored.
     pub fn new(settings: &TagSettings, tags: &Tags) -> Strangers {
         let detector = |family: Family| {
             let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
@@ -35,7 +32,7 @@ impl Strangers {
             detector.set_decimation(settings.decimate as f32);
             Some(detector)
         };
-        // Of fewer bits (16h5) every window would be one.
+        // A family with fewer bits (16h5) is left out: every window would be detected as a tag.
         let others = [
             ("25h9", Family::tag_25h9()),
             ("standard 41h12", Family::tag_standard_41h12()),
@@ -50,7 +47,6 @@ impl Strangers {
                 .collect(),
         }
     }
-    /// The first that is found in the image.
     pub fn find(&mut self, image: &GreyImage) -> Option<Stranger> {
         let (width, height) = (image.width(), image.height());
         let plain = buffer(width, height, image.pixels())?;
@@ -76,7 +72,7 @@ impl Strangers {
     }
 }
 
-/// An image as the library takes it; None without memory.
+/// Image in the library's format; None if memory runs out.
 fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     let mut image = Image::zeros_with_stride(width, height, width).ok()?;
     if image.as_mut().len() != pixels.len() {
@@ -86,7 +82,7 @@ fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     Some(image)
 }
 
-/// Numbers of the tags in an image whose contrast is enough.
+/// Numbers of the tags in an image with sufficient contrast.
 fn numbers(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
     let found = detector.detect(image);
     let clear = found
@@ -101,7 +97,7 @@ mod tests {
     use super::*;
     use alight_shared::tags::DeckTag;
 
-    /// A tag straight ahead, mirrored or not.
+    /// Image of a tag viewed from straight above, mirrored or not.
     fn image(id: u16, mirrored: bool) -> GreyImage {
         let cells = cells(id).unwrap();
         let pixels = (0..120 * 120).map(|k| {

@@ -1,80 +1,72 @@
-//! What a drone does in each step, by what is missing.
+//! Action of a drone in each step, depending on the missing inputs.
 
 use alight_shared::msg::{AutopilotMode, AutopilotState, LandedState, MissionState, Phase, State};
 
 use super::below::DeckBelow;
 
-/// Without a message from the mission the last one counts so long, s, beyond its validity; then the autopilot's own failsafe
+/// Time beyond its validity for which the last mission message is used, s; afterwards the autopilot's own failsafe
 /// acts.
 pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
 
-/// What a drone does in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ContingencyAction {
-    /// Commands nothing: the autopilot's own failsafe acts.
+    /// No command: the autopilot's own failsafe acts.
     Nothing,
-    /// Stands on the ground.
+    /// Stand on the ground.
     RemainOnDeck,
-    /// Stays where it is.
     Hold,
-    /// Stays where it is, and away from a deck that is near.
+    /// Hold the position, and keep away from the deck if it is near.
     Leave,
-    /// Follows the plan.
     Follow,
-    /// Completes the landing without a plan.
     Complete,
-    /// Presses the feet onto the deck: a contact is suspected.
+    /// Press the feet onto the deck after a suspected contact.
     Press,
-    /// Stands on the deck for a take-off, armed or not yet: PX4 wants a stream of set-points before it enters OFFBOARD.
+    /// Stand on the deck for a take-off, armed or not: PX4 needs a stream of set-points before it enters OFFBOARD.
     Idle,
-    /// Leaves the deck.
+    /// Take off from the deck.
     Jump,
 }
 
-/// What is known in a step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContingencyInput<'a> {
-    /// The autopilot, armed.
+    /// State of the autopilot, if armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
-    /// The mission's state, or its last one while that counts.
     pub(crate) mission: Option<&'a MissionState>,
-    /// The mission is silent: its last state counts.
+    /// Whether the mission is silent, so that its last state is used.
     pub(crate) silent: bool,
-    /// There is a plan that the mission wants.
+    /// Whether a plan that suits the mission is available.
     pub(crate) planned: bool,
     pub(crate) below: Option<&'a DeckBelow>,
-    /// The drone holds, or leaves the deck, already.
+    /// Whether the drone already holds, or leaves the deck.
     pub(crate) holds: bool,
-    /// The pilot commands attitudes, so that it can stand and press.
+    /// Whether the pilot node commands attitudes, with which the drone can stand and press.
     pub(crate) attitudes: bool,
-    /// A contact is suspected.
     pub(crate) touches: bool,
-    /// The drone is as low as where it was disarmed, or its feet are at the ground by the rangefinder: the second witness of
-    /// an autopilot that reports the ground.
+    /// Whether the drone is as low as where it was disarmed, or the rangefinder shows its feet on the ground: a second
+    /// witness besides the autopilot's ground report.
     pub(crate) low: bool,
 }
 
 impl ContingencyInput<'_> {
-    /// Alight commands the drone.
     pub(crate) fn commands(&self) -> bool {
         self.autopilot.is_some_and(|a| a.mode == AutopilotMode::Offboard)
     }
-    /// The mission waits, on the ground or in the air.
+    /// Whether the mission is idle, on the ground or in the air.
     pub(crate) fn waits(&self) -> bool {
         self.mission.is_some_and(|m| m.state == State::Idle)
     }
-    /// The landing is to end on the deck.
+    /// Whether the landing is to end on the deck.
     pub(crate) fn lands(&self) -> bool {
         self.mission
             .is_some_and(|m| m.state.phase() == Phase::Landing && m.lowest_clearance_m.is_none())
     }
 
-    /// What the drone does. `softer`: to complete the landing ends softer than to climb.
+    /// Action of the drone. `softer`: completing the landing hits the deck less hard than climbing.
     pub(crate) fn action(&self, softer: impl Fn() -> bool) -> ContingencyAction {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)
         {
-            // A mission that fell silent leaves it there: without set-points its autopilot may lift it.
+            // The drone stays on the deck if the mission falls silent: without set-points the autopilot may lift it.
             let stands = matches!(state, State::SpinUp | State::StandDown);
             let jumps = state == State::TakeOff && self.autopilot.is_some();
             return if stands && self.attitudes {
@@ -82,19 +74,18 @@ impl ContingencyInput<'_> {
             } else if jumps && self.attitudes {
                 ContingencyAction::Jump
             } else {
-                // Disarmed.
                 ContingencyAction::Nothing
             };
         }
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
             return ContingencyAction::Nothing;
         };
-        // The landing goes on without mission or plan when a climb would end harder.
+        // The landing continues without mission or plan when a climb would hit the deck harder.
         let close = self
             .below
             .is_some_and(|b| b.clearance < mission.commit_clearance_m);
         if self.waits() {
-            // A report alone does not cut the thrust: it may be wrong.
+            // The autopilot's report alone does not cut the thrust: it may be wrong.
             let grounded = autopilot.landed == LandedState::OnGround && self.low;
             return if grounded && self.attitudes {
                 ContingencyAction::RemainOnDeck
@@ -102,12 +93,12 @@ impl ContingencyInput<'_> {
                 ContingencyAction::Hold
             };
         }
-        // A pilot before this one stopped the motors, and this one has to find the touchdown again.
+        // A previous pilot node stopped the motors, and this one must detect the touchdown again.
         let landed = mission.state == State::Landed;
         if landed && !(close && self.commands()) {
             return ContingencyAction::Nothing;
         }
-        // A mission that fell silent in the descent would have gone on to the flare.
+        // A mission that fell silent in the descent would have continued with the flare.
         let committed = close && (landed || mission.state == State::Flare || self.silent && self.lands());
         if self.silent && !(committed && (self.planned || softer())) {
             return ContingencyAction::Leave;
@@ -136,7 +127,7 @@ mod tests {
     use alight_shared::time::Time;
     use nalgebra::{UnitQuaternion, Vector3};
 
-    /// With or without a plan and fresh word of the mission, at this clearance (m); `softer`: landing is.
+    /// Action with or without a plan and a fresh mission message, at this clearance (m).
     fn action(
         state: State,
         planned: bool,
@@ -174,17 +165,17 @@ mod tests {
         use State::{Descent, Flare, Tracking};
         for (state, planned, silent, clearance, softer, expected) in [
             (Descent, true, false, 5.0, false, Follow),
-            // No plan: the flare goes on, a descent where that is softer.
+            // Without a plan a flare continues; a descent continues only if that is softer.
             (Flare, false, false, 0.4, false, Complete),
             (Flare, false, false, 5.0, false, Leave),
             (Descent, false, false, 0.4, false, Leave),
             (Descent, false, false, 0.4, true, Complete),
             (Tracking, false, false, 0.4, true, Leave),
-            // No mission: low in a landing the plan goes on, or what is softer.
+            // Without a mission, low in a landing, the drone follows the plan or takes the softer action.
             (Descent, true, true, 0.4, false, Follow),
             (Descent, true, true, 5.0, true, Leave),
             (Tracking, true, true, 0.4, true, Leave),
-            // Neither.
+            // Neither plan nor mission is available.
             (Descent, false, true, 0.4, false, Leave),
             (Descent, false, true, 0.4, true, Complete),
             (Flare, false, true, 0.4, false, Leave),
@@ -193,11 +184,11 @@ mod tests {
             let what = format!("{state:?}, plan {planned}, silent {silent}, {clearance} m, softer {softer}");
             assert_eq!(found, expected, "{what}");
         }
-        // Who climbs already is not committed by a deck that comes near.
+        // A deck that comes near does not commit a climbing drone to land.
         assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
     }
 
-    /// An idle drone whose autopilot reports the ground stands only where it is low by another witness, too.
+    /// An idle drone trusts the autopilot's ground report only if another witness shows that it is low.
     #[test]
     fn idle_drone_reported_on_the_ground() {
         let header = header(1, Time::from_secs(10.0));

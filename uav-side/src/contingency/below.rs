@@ -1,4 +1,4 @@
-//! The drone and the deck below it.
+//! State of the drone relative to the deck below it.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
@@ -9,19 +9,18 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::climb::BELOW_M;
 use crate::surroundings::ring_m;
 
-/// The drone now.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Body {
-    /// Drone's NED, m.
+    /// Position in the drone's NED, m.
     pub(crate) position: Vector3<f64>,
     /// m/s.
     pub(crate) velocity: Vector3<f64>,
-    /// Rotation NED from body.
+    /// Rotation from body to NED.
     pub(crate) attitude: UnitQuaternion<f64>,
 }
 
 impl Body {
-    /// By odometry that is `age_s` old.
+    /// Extrapolates odometry that is `age_s` old.
     pub(crate) fn of(drone: &DroneState, age_s: f64) -> Body {
         Body {
             position: drone.position() + drone.velocity() * age_s,
@@ -29,35 +28,32 @@ impl Body {
             attitude: drone.attitude(),
         }
     }
-    /// Heading, rad.
     pub(crate) fn yaw(&self) -> f64 {
         self.attitude.euler_angles().2
     }
 }
 
-/// Nearer to the deck than this a drone is within its reach, whatever height was asked for, m: more than a deck rises within
-/// the time in which it gets there.
+/// Height over the deck below which the deck can reach the drone, whatever height is requested, m: a deck rises by less
+/// while the drone climbs to this height.
 pub(crate) const NEAR_DECK_M: f64 = 3.0;
-/// A drone that stays where it is keeps this clear of the highest deck that is predicted, m.
+/// Clearance that a holding drone keeps above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
 
-/// The deck relative to the drone, now.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
-    /// The deck by its forecast.
     pub(crate) stage: DeckStage,
-    /// What stands around it.
+    /// Keep-out volumes around the deck.
     pub(crate) around: Surroundings,
     /// Foot plane above the deck along its normal, m.
     pub(crate) clearance: f64,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: f64,
-    /// How far the deck will rise from here, as far as it is predicted, m.
+    /// Predicted rise of the deck until the forecast's horizon, m.
     rises: f64,
 }
 
 impl DeckBelow {
-    /// The deck at `now`; None where the forecast does not reach.
+    /// Deck at `now`; None beyond the forecast's horizon.
     pub(crate) fn of(
         now: Time<DroneClock>,
         forecast: &DeckForecast,
@@ -75,13 +71,14 @@ impl DeckBelow {
         })
     }
 
-    /// The same deck for a drone whose feet are so far above it by another witness, m.
+    /// Replaces the clearance by one from another witness, m.
     pub(crate) fn with_clearance(self, clearance: f64) -> DeckBelow {
         DeckBelow { clearance, ..self }
     }
 
-    /// Whether a drone without mission or plan has to climb with the deck: near enough to be reached by it or what stands on
-    /// the vessel, now or when the deck has risen, and not yet as high over the deck as the mission has asked for (`height_m`).
+    /// Whether a drone without mission or plan has to climb with the deck: the deck or an obstacle on the vessel can
+    /// reach the drone, now or after the predicted rise, and the drone is below the height over the deck that the
+    /// mission requested (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {
         let aside = (body.position - Vector3::from(self.stage.position)).xy().norm();
         let asked = height_m - BELOW_M - drone.feet_below_m;
@@ -113,8 +110,8 @@ mod tests {
             };
             let below = DeckBelow::of(f.header.at, &f, &body, &drone).unwrap();
             let highest = f.stages.iter().map(|s| s.position[2]).fold(f64::INFINITY, f64::min);
-            let least = highest - drone.feet_below_m - body.position.z;
-            prop_assert!(below.is_near(&body, height_m, &drone) || least > KEEPS_CLEAR_M - 1e-9, "{least}");
+            let clearance = highest - drone.feet_below_m - body.position.z;
+            prop_assert!(below.is_near(&body, height_m, &drone) || clearance > KEEPS_CLEAR_M - 1e-9, "{clearance}");
         }
     }
 }

@@ -1,35 +1,36 @@
-//! The climb away from the deck: one law for who flies it (the planner) and who asks whether it clears the deck (the
-//! mission).
+//! Climb away from the deck: one law for the planner, which flies it, and for the mission, which predicts whether it
+//! clears the deck.
 //!
-//! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`: wanted is
-//! `v*(t) = max(min(d, 0) - climb, -greatest)`, with the deck and up from it, but not down after a deck that sinks,
-//! because that one comes back; and `|dv/dt|` is at most half of what the rotors give beyond hover, so that the other half
-//! is left for the attitude.
+//! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`, the reference is `v*(t) =
+//! max(min(d, 0) - climb, -max_climb)`: upwards relative to the deck, but not down with a sinking deck, which will rise
+//! again. `|dv/dt|` is at most half of the rotors' acceleration beyond hover; the other half is reserved for the
+//! attitude.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 
-/// So far below the height that it is to have the drone is clear of the vessel, and no longer on its way up, m.
+/// Distance from the requested height, below it, at which the climb is finished and the drone is clear of the vessel,
+/// m.
 pub(crate) const BELOW_M: f64 = 1.0;
-/// Climb relative to a deck that rises or rests, m/s: the planner's for any climb.
+/// Climb rate relative to a rising or resting deck, m/s: the planner's for any climb.
 const CLIMB_MPS: f64 = 3.0;
-/// Greatest climb, m/s: the planner's limit on vertical speed.
+/// Maximum climb rate, m/s: the planner's limit on vertical speed.
 const MAX_CLIMB_MPS: f64 = 4.0;
-/// Greatest acceleration of any drone, m/s²: the planner's slew of the rotors builds it up within [`super::contact`]'s reaction.
+/// Maximum acceleration of any drone, m/s²: the planner's slew of the rotors builds it up within [`super::contact`]'s
+/// reaction time.
 const ACCELERATION_MPS2: f64 = 9.0;
 
-/// Height and vertical speed on the way up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Climb {
     /// NED z, m.
     pub(crate) z: f64,
     /// NED, m/s.
     pub(crate) velocity: f64,
-    /// Bound of its change, m/s².
+    /// Bound on the acceleration, m/s².
     acceleration: f64,
 }
 
 impl Climb {
-    /// A climb of this drone that begins at the height `z` with this velocity.
+    /// Climb of this drone from the height `z` with this initial velocity.
     pub(crate) fn new(z: f64, velocity: f64, drone: &DroneGeometry) -> Climb {
         let surplus = drone.max_thrust_n / drone.mass_kg - GRAVITY;
         Climb {
@@ -39,37 +40,36 @@ impl Climb {
         }
     }
 
-    /// Bound of the change of its velocity, m/s².
     pub(crate) fn acceleration_mps2(&self) -> f64 {
         self.acceleration
     }
 
-    /// `dt` later (s) over a deck that moves down at `deck` (m/s).
+    /// Advances the climb by `dt` (s) over a deck that moves down at `deck` (m/s).
     pub(crate) fn advance(&mut self, dt: f64, deck: f64) {
         self.towards((deck.min(0.0) - CLIMB_MPS).max(-MAX_CLIMB_MPS), dt);
     }
 
-    /// `dt` later (s), sinking onto a deck that moves down at `deck` by `sink` (m/s) relative to it.
+    /// Advances by `dt` (s) while sinking at `sink` (m/s) relative to a deck that moves down at `deck`.
     pub(crate) fn sink(&mut self, dt: f64, deck: f64, sink: f64) {
         self.towards(deck + sink, dt);
     }
 
-    /// `dt` later (s) on its way to a rest; at once from a standstill.
+    /// Advances by `dt` (s) while slowing down to rest.
     pub(crate) fn rest(&mut self, dt: f64) {
         self.towards(0.0, dt);
     }
 
     fn towards(&mut self, wanted: f64, dt: f64) {
-        let most = self.acceleration * dt;
+        let max = self.acceleration * dt;
         let before = self.velocity;
-        self.velocity += (wanted - before).clamp(-most, most);
+        self.velocity += (wanted - before).clamp(-max, max);
         self.z += 0.5 * (before + self.velocity) * dt;
     }
 
-    /// The constant deceleration (m/s²) by which a drone that sinks at `sinking` relative to the deck, `clearance` above it,
-    /// meets it at `least`: `a = (v0² - v²) / 2 h`, within its bound; 0 when it is slower.
-    pub(crate) fn braking(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
-        let spare = sinking.max(0.0).powi(2) - least.powi(2);
+    /// Constant deceleration (m/s²) with which a drone that sinks at `sinking` relative to the deck, `clearance` above
+    /// it, meets it at `contact`: `a = (v0² - v²) / 2 h`, within its bound; 0 when it is slower.
+    pub(crate) fn braking(&self, sinking: f64, clearance: f64, contact: f64) -> f64 {
+        let spare = sinking.max(0.0).powi(2) - contact.powi(2);
         (spare.max(0.0) / (2.0 * clearance.max(0.01))).min(self.acceleration)
     }
 }
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn braking_to_the_least_speed() {
+    fn braking_to_the_contact_speed() {
         let drone = DroneGeometry::default();
         let climb = Climb::new(-2.0, 2.0, &drone);
         let (mut v, mut h) = (2.0_f64, 0.8_f64);
@@ -89,7 +89,7 @@ mod tests {
         }
         assert!((v - 0.5).abs() < 0.03, "{v}");
         assert_eq!(climb.braking(0.4, 0.8, 0.5), 0.0);
-        // No more than its bound, at whatever height.
+        // The deceleration never exceeds its bound, at any height.
         assert_eq!(climb.braking(9.0, -1.0, 0.5), climb.acceleration);
     }
 }

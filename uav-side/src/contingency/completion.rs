@@ -1,4 +1,4 @@
-//! The way down without a plan, or with one that is not renewed.
+//! Descent without a plan, or with an outdated one.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PlanStage;
@@ -10,32 +10,32 @@ use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;
-/// Braking by this, m/s², keeps a drone at most so fast onto the deck, m/s: the plan brakes by 2.5 m/s² to 0.28 m/s, and one foot
-/// that meets the deck at 0.6 m/s turns the opposite one onto it at 0.9.
+/// Braking that limits the contact speed, m/s², and that speed, m/s. The plan brakes by 2.5 m/s² to 0.28 m/s; one foot
+/// that meets the deck at 0.6 m/s rotates the opposite one onto it at 0.9.
 const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
-/// A drone that is faster is braked to this, m/s.
+/// Speed to which a faster drone is braked, m/s.
 const BRAKED_MPS: f64 = 0.25;
-/// A drone turns within this, s; one that is tilted by less stays in its place, as a fraction of its thrust.
+/// Time in which a drone rotates to the deck's attitude, s, and horizontal fraction of its thrust below which it stays
+/// in place.
 const TURN_S: f64 = 0.15;
 const MIN_TILT: f64 = 0.02;
-/// A landing without a plan has braked so long before its contact as one with a plan, s.
+/// Time before the contact at which a landing without a plan has finished braking, s; it is the same with a plan.
 const SOFT_S: f64 = 0.2;
 
-/// A landing that is completed by the newest forecast of the deck.
+/// Landing that is completed by the newest forecast of the deck.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Completion<'a> {
     pub(crate) body: &'a Body,
-    /// The deck below it.
     pub(crate) below: &'a DeckBelow,
     pub(crate) drone: &'a DroneGeometry,
-    /// It aligns itself with the deck below this clearance, m.
+    /// Clearance below which the drone aligns with the deck, m.
     pub(crate) aligns_below_m: f64,
 }
 
 impl Completion<'_> {
-    /// Onto the deck without a plan: braked at a constant rate to the speed of a soft contact, level, and in the end aligned
-    /// with the deck.
+    /// Stage of a landing without a plan: the drone brakes at a constant rate to the speed of a soft contact, level at
+    /// first and aligned with the deck at the end.
     pub(crate) fn stage(&self) -> PlanStage {
         let (body, below) = (self.body, self.below);
         let (up, sinks) = (below.stage.normal(), -below.normal_speed);
@@ -52,10 +52,11 @@ impl Completion<'_> {
         stage
     }
 
-    /// Vertical acceleration (NED, m/s²) above which a drone that is too fast would not come to rest on the deck softly; None
-    /// for one with the height to brake. At the speed `v` onto it and the height `h` when the thrust acts, which lags by `lag_s`:
+    /// Vertical acceleration (NED, m/s²) that brakes a drone too fast for a soft contact; None while the height is
+    /// still sufficient to brake later. With the speed `v` towards the deck and the height `h` when the thrust acts,
+    /// which lags by `lag_s`, it applies when
     ///
-    /// `v² > v_t² + 2 a (h - v lag)`, `a` at most what the rotors have left over a deck that accelerates upwards.
+    /// `v² > v_t² + 2 a (h - v lag)`, with `a` at most the rotors' margin over a deck that accelerates upwards.
     pub(crate) fn reflex(&self, lag_s: f64) -> Option<f64> {
         let (body, below) = (self.body, self.below);
         let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
@@ -72,9 +73,10 @@ impl Completion<'_> {
         Some(deck + below.stage.normal().z * braking)
     }
 
-    /// Braking `b`, m/s², from `sinks` for `until_s` at which the drone meets the deck as fast along as onto it: on a tilted drone,
-    /// which turns within `T` and whose thrust has the horizontal fraction `t` of the vertical one, it drives along. With the speed
-    /// `v` in that direction and the accelerations of the deck down, `d`, and along, `e`:
+    /// Braking `b`, m/s², from the speed `sinks` over `until_s`, with which the drone meets the deck at equal speeds
+    /// along it and towards it. A tilted drone, which rotates within `T` and whose thrust has the horizontal fraction
+    /// `t` of the vertical one, accelerates along the deck. With the speed `v` in that direction and the deck's
+    /// accelerations down, `d`, and along, `e`:
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
     fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {
@@ -92,7 +94,7 @@ impl Completion<'_> {
         (sinks - speed - drives * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
-    /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.
+    /// Tilts the attitude of `stage` towards the deck's, the more the nearer the deck is.
     fn align(&self, stage: &mut PlanStage) {
         let near = 1.0 - (self.below.clearance / self.aligns_below_m).clamp(0.0, 1.0);
         let [roll, pitch, yaw] = stage.euler;
@@ -104,7 +106,7 @@ impl Completion<'_> {
         ];
     }
 
-    /// The `stage` of a plan that is not renewed, braked and aligned; None when it sinks no faster than a soft contact.
+    /// `stage` of an outdated plan with braking and alignment added; None if it sinks no faster than in a soft contact.
     pub(crate) fn renewed(&self, stage: &PlanStage) -> Option<PlanStage> {
         let relative = Vector3::from(stage.velocity) - Vector3::from(self.below.stage.velocity);
         if -relative.dot(&self.below.stage.normal()) <= SINK_MPS {

@@ -1,11 +1,11 @@
-//! Which end is softer: the contact of a landing that is completed, against that of a climb.
+//! Comparison of two outcomes: the contact of a completed landing, and that of a climb.
 //!
-//! One prediction for both, on the forecast at hand. In NED along the vertical, over a deck that moves down at `d(t)` and has
-//! the normal `n(t)`: the drone goes from its vertical speed to the one that it wants, the climb's or `d + sink`, at no more
-//! than [`Climb`]'s acceleration. It moves along with the deck, and the gap is
-//! `n . (p(t) - c(t)) - feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned with the deck
-//! (`tilt = 0`). The first contact is where the gap closes. The forecast's error is left out: it makes both contacts harder,
-//! and the two are compared.
+//! Both use one prediction on the newest forecast. In NED along the vertical, over a deck that moves down at `d(t)` and
+//! has the normal `n(t)`, the drone changes from its vertical speed to the reference, the climb's or `d + sink`, with
+//! at most [`Climb`]'s acceleration. It moves along with the deck, and the gap is `n . (p(t) - c(t)) - feet - half_span
+//! |sin(tilt)|`, where a climb is level and a landing ends aligned with the deck (`tilt = 0`). The first contact is
+//! where the gap closes. The forecast's error is neglected: it makes both contacts harder, and only their difference
+//! matters.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
@@ -16,49 +16,45 @@ use nalgebra::Vector3;
 use super::climb::Climb;
 use super::completion::SINK_MPS;
 
-/// A contact faster than this along the deck's normal is hard, m/s: what counts as good, and what the measured speed errs by.
+/// Speed along the deck's normal above which a contact is hard, m/s: the limit for a good contact plus the error of the
+/// measured speed.
 pub(crate) const HARD_MPS: f64 = 1.5;
-/// Feet no further from the deck than this rest on it, m: the forecast's error.
+/// Distance from the deck below which the feet rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
-/// From the decision to climb to the acceleration, s: a period of the planner and one of the link, the thrust's lag of
-/// 0.05 s, and half of the 0.23 s in which the rotors' slew builds it up. A landing brakes already.
+/// Time from the decision to climb until the drone accelerates, s: one period of the planner, one of the link, the
+/// thrust's lag of 0.05 s, and half of the 0.23 s of the rotors' slew. A landing already brakes.
 const REACTION_S: f64 = 0.2;
-/// Contacts that differ by no more are alike, m/s, and the drone climbs.
+/// Difference of two contact speeds below which they are considered equal and the drone climbs, m/s.
 const ALIKE_MPS: f64 = 0.01;
-/// A climb that has not touched the deck for so long does not any more, s: it has gained three metres.
+/// Time after which a climb no longer touches the deck, s: it has gained three metres.
 const HORIZON_S: f64 = 1.5;
-/// Step of the prediction, s: a power of two, so that ways at a constant speed add up to that speed without rounding.
+/// Step of the prediction, s: a power of two, so that distances at a constant speed sum without rounding.
 const STEP_S: f64 = 1.0 / 64.0;
 
-/// A predicted contact with the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedContact {
-    /// Speed at which drone and deck come together along the deck's normal, m/s.
+    /// Closing speed along the deck's normal, m/s.
     pub speed_mps: f64,
-    /// Angle between their normals, rad.
+    /// Angle between the normals of drone and deck, rad.
     pub tilt_rad: f64,
 }
 
 impl PredictedContact {
-    /// Beyond the limits of a good contact.
     pub fn is_harmful(&self) -> bool {
         self.speed_mps > MAX_MPS || self.tilt_rad > MAX_TILT_RAD
     }
 }
 
-/// How a drone low over the deck may end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactOutcomes {
-    /// The feet rest on the deck already.
     pub rests: bool,
-    /// The contact of the landing, completed.
     pub landing: PredictedContact,
-    /// The contact of a climb; None: it clears the deck.
+    /// Contact of a climb; None if the climb clears the deck.
     pub climb: Option<PredictedContact>,
 }
 
 impl ContactOutcomes {
-    /// The ends of a drone at `position` with `velocity` (NED) from `now` on; None where the forecast does not reach.
+    /// Outcomes of a drone at `position` with `velocity` (NED) from `now`; None beyond the forecast's horizon.
     pub(crate) fn predict(
         now: Time<DroneClock>,
         forecast: &DeckForecast,
@@ -94,12 +90,14 @@ impl ContactOutcomes {
         })
     }
 
-    /// Whether to complete the landing is softer than to climb: the feet are on the deck, or the climb would meet it harder.
+    /// Whether completing the landing is softer than climbing: either the feet are on the deck, or a climb would hit
+    /// the deck harder.
     pub fn landing_is_softer(&self) -> bool {
         let limit = self.landing.speed_mps + ALIKE_MPS;
         self.rests || self.climb.is_some_and(|c| c.speed_mps > limit)
     }
-    /// The same where a landed drone would not stay: it climbs at the price of a harder contact, but of no harmful one.
+    /// Whether a climb would end in a harmful contact. This decides on a deck where a landed drone would not stay:
+    /// there the drone accepts a harder contact, but not a harmful one.
     pub fn climb_is_harmful(&self) -> bool {
         self.rests || self.landing_is_softer() && self.climb.is_some_and(|c| c.is_harmful())
     }
@@ -111,11 +109,10 @@ enum ContactOutcome {
     Climb,
 }
 
-/// The drone over the deck, as both ends begin.
 struct Prediction<'a> {
     start: Time<DroneClock>,
     forecast: &'a DeckForecast,
-    /// From the deck's centre, NED, m.
+    /// Position relative to the deck's centre, NED, m.
     aside: Vector3<f64>,
     climb: Climb,
     feet_m: f64,
@@ -123,7 +120,6 @@ struct Prediction<'a> {
 }
 
 impl Prediction<'_> {
-    /// The first contact with the deck; None without one.
     fn contact(&self, end: ContactOutcome) -> Option<PredictedContact> {
         let mut climb = self.climb;
         let mut deck = self.forecast.at(self.start)?;
@@ -162,7 +158,7 @@ impl Prediction<'_> {
 
 #[cfg(test)]
 impl ContactOutcomes {
-    /// Of contacts at these speeds, m/s.
+    /// Outcomes with contacts at these speeds, m/s.
     pub(crate) fn of_speeds(landing_mps: f64, climb_mps: Option<f64>) -> ContactOutcomes {
         let at = |speed_mps| PredictedContact {
             speed_mps,
@@ -182,7 +178,7 @@ mod tests {
     use crate::fixtures::{forecast, header, level};
     use proptest::prelude::*;
 
-    /// The ends from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
+    /// Outcomes from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
     fn ends(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> ContactOutcomes {
         let now = Time::from_secs(10.0);
         let f = forecast(header(1, now), |t| DeckStage {
@@ -199,17 +195,17 @@ mod tests {
 
     #[test]
     fn climb_from_a_resting_deck() {
-        // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
+        // The drone sinks for 0.2 s at 0.5 m/s, then by v² / 2a: 0.11 m in total.
         assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
         assert!(touch.is_some_and(|v| (0.05..=0.5).contains(&v)), "{touch:?}");
-        // Away from a deck that it stands on: no impact.
+        // A drone that climbs from a deck that carries it has no impact.
         assert_eq!(climb_mps(0.0, 0.0, |_| (-1.3, 0.0)), None);
     }
 
     #[test]
     fn climb_from_a_rising_deck() {
-        // Up at 4 m/s² from now on, to 2 m/s.
+        // The deck accelerates upwards at 4 m/s² from now on, to 2 m/s.
         let rising = |t: f64| {
             let v = (4.0 * t).min(2.0);
             let way = 0.5 * v * v / 4.0 + 2.0 * (t - 0.5).max(0.0);
@@ -227,12 +223,12 @@ mod tests {
         for sink in [0.4, 2.0] {
             assert!((landing(0.5, sink) - SINK_MPS).abs() < 1e-9, "{sink}");
         }
-        // v² = 2² - 2 a 0.1, at half of what the rotors give beyond hover.
+        // v² = 2² - 2 a 0.1, at half of the rotors' acceleration beyond hover.
         let hard = landing(0.1, 2.0);
         assert!((1.3..1.7).contains(&hard), "{hard}");
     }
 
-    /// A deck that heaves, pitches and drives.
+    /// A deck that heaves, pitches and moves forward.
     fn sea(amplitude: f64, period: f64, phase: f64, pitch: f64) -> DeckForecast {
         let w = core::f64::consts::TAU / period;
         forecast(header(1, Time::from_secs(10.0)), |t| {
@@ -257,7 +253,7 @@ mod tests {
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
             let ends = ContactOutcomes::predict(f.header.at, &f, &p, &v, &drone).unwrap();
             prop_assert!(ends.landing.speed_mps >= SINK_MPS);
-            // No harder than without any braking.
+            // The contact is no harder than without braking.
             prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
             if !ends.landing_is_softer() {
                 prop_assert!(ends.climb.is_none_or(|c| c.speed_mps <= ends.landing.speed_mps + ALIKE_MPS));

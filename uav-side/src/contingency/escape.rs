@@ -1,4 +1,4 @@
-//! The vessel's escape direction, along which a drone leaves that has climbed clear of the deck.
+//! The vessel's escape direction, along which a drone leaves after it has climbed clear of the deck.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::DeckStage;
@@ -7,13 +7,15 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::surroundings::{in_deck, margin_m, ring_m};
 
-/// Above the deck by so much the escape direction is taken, m: clear of the deck and of who stands on it.
+/// Height over the deck above which the drone flies along the escape direction, m: clear of the deck and of the crew on
+/// it.
 const ESCAPE_ABOVE_M: f64 = 3.0;
-/// Speed along it over that of the deck, m/s: a drone under way tilts no more than 10 deg to reach it within a second.
+/// Speed along the escape direction relative to the deck, m/s: a drone in flight reaches it within a second with a tilt
+/// of at most 10 deg.
 const ESCAPE_MPS: f64 = 2.0;
 
-/// Horizontal velocity over that of the deck in which a drone at `position`, `clearance` above the deck, leaves, m/s;
-/// zero while it is low, without an escape direction, or where a volume stands in its way.
+/// Horizontal velocity relative to the deck with which a drone at `position`, `clearance` above the deck, leaves, m/s;
+/// zero while it is low, without an escape direction, or when a keep-out volume blocks it.
 pub(crate) fn escape_velocity(
     around: &Surroundings,
     deck: &DeckStage,

@@ -1,4 +1,4 @@
-//! Where a drone holds on its own: at a place, and away from a deck that is near.
+//! Hold of a drone on its own: at a position, and away from a near deck.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::PlanStage;
@@ -8,7 +8,6 @@ use super::below::{Body, DeckBelow};
 use super::climb::Climb;
 use super::escape::escape_velocity;
 
-/// The place of a hold, and its way up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hold {
     horizontal: Vector2<f64>,
@@ -17,7 +16,7 @@ pub(crate) struct Hold {
 }
 
 impl Hold {
-    /// Where the drone is. One that is `near` the deck goes on at its vertical speed, any other comes to a rest at once.
+    /// Hold at the drone's position. `near` the deck it starts with the drone's vertical speed, otherwise at rest.
     pub(crate) fn at(body: &Body, near: bool, drone: &DroneGeometry) -> Hold {
         let sinks = if near { body.velocity.z } else { 0.0 };
         Hold {
@@ -27,8 +26,8 @@ impl Hold {
         }
     }
 
-    /// The stage `dt` later (s): at rest; away from a deck that is `near`: with it, up from it, and along the vessel's escape
-    /// direction.
+    /// Stage `dt` (s) later: at rest, or, over a deck that is `near`, rising with it, away from it, and along the
+    /// vessel's escape direction.
     pub(crate) fn advance(
         &mut self,
         dt: f64,

@@ -1,7 +1,8 @@
-//! Contingency near the deck: what a drone does there when plan, mission, forecast or autopilot is missing.
+//! Contingency near the deck: actions of a drone when plan, mission, forecast or autopilot is missing.
 //!
-//! [`action`] decides by what is missing, [`contact`] predicts which end is softer. [`climb`], [`hold`] and [`escape`] are the
-//! way up and away, [`completion`] is the way down, and [`below`] where the drone is over the deck.
+//! [`action`] decides by the missing inputs; [`contact`] predicts the softer outcome. [`climb`], [`hold`] and
+//! [`escape`] take the drone up and away, [`completion`] takes it down, and [`below`] is its state relative to the
+//! deck.
 
 mod action;
 mod below;

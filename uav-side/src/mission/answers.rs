@@ -1,12 +1,12 @@
-//! Whether an order is carried out: what the mission does not do is rejected with a reason.
+//! Answers to orders: the mission rejects an order that it does not carry out, with a reason.
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
 use super::phase::{Decision, MissionPhase, MissionProgress};
 use super::situation::{ControlState, Situation};
 
-/// Why an order, given in `phase` with the progress `before`, is not carried out by a decision; None: it is, or what it asks for
-/// is already so.
+/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if the order
+/// is carried out or already fulfilled.
 pub(super) fn not_done(
     order: CommandKind,
     phase: MissionPhase,
@@ -20,7 +20,8 @@ pub(super) fn not_done(
         ControlState::Disarmed | ControlState::OnGround | ControlState::Ours => false,
     };
     match order {
-        // Of what the pilot, the autopilot's own mission or its hold has, nothing can be stopped but an order that waits.
+        // While the pilot, the autopilot's own mission or its hold flies the drone, only a waiting order can be
+        // stopped.
         CommandKind::Abort | CommandKind::Hold => {
             let nothing = d.phase == MissionPhase::Idle && anothers && !before.landing;
             nothing.then(|| ReasonCode::NotInControl.into())

@@ -1,4 +1,4 @@
-//! The situation of a step, by the newest of every input, and the odds of a landing in it.
+//! Derives the situation of a step from the newest inputs, and the odds of a landing.
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
@@ -18,7 +18,7 @@ use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
 
 impl MissionNode {
-    /// Updates the odds of a landing from here, and the probability above which waiting on is not worth it, with each
+    /// Updates the odds of a landing from here, and the probability above which waiting does not pay, with each new
     /// forecast.
     pub(super) fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
         let forecast_at = self.forecast.get().map(|f| f.header.at);
@@ -58,7 +58,6 @@ impl MissionNode {
         s.odds = outlook.odds(now);
     }
 
-    /// The speed made good on the way to the deck.
     pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
         let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.stepped = Some(now);
@@ -70,12 +69,11 @@ impl MissionNode {
         }
     }
 
-    /// Effect of the wind over the deck on a drone that follows the vessel, by the odometry.
     pub(super) fn wind(&self) -> WindPush {
         self.drone.get().map(WindPush::of).unwrap_or_default()
     }
 
-    /// The other drones that have the waiting places, and the heights of their stations, m.
+    /// Ids of the other drones in the waiting places, and the heights of their stations, m.
     fn others(&self) -> [(u32, u8); PLACES] {
         let grant = self.grant.get();
         core::array::from_fn(|k| {
@@ -162,7 +160,7 @@ impl MissionNode {
         }
     }
 
-    /// Charge below which the drone has to land, over this deck.
+    /// Charge below which the drone has to land on this deck, 0 to 1.
     fn battery_reserve(&self, deck: Option<&Deck>) -> f64 {
         let c = &self.config;
         deck.map_or(c.battery_reserve, |d| {
@@ -183,7 +181,7 @@ impl MissionNode {
         Charges::of(self.battery.usual_power(c), home, wind, up_m, c)
     }
 
-    /// Age of the newest plan that the solver found feasible, s.
+    /// Age of the newest feasible plan, s.
     fn plan_age_s(&self, now: Time<DroneClock>) -> f64 {
         match self.plan.get() {
             Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
@@ -191,7 +189,7 @@ impl MissionNode {
         }
     }
 
-    /// The drone's waiting place by the newest grant, where decks are reserved.
+    /// The drone's waiting place by the newest grant, if decks are reserved.
     fn place(&self) -> Option<WaitingPlace> {
         let grant = self.grant.get().filter(|_| self.config.reservation_required);
         grant.and_then(|g| g.place(self.drone_id))

@@ -1,8 +1,8 @@
-//! Battery: lasting charge by its gauge, rate of discharge, and charge needed to reach the deck.
+//! Battery: filtered charge, rate of discharge, and charge needed to reach the deck.
 //!
-//! In the air charge only falls, so the gauge counts by its minima: from the last one on the charge is reckoned by the power, and no
-//! reading counts for more than that leaves. One that is silent, stuck, toggles or rises keeps no drone in the air, whatever else comes
-//! in the same message; and after the time for which a full battery flies none is left.
+//! In the air the charge can only fall, so only the minima of the gauge are used: the charge is extrapolated from the
+//! last minimum with the power, and a higher later reading is ignored. A gauge that is silent, stuck, toggling or
+//! rising does not keep a drone in the air, and after the endurance of a full battery no charge is left.
 
 use std::collections::VecDeque;
 
@@ -14,86 +14,88 @@ use super::phase::DroneTime;
 use super::sortie::Energy;
 use crate::mission_config::MissionConfig;
 
-/// Readings kept at most: a minute at the rate of the autopilot's state, and some.
+/// Maximum number of readings kept: slightly more than a minute at the rate of the autopilot's state.
 const MAX_READINGS: usize = 1024;
-/// The gauge has to fall by this between two measurements of its rate, two of its steps.
+/// Fall of the gauge between two measurements of its rate: two of its steps.
 const FALL: f64 = 0.02;
-/// A gauge that jumps by this faster than any battery empties is another battery, or has corrected itself: no measurement of the power.
+/// Fall of the gauge above which it is taken for a correction or another battery, if it is faster than [`MIN_FLIGHT_S`]
+/// allows.
 const JUMP: f64 = 0.05;
-/// No drone empties a full battery faster, s.
+/// Shortest endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
-/// None flies longer with one, s: by such a current or gauge nothing is measured.
+/// Longest endurance of a full battery, s: a measured power below this one is ignored.
 const MAX_FLIGHT_S: f64 = 7200.0;
-/// Share of a new measurement in the power.
+/// Weight of a new measurement of the power.
 const NEW: f64 = 0.3;
-/// No measurement is lower than this share of the power before.
+/// Lower bound of a new measurement relative to the previous power.
 const SLOWER: f64 = 0.5;
-/// Time constant of the current, s: gusts and manoeuvres pass.
+/// Time constant of the current, against gusts and manoeuvres, s.
 const CURRENT_TIME_S: f64 = 10.0;
-/// Time constant of the speed at which it comes nearer, s.
+/// Time constant of the closing speed, s.
 const CLOSING_TIME_S: f64 = 10.0;
-/// Nearer than this the way has no speed of its own, m.
+/// Distance to the deck below which the closing speed is not measured, m.
 const ARRIVED_M: f64 = 30.0;
-/// Time for which a full battery flies where neither gauge, current nor installer gives it, s: few drones land sooner.
+/// Endurance of a full battery, s, if neither gauge, current nor installer gives one: few drones land sooner.
 const ASSUMED_S: f64 = 300.0;
-/// Charge at the beginning of a flight of which no gauge has reported: one that was observed on the ground took off with a full
-/// battery, one that is found in the air has used half.
+/// Charge at the start of a flight without any report of a gauge: a drone observed on the ground took off with a full
+/// battery, a drone found in the air has used half.
 const TAKEN_OFF: f64 = 1.0;
 const FOUND_IN_AIR: f64 = 0.5;
-/// A reading counts for no more than this above what is reckoned from the last minimum: three steps.
+/// Largest excess of a reading over the charge extrapolated from the last minimum: three steps.
 const ABOVE: f64 = 0.03;
-/// A minimum was wrong if the gauge rises by more than this above it, and the whole flight leaves that.
+/// Rise of the gauge above a minimum that shows the minimum to be wrong, if the discharge over the flight leaves that
+/// much charge.
 const WRONG: f64 = 0.1;
-/// No slower is assumed, m/s: the cost stays finite.
+/// Lower bound of the closing speed, m/s, which keeps the cost finite.
 const MIN_MPS: f64 = 0.5;
 
-/// Watches the battery.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BatteryMonitor {
-    /// Readings that nothing later has reached, falling: the first is the maximum of the watched time.
+    /// Queue of decreasing readings: the first one is the maximum over `battery_lasts_s`.
     readings: VecDeque<(DroneTime, f64)>,
-    /// Since when the gauge reports.
+    /// Start of the gauge's reports.
     began: Option<DroneTime>,
-    /// That maximum; None: the gauge is silent, or reports for too short a time.
+    /// Maximum of the readings; None if the gauge is silent or has reported for too short a time.
     lasting: Option<f64>,
-    /// Last minimum of that in this flight, or what is assumed of a gauge that has never reported.
+    /// Last minimum of `lasting` in this flight, or the assumption for a gauge that has never reported.
     minimum: Option<(DroneTime, f64)>,
-    /// The charge with which the flight began; None: no gauge has reported.
+    /// Charge at the start of the flight; None if no gauge has reported.
     start: Option<(DroneTime, f64)>,
     last: Option<DroneTime>,
-    /// The gauge at its last fall that counted.
+    /// Time and charge of the gauge's last fall.
     anchor: Option<(DroneTime, f64)>,
-    /// The gauge fell there: from the midst of a step to the second fall it looks up to twice as fast.
+    /// Whether the anchor lies at a step of the gauge; measured from the middle of a step, the rate would appear up to
+    /// twice as high.
     at_step: bool,
-    /// Charge per second, by the gauge.
+    /// Charge per second, measured by the gauge.
     by_gauge: Option<f64>,
-    /// The current, A.
+    /// Low-passed current, A.
     current_a: Option<f64>,
-    /// The speed at which the drone comes nearer to the deck, m/s.
+    /// Low-passed closing speed to the deck, m/s.
     closing_mps: Option<f64>,
 }
 
-/// Power of a full battery that flies for so long, 1/s; 0: it is not known.
+/// Power that empties a full battery in this time, 1/s; 0 if the endurance is unknown.
 fn per_s(endurance_s: f64) -> f64 {
     if endurance_s > 0.0 { 1.0 / endurance_s } else { 0.0 }
 }
-/// Charge that is left at `now` of what was there `at` a time, by the power.
+/// Charge at `now` after a constant `power` since the charge at `at`.
 fn left((at, charge): (DroneTime, f64), now: DroneTime, power: f64) -> f64 {
     charge - power * (now - at).secs().max(0.0)
 }
 
 impl BatteryMonitor {
-    /// Goes on from the charge that counted at `at` for a mission before this one, and what that one knew.
+    /// Restores a predecessor's state; `charge` was its charge at `at`.
     pub(super) fn resume(&mut self, at: DroneTime, charge: f64, known: &KnownBattery, c: &MissionConfig) {
         self.by_gauge = known.power;
         self.minimum = Some((known.at, known.gauge));
         self.start = known.start.map(|start| (known.start_at, start));
-        // It had lasted.
+        // The predecessor's gauge has reported for long enough.
         self.began = Some(at - Span::from_secs(c.battery_lasts_s));
         self.last = Some(at);
         self.readings = known.start.map(|_| (at, charge)).into_iter().collect();
     }
-    /// State for a mission after this one; None before any.
+    /// State for a successor; None before any charge is known.
     pub(super) fn memory(&self) -> Option<KnownBattery> {
         self.minimum.map(|(at, gauge)| KnownBattery {
             at,
@@ -104,7 +106,6 @@ impl BatteryMonitor {
         })
     }
 
-    /// Takes the autopilot's newest state.
     pub(super) fn update(&mut self, a: &AutopilotState, c: &MissionConfig) {
         let now = a.header.at;
         let since = self.last.map_or(Span::ZERO, |at| now - at);
@@ -115,7 +116,7 @@ impl BatteryMonitor {
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
-            // Nothing is used there, and nothing forgotten: it may be reported of a drone in the air.
+            // On the ground no charge is used, but the state is kept, because the report of the ground may be wrong.
             let both = self.minimum.iter_mut().chain(&mut self.start);
             both.for_each(|(at, _)| *at += since);
         }
@@ -125,7 +126,6 @@ impl BatteryMonitor {
         }
     }
 
-    /// Takes a reading, if there is one.
     fn read(&mut self, now: DroneTime, reported: Option<f64>, c: &MissionConfig) {
         let lasts = |at: DroneTime| (now - at).secs() <= c.battery_lasts_s;
         while self.readings.front().is_some_and(|(at, _)| !lasts(*at)) {
@@ -149,7 +149,6 @@ impl BatteryMonitor {
         self.lasting = self.readings.front().filter(|_| long).map(|(_, charge)| *charge);
     }
 
-    /// Follows the minima of the flight.
     fn follow(&mut self, now: DroneTime, armed: bool) {
         let Some(charge) = self.lasting else {
             if !armed && self.start.is_none() {
@@ -162,7 +161,7 @@ impl BatteryMonitor {
             (self.minimum, self.start) = (Some((now, charge)), Some((now, charge)));
             return;
         };
-        // A gauge that rises after readings that were too low counts as far as the whole flight leaves it.
+        // After wrong low readings a rise is accepted up to the charge that the discharge over the whole flight leaves.
         let back = self.by_gauge.map(|p| charge.min(left(start, now, p)));
         let back = back.filter(|b| *b > minimum.1 + WRONG);
         if let Some(lower) = back.or(Some(charge).filter(|b| *b < minimum.1)) {
@@ -170,7 +169,7 @@ impl BatteryMonitor {
         }
     }
 
-    /// Measures how fast it empties, by the charge that has lasted: a reading that is lost is no fall.
+    /// Measures the power from the filtered charge, which is not affected by a lost reading.
     fn measure(&mut self, now: DroneTime, charge: f64, armed: bool) {
         if !armed {
             (self.anchor, self.by_gauge) = (None, None);
@@ -186,40 +185,41 @@ impl BatteryMonitor {
         }
         if self.at_step && lasted > 0.0 && (fall < JUMP || fall * MIN_FLIGHT_S < lasted) {
             let measured = fall / lasted;
-            // One that stuck for a while and moves again has not measured so low a power.
+            // Limits the fall of the power when a stuck gauge moves again.
             let next = |p: f64| p + NEW * (measured.max(SLOWER * p) - p);
             self.by_gauge = Some(self.by_gauge.map_or(measured, next));
         }
         (self.anchor, self.at_step) = (Some((now, charge)), true);
     }
 
-    /// The charge that counts, 0 to 1: the maximum of the last `battery_lasts_s`, so that neither one reading nor a voltage
-    /// that sags under thrust does anything, 0 where the voltage has been below its minimum for so long; and no more than the power
-    /// leaves of the last minimum, nor than the time in the air of a full battery. None on the ground while nothing is reported, or
-    /// not for so long.
+    /// Charge for decisions, 0 to 1: the smallest of three values. First, the maximum of the readings over
+    /// `battery_lasts_s`, which a single reading or a voltage drop under thrust does not affect; it is 0 if the voltage
+    /// was below its minimum for that time. Second, the charge extrapolated from the last minimum. Third, the charge at
+    /// the start of the flight less the discharge that the configured endurance implies. None on the ground without a
+    /// report for `battery_lasts_s`.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
         let (now, minimum) = (self.last?, self.minimum?);
-        let reckoned = left(minimum, now, self.usual_power(c));
+        let extrapolated = left(minimum, now, self.usual_power(c));
         let Some(start) = self.start else {
             let flown_s = (now - minimum.0).secs();
             let silent = self.readings.is_empty() && flown_s > c.battery_lasts_s;
-            return silent.then_some(reckoned.max(0.0));
+            return silent.then_some(extrapolated.max(0.0));
         };
-        let by_gauge = self.lasting.map_or(reckoned, |b| b.min(reckoned + ABOVE));
+        let by_gauge = self.lasting.map_or(extrapolated, |b| b.min(extrapolated + ABOVE));
         let by_time = left(start, now, per_s(c.battery_endurance_s));
         Some(by_gauge.min(by_time).max(0.0))
     }
 
-    /// Follows the speed at which the drone comes nearer to a deck that is `distance_m` away, while it flies there;
-    /// `assumed_mps` before. Wind and the vessel's way are in it.
+    /// Updates the closing speed to a deck at `distance_m` while the drone flies there. It includes wind and the
+    /// vessel's speed, and starts at `assumed_mps`.
     pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
         let before = self.closing_mps.unwrap_or(assumed_mps);
         self.closing_mps = closing.map(|v| low_pass(before, v, dt, CLOSING_TIME_S));
     }
 
-    /// Charge per second, 0 to 1 per second: the current over the capacity where both are known, or the gauge's own fall, and no less
-    /// than an installer has measured; 0 where nothing is.
+    /// Power, 1/s: the current over the capacity if both are known, otherwise the gauge's rate; at least the
+    /// installer's value; 0 if nothing is known.
     fn power(&self, c: &MissionConfig) -> f64 {
         let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
         let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
@@ -228,18 +228,18 @@ impl BatteryMonitor {
         measured.max(per_s(c.battery_endurance_s))
     }
 
-    /// The charge that a take-off needs: the reserve, and one attempt to land again.
+    /// Charge that a take-off needs: the reserve plus one more attempt to land.
     pub(super) fn for_take_off(&self, c: &MissionConfig) -> f64 {
         (c.battery_reserve + self.usual_power(c) * c.battery_attempt_s).min(1.0)
     }
-    /// The power that is measured, or that of a drone which flies for five minutes, 1/s.
+    /// The measured power, or that of a full battery that lasts [`ASSUMED_S`], 1/s.
     pub(super) fn usual_power(&self, c: &MissionConfig) -> f64 {
         match self.power(c) {
             measured if measured > 0.0 => measured,
             _ => per_s(ASSUMED_S),
         }
     }
-    /// Charge that a drone away from its vessel has and needs; None while the charge is not known.
+    /// Charge of a drone away from its vessel, and its needs; None if the charge is unknown.
     pub(super) fn energy(&self, c: &MissionConfig) -> Option<Energy> {
         Some(Energy {
             charge: self.charge(c)?,
@@ -249,8 +249,8 @@ impl BatteryMonitor {
         })
     }
 
-    /// The charge that has to be left: for the way of `distance_m` to the deck at the speed made good, and one attempt, by
-    /// the power that is measured, `P (d / v + t)`; at least the configured reserve.
+    /// Reserve for the way to the deck over `distance_m` and one attempt, `P (d / v + t)` with the measured power and
+    /// the speed made good; at least the configured reserve.
     pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
         let speed = self.closing_mps.unwrap_or(assumed_mps).max(MIN_MPS);
         let way_s = if distance_m.is_finite() {
@@ -280,7 +280,6 @@ mod tests {
             ..AutopilotState::default()
         }
     }
-    /// On the ground with motors off.
     fn ground(t: f64, battery: Option<f64>) -> AutopilotState {
         AutopilotState {
             armed: false,
@@ -312,12 +311,13 @@ mod tests {
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
         assert_eq!(m.charge(&c), Some(0.0));
-        // Silence has not filled it.
+        // A silent gauge does not raise the charge.
         run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
         assert_eq!(m.charge(&c), Some(0.0));
     }
 
-    /// A gauge that falls silent at 57 %: the battery empties on, as fast as was measured or as a full one that flies for five minutes.
+    /// A gauge that falls silent at 57 %: the charge continues to fall at the measured power, or at that of a battery
+    /// that lasts five minutes.
     #[test]
     fn battery_gauge_that_falls_silent() {
         let c = config();
@@ -333,7 +333,7 @@ mod tests {
             assert!((found - expected).abs() < 0.03, "{per_s}: {found} of {expected}");
             run(&mut m, &c, from + 100.0, 600.0, |t| state(t, None));
             assert_eq!(m.charge(&c), Some(0.0));
-            // On the ground it does not empty.
+            // On the ground the charge does not fall.
             let mut m = BatteryMonitor::default();
             run(&mut m, &c, 0.0, 10.0, |t| ground(t, Some(0.57)));
             run(&mut m, &c, 10.0, 600.0, |t| ground(t, None));
@@ -341,8 +341,8 @@ mod tests {
         }
     }
 
-    /// A gauge that never reports: on the ground nothing is known, in the air what is left of a full battery from the take-off on, or of
-    /// half of one that is found there. The first report counts.
+    /// A gauge that never reports: on the ground the charge is unknown. In the air a full battery discharges from the
+    /// take-off on, or half of one if the drone was found in the air. The first report replaces the assumption.
     #[test]
     fn battery_gauge_that_is_silent_from_the_start() {
         let c = with_endurance(400.0);
@@ -366,8 +366,9 @@ mod tests {
         }
     }
 
-    /// A drone that flies for 400 s from 90 % on, whose gauge is right down to 57 %, and then lies together with voltage and current: the
-    /// charge falls on, by the power measured before or by an installer, and over a successor. A new minimum counts again.
+    /// A drone that flies for 400 s from 90 % on, with a correct gauge down to 57 % that is then wrong, as are voltage
+    /// and current: the charge continues to fall at the power measured before or by an installer, and across a
+    /// successor. A new minimum is used again.
     #[test]
     fn battery_gauge_that_lies() {
         let truth = |t: f64| 0.9 - (t - 10.0).max(0.0) / 400.0;
@@ -431,7 +432,7 @@ mod tests {
                 m.resume(Time::from_secs(end), charge, &known, c);
             }
         }
-        // Nothing is used on the ground, and by who never leaves it no gauge is doubted.
+        // Nothing is used on the ground, and the gauge of a drone that never leaves it is trusted.
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 300.0, |t| AutopilotState {
             landed: LandedState::OnGround,
@@ -440,7 +441,8 @@ mod tests {
         assert_eq!(m.charge(&c), Some(0.57));
     }
 
-    /// A gauge of whole tenths, of quarters where an installer has measured, and on a tether: in the air for 1000 s of a battery for 1500 s.
+    /// Gauges with steps of a tenth, of a quarter with an installer's endurance, and on a tether: 1000 s in the air
+    /// with a battery for 1500 s.
     #[test]
     fn battery_gauge_in_coarse_steps() {
         let truth = |t: f64| 0.9 - t / 1500.0;
@@ -456,7 +458,7 @@ mod tests {
                 });
                 let Some(charge) = m.charge(&c) else { continue };
                 let expected = if step > 1.0 { 1.0 } else { truth(from_s + 10.0) };
-                // The second step gives the power.
+                // The power is known from the second step on.
                 let off = if from_s > 350.0 { off.min(0.12) } else { off };
                 assert!(
                     (charge - expected).abs() < off,
@@ -466,7 +468,7 @@ mod tests {
         }
     }
 
-    /// Ten seconds of readings that are too low: what comes back counts, since the flight explains it.
+    /// After ten seconds of wrong low readings the rise is accepted, because it is consistent with the flight.
     #[test]
     fn battery_gauge_that_was_low_for_a_while() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -486,7 +488,7 @@ mod tests {
         run(&mut m, &c, 20.0, 20.0, |t| state(t, Some(0.19)));
         assert!((m.charge(&c).unwrap() - 0.19).abs() < 0.03);
         assert_eq!(m.reserve(0.0, 5.0, &c), c.battery_reserve);
-        // One that sticks then has no more by the charge before.
+        // If the gauge then sticks, the charge before the correction does not raise the result.
         let mut m = BatteryMonitor::default();
         let honest = |t: f64| (90.0 - t / 4.0).round() / 100.0;
         run(&mut m, &c, 0.0, 160.0, |t| {
@@ -518,7 +520,7 @@ mod tests {
             ..state(t, Some(0.6))
         };
         let mut m = BatteryMonitor::default();
-        // Two seconds of full thrust, every five.
+        // Two seconds of full thrust every five.
         run(&mut m, &c, 0.0, 60.0, |t| {
             at(t, if t % 5.0 < 2.0 { 13.0 } else { 14.8 })
         });
@@ -530,7 +532,7 @@ mod tests {
     #[test]
     fn battery_reserve_of_a_way_and_an_attempt() {
         let (mut m, c) = (BatteryMonitor::default(), config());
-        // A gauge in whole per cents, of a battery for 1000 s.
+        // A gauge with steps of 1 %, and a battery for 1000 s.
         run(&mut m, &c, 0.0, 300.0, |t| {
             state(t, Some((90.0 - 0.1 * t).round() / 100.0))
         });
@@ -539,14 +541,14 @@ mod tests {
         let found = m.reserve(d, v, &c);
         assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
         assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
-        // Into the wind, after a vessel that leaves: 4 m/s made good.
+        // Against the wind, towards a vessel that moves away, the speed made good is 4 m/s.
         for _ in 0..600 {
             m.approach(0.1, d, Some(4.0), v);
         }
         let against = m.reserve(d, v, &c);
         let needed = 1e-3 * (d / 4.0 + c.battery_attempt_s);
         assert!((against / needed - 1.0).abs() < 0.1, "{against} of {needed}");
-        // By the current: 20 A of 10 Ah empty it in 1800 s.
+        // The power by the current: 20 A empty 10 Ah in 1800 s.
         let c = MissionConfig {
             battery_capacity_ah: 10.0,
             ..c

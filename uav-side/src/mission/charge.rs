@@ -1,9 +1,11 @@
-//! Charge: the place at which a drone lands whose battery is below its reserve, and the point of no return of each place.
+//! Charge below the reserve: the place at which the drone lands, and the point of no return of each place.
 //!
-//! To reach a place and land there takes the charge `n = (1 + m) P (T + t) + g`: power `P`, time `T` of the way in the wind, time `t`
-//! of the landing, relative error `m` of all three, step `g` of the gauge. The drone stays with the first place of `battery_order` and leaves it for the
-//! next one at `b <= n`, the last moment at which that one can be had. A deck that is closed, another drone's or unknown is awaited
-//! until then, and given up no sooner than it has been missing for [`MISSING_S`]. Without another place in reach the deck remains.
+//! To reach a place and land there takes the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T`
+//! in the wind, the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays
+//! with the first place of `battery_order` and leaves it for the next one when its charge `b` falls to `n`, the last
+//! moment at which it can reach the next place. Until then it waits for a deck that is closed, reserved by another
+//! drone or unknown, and gives it up only after the deck has been unavailable for [`MISSING_S`]. If no other place is
+//! in reach, it stays with the deck.
 
 use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -19,23 +21,23 @@ use crate::mission_config::MissionConfig;
 const MARGIN: f64 = 0.25;
 /// Step of a gauge.
 const STEP: f64 = 0.01;
-/// Change of the mode, and the end of a descent on the ground, s.
+/// Time of a mode change and of the end of a descent on the ground, s.
 const ENDS_S: f64 = 10.0;
 /// Speed of the autopilot's descent to land, m/s. Source: PX4's MPC_LAND_SPEED; ArduCopter sinks faster above 10 m.
 const LAND_MPS: f64 = 0.7;
 /// Air speed of the autopilot's return, m/s. Source: PX4's MPC_XY_CRUISE; ArduCopter's RTL is faster.
 const RETURN_MPS: f64 = 5.0;
-/// Time of the shortest attempt: from above the deck onto it, s.
+/// Time of the shortest attempt, from above the deck onto it, s.
 const LAST_ATTEMPT_S: f64 = 30.0;
-/// Fraction of the configured reserve that is kept for a home whose place is not reported.
+/// Fraction of the configured reserve that is kept for a home at an unknown place.
 const UNKNOWN_HOME: f64 = 0.5;
 
-/// A deck is given up once it has been missing for so long, s.
-/// Chosen: crew that crosses it, another drone's last metres, or a process that starts again take less.
+/// Time for which the deck is unavailable before it is given up, s.
+/// Chosen: longer than the crew needs to cross it, another drone to finish its landing, or a process to restart.
 const MISSING_S: f64 = 20.0;
 
 impl Charges {
-    /// By the `power`, 1/s; `home`: from the drone to its destination, m, None: not reported; `up_m`: height above the water.
+    /// `power`: 1/s; `home`: offset from the drone, m, None if not reported; `up_m`: height above the water.
     pub(super) fn of(
         power: f64,
         home: Option<Vector2<f64>>,
@@ -68,14 +70,14 @@ impl Charges {
             BatteryPlace::Here => self.here,
         }
     }
-    /// Whether `place` can be reached with the charge `b`, without a margin; in place it comes down with any.
+    /// Whether `place` can be reached with the charge `b`, without a margin; a landing in place is always possible.
     fn reaches(&self, place: BatteryPlace, b: f64) -> bool {
         match place {
             BatteryPlace::Deck | BatteryPlace::Here => true,
             BatteryPlace::Home => b >= without_margin(self.home),
         }
     }
-    /// Whether a drone with the charge `b` leaves a deck for `place` that has been missing for `missing_s`.
+    /// Whether a drone with the charge `b` leaves for `place` when the deck has been missing for `missing_s`.
     fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
         let last = self.last_moment(place);
         let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
@@ -83,25 +85,23 @@ impl Charges {
     }
 }
 
-/// Charge `n` less its margin.
 fn without_margin(n: f64) -> f64 {
     (n - STEP) / (1.0 + MARGIN)
 }
 
-/// The deck as a place to land.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DeckAccess {
-    /// Not wanted by the operator, or not touched in this mode.
+    /// The operator has declined the deck, or the mode permits no landing.
     Declined,
-    /// Closed, another drone's, unknown, not detected, or too rough for any landing: it may be open again.
+    /// The deck is closed, reserved by another drone, unknown, not detected, or moves too much for any landing; this
+    /// may change.
     Awaited,
-    /// To be had.
     Open,
 }
 
-/// Whether the deck is one to land on now.
+/// Whether the drone could land on the deck now.
 pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
-    let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
+    let free = !matches!(s.reservation, Reservation::Others(owner) if owner != 0);
     let lands = |d: &Deck| {
         let on_the_way = d.distance_m > RESUME_DISTANCE_M;
         on_the_way || d.vision_age_s <= c.vision_lost_s && d.infeasible(c, HYSTERESIS).is_none()
@@ -109,7 +109,7 @@ pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
     free && s.fresh_deck().is_some_and(lands)
 }
 
-/// Places that remain with the charge `b`, the preferred one first.
+/// Places that can be reached with the charge `b`, in the order of preference.
 fn remaining<'a>(
     b: f64,
     deck: DeckAccess,
@@ -126,7 +126,7 @@ fn remaining<'a>(
         .filter(move |p| s.charges.reaches(*p, b))
 }
 
-/// The place to land with the charge `b`, and the charge at which the drone leaves it for the next one.
+/// Place to land with the charge `b`, and the charge at which the drone leaves it for the next one.
 fn place(
     b: f64,
     deck: DeckAccess,
@@ -146,8 +146,8 @@ fn place(
     }
 }
 
-/// Fraction by which the limits of a landing have given way to the battery, 0 to 1: 0 in the half of the reserve in which the drone
-/// waits for the best moment, 1 with the charge for one attempt or, where that is more, at the last moment for home.
+/// Relaxation of the landing's limits on a low battery, 0 to 1. It is 0 in the first half of the reserve, while the
+/// drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
 pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
     let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {
         return 0.0;
@@ -164,21 +164,22 @@ pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConf
     ((first - b) / (first - last)).clamp(0.0, 1.0)
 }
 
-/// Charge below which the drone lands: the reserve; after a stop by its operator what is left of it for the decision.
+/// Charge below which the drone lands: the reserve, or less after an operator's stop, to leave time for a decision.
 fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     let kept = if progress.stopped { FOR_OPERATOR } else { 0.0 };
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the mission has a drone in the air that it does not fly yet: without an order no other state lands it.
+/// Whether the mission controls an airborne drone without an order, which no other transition would land.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();
     phase == MissionPhase::Idle && ours && !held && c.mode != LandingMode::Shadow
 }
 
-/// Transition of a drone whose charge is below its reserve: to the place at which it lands now. A descent that has begun is the
-/// quickest way down. A charge that is above again gives the state back.
+/// Transition of a drone whose charge is below its reserve, to the place at which it lands now. A descent that has
+/// begun continues, because it is the quickest way down. If the charge rises again, the drone returns to its previous
+/// state.
 pub(super) fn charge(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -230,14 +231,14 @@ pub(super) fn charge(
         }
         Some((BatteryPlace::Home, needs)) => (gave_up(s, c), Reason::new(ReasonCode::BatteryHome, b, needs)),
         Some((BatteryPlace::Here, _)) => (gave_up(s, c), low(ReasonCode::BatteryHere)),
-        // It holds already.
+        // The drone already holds.
         None if ended => return None,
         None => (gave_up(s, c), low(ReasonCode::BatteryLow)),
     };
     (changed || !gave_up_before).then(|| to.enter(why))
 }
 
-/// The charge is not low, or no more: a drone that was on its way to another place goes on with what it did.
+/// Transition when the charge is not low, or no longer low: a drone on its way to another place resumes.
 fn above_again(
     phase: MissionPhase,
     progress: &mut MissionProgress,

@@ -1,5 +1,3 @@
-//! Charge below the reserve: the place that is kept, the last moment for the next one, and the limits that give way.
-
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, BatteryRecovered, BatteryStopped, BatteryWaits,
     Commanded, DeckGrantStale, NotCommanded, Operator, Permitted, Recovered,
@@ -20,7 +18,7 @@ use super::*;
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))
 }
-/// Each makes the deck a place that is not to be had now.
+/// Changes that make the deck unavailable for now.
 const MISSING: [fn(&mut Situation); 5] = [
     |s| s.reservation = Reservation::Others(DECK_CLOSED),
     |s| s.reservation = Reservation::Others(2),
@@ -34,8 +32,8 @@ fn without_deck(battery: f64, missing: fn(&mut Situation)) -> Situation {
     s
 }
 
-/// Charge x what is missing x where the drone is: nothing is final while another place or charge for the deck is left, and the
-/// deck is taken once it is back.
+/// For each charge, cause and phase, the drone waits while it can still reach another place or has charge left for the
+/// deck, and lands on the deck once that is available again.
 #[test]
 fn deck_that_is_missing_for_a_moment() {
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -72,7 +70,8 @@ fn deck_that_is_missing_for_a_moment() {
     }
 }
 
-/// The next place is taken at the last moment at which it can be had, and once the deck has been missing for long.
+/// The drone leaves for the next place at the last moment at which it can reach it, after the deck has been unavailable
+/// for a long time.
 #[test]
 fn last_moment_for_the_next_place() {
     for missing in MISSING {
@@ -84,22 +83,22 @@ fn last_moment_for_the_next_place() {
         let first = step(TRACKING, &without_deck(0.13, missing));
         let waits = |d: &Decision| d.progress.low_battery == Some(Deck) && d.progress.landing;
         assert!(waits(&after(&first, 0.1, 0.055)), "not missing for long");
-        assert!(waits(&after(&first, 21.0, 0.061)), "home is in reach for longer");
+        assert!(waits(&after(&first, 21.0, 0.061)), "home is still in reach");
         let d = after(&first, 21.0, 0.06);
         goes(&d, State::GaveUp, BatteryHome);
         let text = d.entered.unwrap().to_string();
         assert_eq!(text, "battery at 6 % (needs 6 %): the autopilot returns home");
-        // Home is out of reach: the deck is awaited for as long as the drone can still come down in place.
+        // If home is out of reach, the drone waits for the deck while it can still land in place.
         let d = after(&first, 21.0, 0.039);
         assert!(waits(&d));
         assert!(
             waits(&after(&first, 1.0, 0.029)),
-            "the margin is for a deck that comes back"
+            "the margin is used to wait for the deck"
         );
         goes(&after(&first, 1.0, 0.015), State::GaveUp, BatteryHere);
         let d = after(&d, 21.0, 0.03);
         goes(&d, State::GaveUp, BatteryHere);
-        // Open again before the autopilot has taken the drone over.
+        // The deck reopens before the autopilot has taken over.
         goes(&step(&d, &charged(0.03)), State::Tracking, BatteryDeck);
     }
     let d = step(TRACKING, &without_deck(0.13, MISSING[0]));
@@ -133,7 +132,7 @@ fn configured_order_of_places() {
         let d = decide(DESCENT, attempt(), None, &charged(0.1), &c);
         assert_eq!(d.phase.state(), State::Descent);
     }
-    // An order that comes below the reserve makes the deck the first place.
+    // An order below the reserve makes the deck the first place.
     let c = MissionConfig {
         battery_order: vec![Home, Deck],
         ..config()
@@ -167,7 +166,7 @@ fn charge_above_the_reserve_again() {
     assert_eq!(step(&d, &charged(0.6)).progress.low_battery, None);
 }
 
-/// The first half of the reserve waits for the best moment, what is left after it gives way.
+/// The first half of the reserve is for waiting for the best moment; below it the limits are relaxed.
 #[test]
 fn low_battery_limits_above_the_deck() {
     let rough = |battery: f64| {
@@ -195,7 +194,7 @@ fn low_battery_limits_above_the_deck() {
         let d = run(&d, &rough(0.07), 5.0);
         goes(&run(&d, &rough(0.07), 5.0), State::Descent, Permitted);
     }
-    // Whose grant is stale has the deck.
+    // A drone with a stale grant keeps the deck.
     let silent = |battery| Situation {
         reservation: Reservation::Unknown(5.0),
         ..charged(battery)
@@ -207,8 +206,8 @@ fn low_battery_limits_above_the_deck() {
     waits(&full, State::TrackingStable, DeckGrantStale);
 }
 
-/// After an abort or a hold the operator decides until a quarter of the reserve is gone; then it lands, and a second abort
-/// finally declines the deck.
+/// After an abort or a hold the operator decides until a quarter of the reserve is used; then the drone lands, and a
+/// second abort declines the deck.
 #[test]
 fn low_battery_after_a_stop() {
     for (command, state, waiting) in [
@@ -232,7 +231,8 @@ fn low_battery_after_a_stop() {
     }
 }
 
-/// A landing that was given up leaves no drone in the air until it falls; nor does a mission in our mode without an order.
+/// A landing that was given up does not leave a drone in the air until its battery is empty; nor does a mission without
+/// an order.
 #[test]
 fn low_battery_of_a_drone_that_waits() {
     let spent = MissionProgress {
@@ -256,7 +256,7 @@ fn low_battery_of_a_drone_that_waits() {
         let d = run(&d, &charged(low), 5.0);
         goes(&run(&d, &charged(low), 5.0), State::Descent, Permitted);
     }
-    // A person flies it, or holds it back.
+    // A pilot flies the drone or blocks orders by remote control.
     let unordered = (MissionPhase::Idle, MissionProgress::default());
     for change in [
         (|s| s.flight = ControlState::OtherControl(AutopilotMode::Other)) as fn(&mut Situation),

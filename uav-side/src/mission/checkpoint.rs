@@ -1,7 +1,8 @@
-//! The mission's checkpoint: published with every state, validated by a successor before it counts.
+//! Checkpoint of the mission: published with every state, validated by a successor before use.
 //!
-//! A mission that begins while the drone flies goes on where the last one was, or makes itself safe from what it
-//! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
+//! A mission that starts while the drone flies continues the mission of its predecessor, or, without a usable
+//! checkpoint, makes the drone safe using its own inputs. Until this is decided it publishes no state, and the pilot
+//! continues with the last one while that is valid.
 
 use alight_shared::admission::command::keep;
 use alight_shared::msg::{
@@ -21,31 +22,28 @@ use crate::lift_off::LEFT_M;
 use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.
+/// Time for which a starting mission waits for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
-/// Commands kept while it waits.
 const MAX_COMMANDS: usize = 16;
 
-/// A mission that does not know yet whether it is a successor.
+/// Start-up of a mission that does not know yet whether it has a predecessor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionStartUp {
     recovery: Recovery<MissionCheckpoint>,
-    /// Commands that came meanwhile, in order.
     commands: Vec<Command>,
 }
 
-/// Beginning of a mission.
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
-    /// One that is too old to go on from: what the flight is for outlives it.
+    /// Checkpoint that is too old to continue from; only the purpose of the flight is kept from it.
     pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
 
 impl MissionStartUp {
-    /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` means
-    /// that it sees the drone and its deck.
+    /// Processes the inputs; returns the result once it is decided. `complete`: the mission has the states of drone and
+    /// deck.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -76,8 +74,8 @@ impl MissionStartUp {
     }
 }
 
-/// The phase that `m` reports, and why it is another than the one before; a place in another frame than the
-/// present (`same_frame`) counts as none.
+/// Phase of the checkpoint `m`, and the reason if it differs from the predecessor's. If the frame has changed
+/// (`same_frame` is false), positions in it are ignored.
 pub(super) fn restored(
     m: &MissionCheckpoint,
     same_frame: bool,
@@ -93,9 +91,9 @@ pub(super) fn restored(
     }
 }
 
-/// Continuation of a mission in `state` that was last `published`: where that is too long ago the pilot has left the plan
-/// meanwhile and climbs, and a landing begins again, unless it is over, a climb would meet the deck harder than the flare
-/// does, so that the pilot goes on, or the operator `stopped` it.
+/// Continuation of a mission in `state` that was last `published`. If the last state is too old, the pilot has left the
+/// plan and climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it, because a
+/// climb would hit the deck harder; or the operator has `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -115,16 +113,17 @@ pub(super) fn interrupted(
     })
 }
 
-/// Whether its feet are on this deck, by the forecast, and stay there.
+/// Whether the forecast shows that the feet are on the deck and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
 }
-/// A drone that rises from the deck faster than this has left it, m/s: several times what odometry and forecast err by.
+/// Speed away from the deck above which the drone has left it, m/s: several times the error of odometry and forecast.
 const RISES_MPS: f64 = 0.5;
 
-/// A drone that was to leave the deck stands on it, and does not rise: by its autopilot, or by a camera that sees the deck. By the
-/// receivers alone the deck may be metres off, and by the autopilot alone the drone may fly: its report may be old, or wrong.
+/// Whether a drone that was taking off stands on the deck and does not rise, according to its autopilot or to a camera
+/// that detects the deck. With GNSS receivers alone the deck's height may be wrong by metres, and the autopilot's
+/// report alone may be old or wrong.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let Some(deck) = s.fresh_deck() else {
         return false;
@@ -133,7 +132,7 @@ fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let detected = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
     !rises && (s.on_ground || detected)
 }
-/// To complete the landing is softer than to climb, and the deck is beneath.
+/// Whether the deck is beneath the drone and completing the landing is softer than climbing.
 pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
     s.outside_m <= LOST_OUTSIDE_M && d.ends.is_some_and(|e| e.landing_is_softer())
 }
@@ -145,9 +144,9 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             let own = s.own.filter(|_| !same_frame).map_or(at, |own| own.position);
             MissionPhase::GetAltitude { from: [own.x, own.y] }
         }
-        // A search begins again from the beacon's place.
+        // A search restarts at the beacon's place.
         State::Approach | State::Search => MissionPhase::APPROACH,
-        // Whether it is steady is judged again from the start.
+        // Steadiness is assessed again from the start.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
         State::Flare => MissionPhase::Flare {
@@ -159,7 +158,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             airborne: None,
         },
         State::Hold => {
-            // After a take-off it waits for an order, too.
+            // The hold after a take-off waits for an order as well.
             let cause = match m.state.station {
                 Some(kept) => HoldCause::Station(kept),
                 None if m.stopped || m.sortie && !m.landing => HoldCause::Operator,
@@ -178,7 +177,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
-        // An order that was not carried out yet has to come again.
+        // An order that was not carried out yet has to be repeated.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
         State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),
@@ -186,7 +185,6 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
     }
 }
 
-/// The progress that `m` reports.
 pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     MissionProgress {
         landing: m.landing,
@@ -203,7 +201,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         lapsed: false,
         station: None,
         sortie: m.sortie,
-        // From where it goes on.
+        // The distance is measured again from the present place.
         led_from: None,
         cycles: Cycles {
             on: m.cycling,
@@ -219,15 +217,14 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     }
 }
 
-/// A boot of the computer takes so long, s.
+/// Time that a computer needs to boot, s.
 const BOOT_S: f64 = 30.0;
 
-/// Whether a checkpoint was written before the computer's clock began again.
+/// Whether a checkpoint was written before the computer's last boot, which restarted its clock.
 fn of_former_boot(m: &MissionCheckpoint) -> bool {
     m.header.at < DroneTime::EPOCH
 }
 
-/// The vessel as an aged checkpoint knew it.
 pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<LastVessel> {
     let at = now - Span::from_secs(BOOT_S);
     let known = |v| {
@@ -240,9 +237,9 @@ pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<Last
     m.last_vessel.map(known)
 }
 
-/// Purpose of the flight, by a checkpoint that is too old to go on from: an order to land and a station go on once the drone is
-/// found in our mode, and end where a pilot has it; an operator's stop and a declined deck stay; a drone on a sortie comes back
-/// while its charge lasts, and its cycles end. Of a drone that was disarmed nothing is left.
+/// Purpose of the flight from a checkpoint that is too old to continue from. An order to land and a station continue
+/// once the drone is in our mode, and end if a pilot has the drone; an operator's stop and a declined deck persist; a
+/// drone on a sortie returns while its charge lasts, and its cycles end. Nothing is kept for a disarmed drone.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.armed {
         return MissionProgress::default();
@@ -274,12 +271,11 @@ pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress 
     }
 }
 
-/// Away from the vessel.
 pub(super) fn is_away(s: &Situation) -> bool {
     s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
 
-/// An idle mission's way out where the vessel comes to a drone that hovers without an order, lower than the deck heaves.
+/// Evasive climb of a drone without an order, if it hovers within the heave of the deck and the vessel comes near.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
     let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
@@ -291,9 +287,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// Start of an idle mission without a checkpoint with a drone that flies, or rests with motors on, near a deck: it
-/// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
-/// climbs to begin again. `code`: why the drone's place is not known. `Err`: not decided yet.
+/// Start of an idle mission without a checkpoint, if the drone flies near a deck or rests there with running motors: it
+/// was landing or taking off, and the rising deck could hit it if it held its position. A drone that is still `landing`
+/// climbs and starts again. `code` is the reason for the missing checkpoint. Returns `Err` while this is not decided.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,
@@ -301,7 +297,7 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // The drone may be ours again at any time, and low over the deck.
+        // The drone may come under our control at any time, low over the deck.
         ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(_) => return Err(()),
         ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
@@ -312,14 +308,14 @@ pub(super) fn safe_start(
     let Some(deck) = s.fresh_deck() else {
         return Err(());
     };
-    // At the tracking height it may stay, deck or not.
+    // The drone may stay where it is at the tracking height, even without a deck.
     let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
     if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);
     }
     let why = Reason::new(code, deck.clearance_m, 0.0);
     let phase = if rests(s) {
-        // The pilot's evidence of a touchdown decides.
+        // The pilot's touchdown detector decides.
         MissionPhase::Flare {
             committed: true,
             violated: None,

@@ -1,10 +1,10 @@
-//! Concerns: what interrupts a state, as a table.
+//! Concerns: table of the conditions that interrupt a state.
 //!
-//! A row counts in the phases of `in_phase` once its evidence has lasted, and acts; the first row that acts decides. Its evidence
-//! lies in what it reads: a touchdown in the pilot's detector, control in two heartbeats, data in the staleness limit of each topic,
-//! charge in `battery_lasts_s`. A row whose condition clears gives the state back: a hold for data goes on once they are fresh, a
-//! lapse begins the landing again, a charge that is above the reserve again resumes. A landing that was ended by pilot or operator is
-//! begun again by an order alone.
+//! A row applies in the phases of `in_phase` and acts while its condition holds; the first row that acts decides. Each
+//! input is already filtered: a touchdown by the pilot's detector, control by two heartbeats, data by the staleness
+//! limit of each topic, charge by `battery_lasts_s`. When the condition clears, the state resumes: a hold for data ends
+//! once they are fresh, a landing restarts after a set-point loss, and a charge above the reserve resumes the flight. A
+//! landing that a pilot or an operator has ended restarts only by an order.
 //!
 //! | row | action | clears by | overruled by |
 //! |---|---|---|---|
@@ -32,13 +32,11 @@ use super::take_off;
 use crate::mission_config::MissionConfig;
 
 pub(super) struct Concern {
-    /// Whether it counts in this phase.
     in_phase: fn(MissionPhase, &MissionProgress, &Situation, &MissionConfig) -> bool,
-    /// Transition while its condition holds.
     act: fn(MissionPhase, &mut MissionProgress, &Situation, &MissionConfig) -> Option<PhaseTransition>,
 }
 
-/// The rows before an operator's command, and after it.
+/// Row that is checked before an operator's command.
 pub(super) const BEFORE_ORDERS: [Concern; 1] = [Concern {
     in_phase: |phase, progress, _, _| phase.flies() && !progress.overruled,
     act: |_, _, s, _| {
@@ -72,7 +70,7 @@ pub(super) const AFTER_ORDERS: [Concern; 8] = [
     },
     Concern {
         // charge
-        // A climb over the deck is not interrupted until the drone is clear of it.
+        // A climb over the deck is not interrupted until the drone is clear of the deck.
         in_phase: |phase, _, s, c| phase.flies() && !phase.takes_off() || is_unordered(phase, s, c),
         act: charge,
     },
@@ -97,7 +95,6 @@ pub(super) const AFTER_ORDERS: [Concern; 8] = [
     },
 ];
 
-/// Transition by the first of these rows that acts.
 pub(super) fn interrupt(
     rows: &[Concern],
     phase: MissionPhase,
@@ -114,21 +111,21 @@ pub(super) fn interrupt(
     })
 }
 
-/// On the way to a landing that has not begun to descend.
+/// Whether the drone is on its way to a landing, before the descent.
 fn is_under_way(phase: MissionPhase) -> bool {
     let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
     phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
 }
 
-/// Whether the drone comes back by itself: on a sortie, and without an order in our mode where the vessel is not received any more.
+/// Whether the drone returns without an order: on a sortie, or in our mode after the vessel's radio has fallen silent.
 fn returns(phase: MissionPhase, progress: &MissionProgress, s: &Situation) -> bool {
     let silent = s.flight == ControlState::Ours && s.fresh_deck().is_none();
     let waits = phase.waits_for_operator() || phase == MissionPhase::Idle;
     waits && (progress.sortie || silent) && !progress.landing && !progress.stopped
 }
 
-/// The end of a sortie by what is left of the battery, or because the autopilot's own mission is done: the drone lands as if
-/// that had been ordered. Where the pilot flies, or the autopilot its own mission, the order waits for the drone.
+/// End of a sortie by the battery or by the end of the autopilot's own mission: the drone lands as if ordered. While
+/// the pilot or the autopilot's own mission flies it, the order waits.
 fn turn_back(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -147,7 +144,7 @@ fn turn_back(
     Some(next.enter(why))
 }
 
-/// Transition when the drone is not ours.
+/// Transition when another pilot or the autopilot controls the drone.
 fn control(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -159,19 +156,19 @@ fn control(
             progress.landing = false;
             Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
         }
-        // Low over the deck: up, as soon as it follows set-points again.
+        // Low over the deck the drone climbs as soon as it follows set-points again.
         ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
-        // It goes on to hold there, or on its way up, once set-points are followed again.
+        // The drone resumes its hold, or its climb to the hold, once it follows set-points again.
         ControlState::Lapsed if phase.rests() => None,
         ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
     }
 }
 
-/// Data may be this old where a landing is completed without them, s.
+/// Age of the data up to which a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Transition on stale data: a landing goes on where that is softer, else it holds until they are fresh.
+/// Transition on stale data: a landing continues if that is softer, otherwise the drone holds until they are fresh.
 fn data(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -186,9 +183,9 @@ fn data(
     })
 }
 
-/// Whether a landing that was not stopped goes on although data are old, for a moment: because to complete it is softer, or
-/// because the drone's own odometry is missing low over the deck. Without that nothing is commanded, so that to leave now or
-/// once it is back is the same, and then it is decided by where the drone is, not by where it was.
+/// Whether a landing that was not stopped continues for a moment with old data: because completing it is softer, or
+/// because the drone's own odometry is missing low over the deck. Without odometry nothing is commanded, so the
+/// decision to leave can wait until the drone's place is known again.
 fn completes_without_data(
     phase: MissionPhase,
     progress: &MissionProgress,
@@ -203,7 +200,6 @@ fn completes_without_data(
     lands && touches && known && s.deck.is_some_and(goes_on)
 }
 
-/// Hold until data are fresh, unless an operator has stopped the landing meanwhile.
 fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> MissionPhase {
     if progress.stopped {
         gave_up(s, c)
@@ -212,12 +208,12 @@ fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) ->
     }
 }
 
-/// A drone that hovers without an order so low that a wave or the deck may reach it has to do so for so long, s: longer than a
-/// pilot who hands it over there and orders at once.
+/// Time for which a drone without an order hovers low over deck or waves before it climbs, s: longer than a pilot needs
+/// to hand it over there and order a landing.
 const RESTS_LOW_S: f64 = 3.0;
 
-/// Without an order a drone does not stay lower than any wave: it holds where waits are safe. One whose rotors do not carry it
-/// may stand on deck or ground.
+/// Transition of a drone that hovers without an order within reach of waves: it holds at a safe height. A drone whose
+/// rotors do not carry it may stand on deck or ground.
 fn rest(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -237,7 +233,8 @@ fn rest(
     (lasted > RESTS_LOW_S).then(|| holding(HoldCause::Operator, s, c).enter(why))
 }
 
-/// A beacon alone has led the drone too far from where that began: one that moves on would lead it anywhere.
+/// Transition of a drone that has followed a beacon alone too far from where that began: a moving beacon could lead it
+/// anywhere.
 fn way(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -254,12 +251,11 @@ fn way(
     let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
     let way_m = (here.x - x).hypot(here.y - y);
     let why = exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)?;
-    // Nor does a low battery lead it on.
+    // A low battery does not make the drone follow the beacon any further.
     progress.deck_declined = true;
     Some(gave_up(s, c).enter(why))
 }
 
-/// On the way to another place than the deck.
 pub(super) fn is_elsewhere(progress: &MissionProgress) -> bool {
     matches!(
         progress.low_battery,

@@ -1,5 +1,3 @@
-//! Every row of the concerns in every state: it acts or not, its end gives the state back, and it acts again.
-
 use alight_shared::msg::AutopilotMode;
 use nalgebra::Vector3;
 
@@ -9,7 +7,6 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// Every state, with the progress that it usually has.
 pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     let (at, yaw) = (Vector3::new(0.0, 0.0, -16.3), 0.0);
     let hold = |cause| MissionPhase::Hold {
@@ -64,7 +61,7 @@ pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     ]
 }
 
-/// Each row: what makes it count, the states in which it acts, and the state to which its action leads from a state.
+/// Test of a row: its condition, the states in which it acts, and the resulting state by the initial one.
 type Row = (
     &'static str,
     fn(&mut Situation),
@@ -149,7 +146,7 @@ fn rows_in_every_state() {
         for (phase, progress) in states() {
             let s = with(counts);
             let mut at = (phase, progress);
-            // It counts, is over, and counts again.
+            // The condition holds, clears, and holds again.
             for round in 1..=2 {
                 let d = decide(at.0, at.1, None, &s, &config());
                 let acted = d.entered.is_some() && d.phase.state() == leads_to(phase);
@@ -166,11 +163,11 @@ fn rows_in_every_state() {
             }
         }
     }
-    // A beacon's way has a test of its own.
+    // The row for the way behind a beacon has its own test.
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 
-/// Rows that neither pilot nor operator has caused give the state back once they are over.
+/// When a condition clears that neither pilot nor operator has caused, the state resumes.
 #[test]
 fn rows_that_are_over() {
     for (name, counts, _, _) in rows() {
@@ -178,9 +175,9 @@ fn rows_that_are_over() {
             "report" | "data" | "charge" => true,
             "touchdown" | "control" | "time" => false,
             "rest" => continue,
-            // It ends no landing.
+            // This row does not end a landing.
             "return" => continue,
-            _ => panic!("{name}: does it give the state back?"),
+            _ => panic!("{name}: is the state restored?"),
         };
         for phase in [MissionPhase::APPROACH, TRACKING, MissionPhase::TrackingStable] {
             let d = step(phase, &with(counts));

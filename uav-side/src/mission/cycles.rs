@@ -1,12 +1,14 @@
-//! Unattended cycles from deck to deck: take-off, the autopilot's own mission, landing, and again once the drone is ready.
+//! Unattended cycles from deck to deck: take-off, the autopilot's own mission, landing, and the next sortie once the
+//! drone is ready.
 //!
-//! A take-off that is ordered begins them, where `sorties_max` allows. After the climb out the drone is handed to the autopilot's
-//! own mission, from its beginning. It comes back when that is done, when the battery calls or when it is ordered back, lands, and
-//! stands disarmed until it is ready: by `alight command ready`, or by the charge that a charger has brought it to. The crew's
-//! clearance is asked for each time. What ends a sortie otherwise than on the deck, disarmed and without a finding, ends the
-//! cycles, and is what the mission waits for from then on. Nothing but another order to take off begins them again.
+//! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission takes
+//! over, from its beginning. The drone returns at the end of that mission, when the battery requires it or on an order,
+//! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its charge to
+//! the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck without a finding;
+//! otherwise the cycles end, and the mission reports the reason from then on. Only another order to take off starts
+//! them again.
 //!
-//! Here is what is remembered of them; `turnaround` has what the states do about it.
+//! This module holds the cycles' state; `turnaround` holds the transitions.
 
 use alight_shared::msg::ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment, NotOnDeck, SortiesDone};
 use alight_shared::msg::{Reason, State};
@@ -15,43 +17,39 @@ use alight_shared::time::{DroneClock, Time};
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Take-offs that find no moment are begun again so often.
+/// Maximum number of consecutive take-offs that end because no suitable lift-off time was found.
 const MOMENTS: u32 = 3;
 
-/// Progress of the cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycles {
-    /// They go on.
     pub(super) on: bool,
-    /// Sorties begun since the process began, by whichever order.
+    /// Sorties since the process started, over all orders.
     pub(super) sorties: u32,
-    /// Why they have ended.
     pub(super) ended: Option<Reason>,
-    /// The order that the drone is ready was given for the next sortie.
+    /// Whether an operator has confirmed that the drone is ready for the next sortie.
     pub(super) ready: bool,
-    /// The charge has been high enough since.
+    /// Time since which the charge has been sufficient.
     pub(super) charged: Option<Time<DroneClock>>,
-    /// Take-offs that found no moment since the drone stands there.
+    /// Take-offs without a suitable lift-off time since the last landing.
     pub(super) tries: u32,
 }
 
 impl Cycles {
-    /// With an order to take off.
+    /// Starts the cycles with an order to take off.
     pub(super) fn begun(self, c: &MissionConfig) -> Cycles {
         let on = self.sorties < c.sorties_max;
         Cycles {
             on,
-            // Who orders it means this drone as it is.
+            // The order also confirms that the drone is ready.
             ready: on,
             sorties: self.sorties,
             ..Cycles::default()
         }
     }
-    /// Sorties begun, and how many there are to be; the latter 0 where no cycles go on.
+    /// Number of sorties begun, and number planned; the latter is 0 without cycles.
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
     }
-    /// Why an order that the drone is ready is rejected.
     pub(super) fn rejects_ready(&self, s: &Situation, c: &MissionConfig) -> Option<Reason> {
         let none = || Reason::new(SortiesDone, self.sorties.into(), c.sorties_max.into());
         if !self.on {
@@ -59,20 +57,19 @@ impl Cycles {
         }
         (s.flight != ControlState::Disarmed).then(|| NotOnDeck.into())
     }
-    /// They end, where they go on.
     pub(super) fn end(&mut self, why: Reason) {
         if self.on {
             (self.on, self.ended) = (false, Some(why));
         }
     }
-    /// The drone has left the deck.
+    /// Counts a sortie whose drone has left the deck.
     pub(super) fn leave(&mut self) {
         self.sorties = self.sorties.saturating_add(1);
         (self.ready, self.charged, self.tries) = (false, None, 0);
     }
-    /// Follows a change from one state to another, whose reason may end them.
+    /// Processes a change of state, whose reason may end the cycles.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
-        // Somebody else has it now.
+        // A pilot or another program controls the drone now.
         let is_anothers = before == State::StandDown && why.code != Disarmed;
         let ends = after == State::GaveUp
             || after == State::Landed && why.code == HardContact

@@ -1,5 +1,3 @@
-//! Unattended cycles: what begins the next sortie, and what ends them; and the way to a vessel that is not received.
-
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRefused,
     HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack,
@@ -15,7 +13,7 @@ use super::tests::{at, with};
 use super::*;
 const LANDED: MissionPhase = MissionPhase::STANDS;
 
-/// In cycles of which one sortie has begun.
+/// Cycles in which one sortie has begun.
 fn cycling() -> MissionProgress {
     MissionProgress {
         started: at(9.0),
@@ -50,7 +48,7 @@ fn hold() -> MissionPhase {
 
 #[test]
 fn next_sortie_by_charge_or_by_order() {
-    // Charged for 30 s.
+    // The charge has been sufficient for 30 s.
     let d = step(LANDED, cycling(), None, &standing(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (LANDED, NotReady));
     let later = standing(|s| s.now = at(39.0));
@@ -62,14 +60,14 @@ fn next_sortie_by_charge_or_by_order() {
         (MissionPhase::Preparing, SortieBegins)
     );
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
-    // By the order, once the crew has cleared the deck.
+    // The drone is ready by the order, once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
     let d = step(LANDED, cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
     let cleared = standing(|s| s.battery = Some(0.5));
     let d = step(LANDED, d.progress, None, &cleared);
     assert_eq!(d.entered.unwrap().code, SortieBegins);
-    // The order is for nothing else.
+    // The order applies to cycles only.
     let d = step(
         LANDED,
         MissionProgress::default(),
@@ -93,10 +91,10 @@ fn preparation_of_the_next_sortie() {
             d.progress.cycles.ended,
         )
     };
-    // The clearance from aboard is taken back.
+    // The crew withdraws its clearance.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
-    // The sea is waited for, however long; what does not pass is not.
+    // The mission waits for calmer waves for any length of time, but not for conditions that do not pass.
     let steep = |s: &mut Situation| {
         s.now = at(500.0);
         s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
@@ -180,14 +178,14 @@ fn endings_of_unattended_cycles() {
             "{phase:?}"
         );
     }
-    // It lands where its mission does not begin, and is handed over before.
+    // The drone lands if its own mission does not start; before that the hand-over is in progress.
     let d = step(hold(), handed, None, &with(|_| {}));
     assert!(d.progress.landing && d.phase.state() == State::Hold);
     let soon = with(|s| s.now = at(3.0));
     assert_eq!(step(hold(), handed, None, &soon).waiting.code, HandsOver);
 }
 
-/// No moment came: again, three times.
+/// A take-off without a suitable lift-off time is tried three times.
 #[test]
 fn unattended_cycles_without_a_moment() {
     let spins = MissionPhase::SpinUp {
@@ -228,8 +226,8 @@ fn mission_restarted_while_it_hands_over() {
     }
 }
 
-/// A mission that begins long after the one before it, or on another boot of the computer, knows what the flight is for: a drone that
-/// hovers 60 m away comes back when its battery calls. One that is disarmed is on no sortie.
+/// A mission that starts long after its predecessor, or on another boot of the computer, knows the purpose of the
+/// flight: a drone that hovers 60 m away returns when its battery requires it. A disarmed drone is on no sortie.
 #[test]
 fn purpose_of_an_aged_checkpoint() {
     let kept = |sortie, deck_declined| {
@@ -295,10 +293,10 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
     assert_eq!(d.waiting.code, MissionDone);
-    // The pilot has the drone meanwhile: it is asked for no more.
+    // A pilot controls the drone now, so Alight no longer requests control.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
-    // Without a sortie no return is due.
+    // Without a sortie the drone does not return.
     let d = step(
         MissionPhase::Idle,
         MissionProgress::default(),
@@ -306,7 +304,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
         &flown(OwnMission::Done),
     );
     assert_eq!((d.entered, d.progress.landing), (None, false));
-    // An order ends the mission of a cycle; of a single sortie the pilot gives the mode.
+    // Within a cycle an order ends the autopilot's own mission; in a single sortie the pilot selects the mode.
     let land = Some(CommandKind::Land);
     for (progress, expected) in [
         (on_sortie, OrderedBack),
@@ -355,11 +353,12 @@ fn way_to_a_vessel_that_is_not_received() {
             (MissionPhase::Seek, SeeksVessel)
         );
     }
-    // At the approach height, its nose towards the place.
+    // It flies at the approach height and heads for the place.
     let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Not received, until the last moment for home; received, as any landing.
+    // Without reception it seeks the vessel until the last moment at which it can reach home; with reception the
+    // landing proceeds as usual.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(
@@ -380,7 +379,7 @@ fn way_to_a_vessel_that_is_not_received() {
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // Without a sortie no vessel is sought before the charge calls, nor one that is too far away.
+    // Without a sortie the drone seeks no vessel before the charge requires it, and none that is too far away.
     let stays = MissionProgress {
         sortie: false,
         ..called

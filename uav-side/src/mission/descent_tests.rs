@@ -1,5 +1,3 @@
-//! State table of a descent and a flare.
-
 use alight_shared::msg::ReasonCode::{
     Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings, TiltExcess,
     TooSteep, VisionLost,
@@ -17,7 +15,7 @@ use crate::fixtures::{drone, forecast, header, level};
 
 #[test]
 fn flare_clearance() {
-    // The deck rose to the descending drone: going on is the safer way.
+    // The deck has risen to the descending drone: continuing is safer.
     let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
     let low = with_deck(|d| d.clearance_m = 0.85);
     let rows = [
@@ -61,7 +59,7 @@ fn tilt_beyond_the_command_in_the_air() {
             ..with_deck(|d| d.clearance_m = clearance)
         };
         goes(&step(phase, &tilted(11.0, clearance)), Tracking, TiltExcess);
-        // The deck tilts what touches it.
+        // The deck tilts a drone that touches it.
         for s in [tilted(9.0, clearance), tilted(30.0, 0.1)] {
             assert_ne!(step(phase, &s).phase.state(), Tracking);
         }
@@ -79,7 +77,7 @@ fn soft_violations_below_the_commit_clearance() {
     goes(&run(FREE_FLARE, &soft(0.85), 2.0), Tracking, VisionLost);
     let rows = [
         (soft(0.5), 2.0, Stay(Flare, VisionLost)),
-        // The deck fell away again: there is time to judge.
+        // The deck has fallen away again, so there is time to decide.
         (soft(1.5), 2.0, Enter(Tracking, VisionLost)),
     ];
     table(COMMITTED, rows);
@@ -104,13 +102,13 @@ fn relative_place_instead_of_lost_tags() {
     let rows = [
         (lost(1.8, 0.2), 2.0, Stay(Descent, Descending)),
         (lost(0.85, 0.2), 0.0, Enter(Flare, FlareHeight)),
-        // It ends, or it has never been confirmed.
+        // The relative place expires, or the tags have never confirmed it.
         (lost(1.8, 2.0), 1.0, Enter(Tracking, VisionLost)),
         (lost(1.8, f64::INFINITY), 1.0, Enter(Tracking, VisionLost)),
     ];
     table(DESCENT, rows);
     waits(&run(FREE_FLARE, &lost(0.85, 0.2), 1.0), Flare, Flaring);
-    // No descent begins without the tags.
+    // A descent begins only with the tags.
     let undetected_s = config().descent_vision_s + 0.5;
     let above = with_deck(|d| (d.vision_age_s, d.relative_age_s) = (undetected_s, 0.2));
     waits(

@@ -1,4 +1,4 @@
-//! Ends of orders: one that waits, one of the flight before, heights in doubt.
+//! Tests of the ends of orders: waiting orders, orders of a previous flight, doubtful heights.
 
 use alight_shared::msg::ReasonCode::{HeightsDisagree, NotCommanded, NotFlying, OffHeight, OrderExpired};
 use alight_shared::msg::{AutopilotMode, CommandKind};
@@ -7,7 +7,7 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// An order to land waits a minute for a flight, and no longer.
+/// An order to land waits for a flight for a minute at most.
 #[test]
 fn order_that_waits_for_a_flight() {
     let given = at(10.0);
@@ -31,7 +31,7 @@ fn order_that_waits_for_a_flight() {
         let d = step(&d, &waiting(61.0));
         goes(&d, State::Idle, OrderExpired);
         assert!(!d.progress.landing);
-        // The mode is given an hour later.
+        // A pilot selects our mode an hour later.
         let later = Situation {
             now: given + Span::from_secs(3600.0),
             ..fair()
@@ -52,7 +52,7 @@ fn order_of_the_flight_before() {
     waits(&d, State::Idle, NotFlying);
     let disarmed = with(|s| s.flight = ControlState::Disarmed);
     goes(&step(&d, &disarmed), State::Idle, OrderExpired);
-    // One that is given to a disarmed drone waits for the take-off.
+    // An order to a disarmed drone waits for the take-off.
     let d = commanded(
         (MissionPhase::Idle, MissionProgress::default()),
         CommandKind::Land,
@@ -63,7 +63,8 @@ fn order_of_the_flight_before() {
     assert_eq!(step(&d, &fair()).phase.state(), State::GetAltitude);
 }
 
-/// A deck whose height another witness contradicts is approached no lower than both allow, and never followed down.
+/// If a second height source contradicts the deck's height, the approach stays above both levels, and no descent
+/// follows the deck.
 #[test]
 fn heights_that_disagree_in_every_phase() {
     let doubtful = with(|s| {
@@ -82,7 +83,7 @@ fn heights_that_disagree_in_every_phase() {
     for phase in [DESCENT, FREE_FLARE] {
         goes(&run(phase, &doubtful, 1.0), State::Tracking, HeightsDisagree);
     }
-    // Committed it goes on.
+    // A committed flare continues.
     let low = Situation {
         deck: doubtful.deck.map(|d| Deck {
             clearance_m: 0.4,

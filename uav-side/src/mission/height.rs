@@ -1,21 +1,23 @@
-//! Witnesses of the deck's height: what confirms or contradicts the forecast before a drone goes lower than it has flown.
+//! Second sources (witnesses) of the deck's height, which confirm or contradict the forecast before a drone goes lower
+//! than it has flown.
 //!
-//! Until a camera sees the deck, its height in the drone's NED is the difference of two receivers' heights, and one that lacks
-//! the geoid is wrong by up to 100 m. So a second witness has to agree, each within what it errs by (a level of the deck,
-//! NED z, against that of the forecast):
+//! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers' heights, and a
+//! receiver that ignores the geoid is wrong by up to 100 m. Therefore a second source has to agree within its error
+//! (deck level, NED z, against the forecast's):
 //!
-//! | witness | level of the deck | errs by |
+//! | witness | deck level | error |
 //! |---|---|---|
-//! | take-off | where the feet stood on the deck | drift of barometer or GNSS height in a flight |
-//! | mean sea level, by the origin that the autopilot reports | still water with the deck's height over it | tide, both receivers, their geoid models |
-//! | camera | the forecast while it sees the deck, and since | drift, as for a take-off |
-//! | rangefinder | whatever is below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
+//! | take-off | feet's level on the deck | drift of barometer or GNSS height in a flight |
+//! | mean sea level, from the autopilot's origin | deck's height above still water | tide, receivers, geoid models |
+//! | camera | forecast during and since a detection | drift, as for a take-off |
+//! | rangefinder | surface below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
-//! A relative place that the tags have confirmed counts as the camera.
+//! A relative place that the tags have confirmed has the role of the camera.
 //!
-//! A witness that has the deck *higher* by more than it errs by contradicts: the drone stays as high as if both levels were
-//! the deck's. Without a witness it stays no lower than a pilot flew it. Mean sea level is no witness where the drone
-//! itself has been lower (an inland water below the sea), and contradicts nothing that a take-off from the deck confirms.
+//! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error: the drone then
+//! stays high enough for both levels. Without a witness it stays no lower than a pilot has flown it. Mean sea level is
+//! no witness if the drone itself has been lower (an inland water below sea level), and contradicts no height that a
+//! take-off from the deck confirms.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
@@ -28,39 +30,40 @@ use super::phase::DroneTime;
 use super::situation::relative_age_s;
 use crate::mission_config::MissionConfig;
 
-/// The mean level that counts follows the forecasts' no faster than this, m/s: many times what two GNSS receivers drift apart.
-/// The minimum altitude depends on it, and a wrong forecast (20 m below the water, from an estimator that had lost the
-/// tilt) must not lower it; a frame that moves for good shows in the count of origin resets.
+/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS receivers.
+/// The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, from an estimator that had lost
+/// the tilt) must not lower it. A permanent jump of the frame is reported by the count of origin resets.
 const LEVEL_MPS: f64 = 0.2;
-/// A deck whose height is known no better was not detected, standard deviation, m: two receivers are worse, a camera that
-/// sees the tag from the tracking height ten times better.
+/// Standard deviation of the deck's height above which the deck is not considered detected, m: that of two receivers is
+/// larger; that of a camera that detects the tag from the tracking height is ten times smaller.
 const VISION_SD_M: f64 = 0.5;
 
-/// A take-off's level, and that of the last sight, err by this, m: a barometer drifts by 1 to 4 m in ten minutes, and rises
-/// and falls of a deck at sea are not averaged.
+/// Error of the levels by a take-off and by the last detection, m: a barometer drifts by 1 to 4 m in ten minutes, and
+/// the deck's heave is not averaged.
 const FLIGHT_DRIFT_M: f64 = 5.0;
-/// Mean sea level errs by this, m: tides of up to 4 m from the mean, two receivers of 2 m each, and geoid models of 1 m.
+/// Error of mean sea level, m: tides of up to 4 m from the mean, two receivers of 2 m each, and geoid models of 1 m.
 const SEA_LEVEL_M: f64 = 8.0;
-/// Nearer than this to the deck's centre, by the forecast, a disarmed drone stands on the deck, m: two receivers.
+/// Distance from the deck's centre, by the forecast, within which a disarmed drone stands on the deck, m: two
+/// receivers.
 const ON_DECK_M: f64 = 4.0;
 
-/// Readings of a surface count when they have come for so long, s, and for so long after the last.
+/// Time for which readings of a surface have to continue before they are used, s, and time after the last one for which
+/// they stay in use.
 const SURFACE_LASTS_S: f64 = 0.5;
 const SURFACE_STALE: Span = Span::from_millis(500);
-/// Readings that differ by more than this are of another surface, m: waves and a deck's edge.
+/// Difference of two readings above which they belong to different surfaces, m: it allows for waves; a deck's edge
+/// exceeds it.
 const SURFACE_JUMP_M: f64 = 3.0;
-/// Time constant of a surface's height, s.
 const SURFACE_TIME_S: f64 = 0.5;
 
 /// Surface below the drone, by its rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Surface {
-    /// Since when, the newest reading, and its height, NED z, m.
+    /// Time of the first and of the newest reading, and the surface's height, NED z, m.
     observed: Option<(DroneTime, DroneTime, f64)>,
 }
 
 impl Surface {
-    /// A reading of a surface at the height `z` (NED, m).
     pub(super) fn update(&mut self, at: DroneTime, z: f64) {
         let same = |(_, last, level): &(DroneTime, DroneTime, f64)| {
             at > *last && at - *last <= SURFACE_STALE && (z - level).abs() <= SURFACE_JUMP_M
@@ -72,65 +75,61 @@ impl Surface {
             None => z.is_finite().then_some((at, at, z)),
         };
     }
-    /// Height of the surface, NED z, m, when readings of it last.
+    /// Height of the surface, NED z, m; None until readings of it have lasted.
     pub(super) fn level(&self, now: DroneTime) -> Option<f64> {
         let (since, last, level) = self.observed?;
         (now - last <= SURFACE_STALE && (last - since).secs() >= SURFACE_LASTS_S).then_some(level)
     }
 }
 
-/// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeightInput {
-    /// Deck's mean level of the newest forecast, NED z, m.
+    /// Deck's mean level in the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
-    /// The camera sees the deck, or a relative place that the tags have confirmed shows it, by the forecast.
+    /// Whether the camera detects the deck, or a relative place that the tags have confirmed gives its position.
     pub(super) observed: bool,
-    /// Drone's centre of mass, NED z, m, where odometry is fresh.
+    /// Drone's centre of mass, NED z, m; None without fresh odometry.
     pub(super) own_z: Option<f64>,
     /// Feet below the centre of mass, m.
     pub(super) feet_m: f64,
     /// Horizontal distance from the deck's centre, m.
     pub(super) distance_m: f64,
-    /// By the autopilot.
     pub(super) landed: LandedState,
-    /// The motors may turn.
     pub(super) armed: bool,
     /// Height of the origin above mean sea level, m.
     pub(super) origin_sea_m: Option<f64>,
-    /// The mission commands the drone's height.
+    /// Whether the mission commands the drone's height.
     pub(super) flies: bool,
 }
 
-/// The witnesses, in the drone's present NED.
+/// Level according to each witness, in the drone's present NED.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct HeightWitnesses {
     /// Mean sea level, NED z, m.
     sea_z: Option<f64>,
-    /// Deck's level where the drone stood on it, NED z, m.
+    /// Level of the deck at the take-off, NED z, m.
     take_off_z: Option<f64>,
-    /// Deck's level while the camera saw it, NED z, m.
+    /// Level of the deck while the camera detected it, NED z, m.
     vision_z: Option<f64>,
-    /// The lowest place that the drone has been at without the mission, NED z, m.
+    /// Lowest height to which someone other than the mission has flown the drone, NED z, m.
     proven_z: Option<f64>,
 }
 
-/// Limits of the drone's height by the witnesses of the deck's level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heights {
-    /// The highest level of the deck among forecast and witnesses that contradict it, NED z, m.
+    /// Highest deck level among the forecast and the witnesses that contradict it, NED z, m.
     pub(super) deck_z: Option<f64>,
-    /// Highest level of the water, NED z, m: before the camera has detected the deck no lower than mean sea level.
+    /// Highest level of the water, NED z, m: at least mean sea level until the camera has detected the deck.
     pub(super) water_z: Option<f64>,
-    /// The drone goes no lower than this, NED z, m; None: its heights over the deck count.
+    /// Lower limit of the drone's height, NED z, m; None if only its heights over the deck apply.
     pub(super) lowest_z: Option<f64>,
-    /// Why it goes no lower.
+    /// Reason for that limit.
     pub(super) doubt: Option<Reason>,
 }
 
 impl Heights {
-    /// These limits for a drone at `own_z` that sees a surface at `surface_z` below it: it goes no lower than `clear_m`
-    /// above that, but does not climb for it: a reading that is too short follows the drone up.
+    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. This limit does not make the
+    /// drone climb, because a range that is wrongly short would follow the drone upwards.
     pub(super) fn above_surface(self, surface_z: f64, own_z: f64, above_m: f64, clear_m: f64) -> Heights {
         let lowest = (surface_z - clear_m).max(own_z);
         let aims_z = self.deck_z.map(|deck| deck - above_m);
@@ -151,23 +150,22 @@ impl Heights {
 }
 
 impl HeightWitnesses {
-    /// The frame itself has moved.
+    /// Clears all levels after a jump of the frame.
     pub(super) fn forget(&mut self) {
         *self = HeightWitnesses::default();
     }
 
-    /// Takes what is known now.
     pub(super) fn update(&mut self, i: &HeightInput, c: &MissionConfig) {
         self.sea_z = i.origin_sea_m;
         let stands = !i.armed || i.landed == LandedState::OnGround;
         if let Some(z) = i.own_z {
-            // From the ground a drone climbs clear of the waves first.
+            // From the ground a drone first climbs clear of the waves.
             let z = if stands { z - c.minimum_altitude_m } else { z };
             if !i.flies || self.proven_z.is_none() {
                 self.proven_z = Some(self.proven_z.map_or(z, |p| p.max(z)));
             }
         }
-        // A heartbeat that is late reports a drone in the air as disarmed.
+        // A late heartbeat may report an airborne drone as disarmed.
         let rests = !i.armed && i.landed == LandedState::OnGround;
         if let Some(z) = i.own_z.filter(|_| rests && i.distance_m < ON_DECK_M) {
             self.take_off_z = Some(z + i.feet_m);
@@ -177,13 +175,13 @@ impl HeightWitnesses {
         }
     }
 
-    /// Mean sea level where the drone itself does not refute it, NED z, m.
+    /// Mean sea level unless the drone itself has been lower, NED z, m.
     fn sea_z(&self) -> Option<f64> {
         let below = |sea: &f64| self.proven_z.is_some_and(|p| p > sea + SEA_LEVEL_M);
         self.sea_z.filter(|sea| !below(sea))
     }
 
-    /// The levels of the deck with what they err by; `deck_m`: height of the deck over still water.
+    /// Levels of the deck with their errors, m; `deck_m`: height of the deck over still water.
     fn levels(&self, deck_m: f64) -> [Option<(f64, f64)>; 3] {
         [
             self.take_off_z.map(|z| (z, FLIGHT_DRIFT_M)),
@@ -192,12 +190,12 @@ impl HeightWitnesses {
         ]
     }
 
-    /// A witness has the deck at this level, NED z, m, and none has it higher.
+    /// Whether a witness confirms this level (NED z, m) and none has a higher one.
     pub(super) fn confirm(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, observed] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, observed])
     }
-    /// Confirmation by witnesses that do not rest on the forecast.
+    /// Whether the witnesses that do not depend on the forecast confirm the level.
     pub(super) fn confirm_aside(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, _] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, None])
@@ -207,7 +205,7 @@ impl HeightWitnesses {
         self.contradiction(z, deck_m).is_none() && levels.iter().flatten().any(near)
     }
 
-    /// The highest level that contradicts the deck's at `z`, with what it errs by.
+    /// The highest level that contradicts the deck's at `z`, with its error.
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
         let [take_off, sea, observed] = self.levels(deck_m);
         let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);
@@ -218,7 +216,7 @@ impl HeightWitnesses {
             .reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 
-    /// Judges a deck at the mean level `mean_z` and at that of the newest forecast, NED z, m; `deck_m`: height of the
+    /// Assesses a deck at the mean level `mean_z` and at that of the newest forecast, NED z, m; `deck_m`: height of the
     /// deck over still water, `above_m`: height of the approach over the deck.
     pub(super) fn judge(
         &self,
@@ -230,7 +228,7 @@ impl HeightWitnesses {
         let Some(mean) = mean_z else {
             return Heights::default();
         };
-        // The lower of both is the more dangerous.
+        // The lower of both levels is the more dangerous one.
         let lowest = forecast_z.map_or(mean, |z| z.max(mean));
         let sea_z = self.sea_z().filter(|_| self.vision_z.is_none());
         let water_z = sea_z.map_or(mean + deck_m, |sea| sea.min(mean + deck_m));
@@ -262,12 +260,10 @@ impl HeightWitnesses {
 }
 
 impl MissionNode {
-    /// Height of the deck over still water, m.
     fn deck_height_m(&self) -> f64 {
         -self.deck_geometry.centre_m[2]
     }
 
-    /// Limits of the drone's height by the witnesses of the deck's.
     pub(super) fn heights(&mut self, now: DroneTime) -> Heights {
         let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
         let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
@@ -288,7 +284,7 @@ impl MissionNode {
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
                 landed: a.landed,
                 armed: a.armed,
-                // In the frame that goes on through the jumps of the autopilot's estimate.
+                // In the frame that stays continuous across jumps of the autopilot's estimate.
                 origin_sea_m: a.origin_sea_m.zip(own).map(|(m, d)| m + d.datum_offset[2]),
                 flies: self.phase.flies(),
             };
@@ -306,20 +302,19 @@ impl MissionNode {
         }
     }
 
-    /// Follows the deck's mean level of a forecast, NED z, m.
+    /// Updates the deck's mean level with that of a forecast, NED z, m.
     pub(super) fn follow_level(&mut self, at: DroneTime, z: f64) {
         let mean = self.mean_deck_z.map_or(z, |(last, mean)| {
             let limit_m = LEVEL_MPS * (at - last).secs().max(0.0);
             mean + (z - mean).clamp(-limit_m, limit_m)
         });
-        // Vision has corrected the radio: what a second witness confirms need not be followed slowly.
+        // A jump by which vision corrects the radio is followed at once if a second witness confirms it.
         let (deck_m, w) = (self.deck_height_m(), &self.heights);
         let rises = z < mean && w.confirm(z, deck_m) && !w.confirm(mean, deck_m);
         let agrees = rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m);
         self.mean_deck_z = Some((at, if agrees { z } else { mean }));
     }
 
-    /// Takes what the rangefinder sees below the drone.
     pub(super) fn see_surface(&mut self, now: DroneTime, ranges: &[RangeSample]) {
         let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
         for (m, d) in ranges.iter().zip(own.into_iter().cycle()) {
@@ -336,7 +331,7 @@ mod tests {
     const DECK_M: f64 = 1.3;
     const ABOVE_M: f64 = 15.0;
 
-    /// In the air, flown by a pilot at this height above its origin.
+    /// Input of a drone that a pilot flies at the height `own_z`.
     fn airborne(own_z: f64) -> HeightInput {
         HeightInput {
             forecast_z: None,
@@ -362,7 +357,7 @@ mod tests {
         h.doubt.map(|why| why.code)
     }
 
-    /// A vessel whose receiver is silent of the geoid: its deck 22 to 51 m too low, or too high.
+    /// A vessel whose receiver ignores the geoid: its deck is 22 to 51 m too low, or too high.
     #[test]
     fn height_against_mean_sea_level() {
         let at_sea = HeightInput {
@@ -378,11 +373,11 @@ mod tests {
             assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
             assert!((h.lowest_z.unwrap() - (true_z - ABOVE_M)).abs() < 1e-9, "{h:?}");
             assert!((h.water_z.unwrap() - 10.0).abs() < 1e-9, "{h:?}");
-            // Too high: up there nothing sees the deck, and nothing is met.
+            // If the deck's level is too high, the drone stays too far above the deck, at a safe height.
             let h = judged(&w, true_z - wrong_m);
             assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         }
-        // A wrong level of the newest forecast counts before the mean has followed.
+        // A wrong level in the newest forecast is noticed before the mean has followed it.
         let h = w.judge(Some(true_z), Some(true_z + 30.0), DECK_M, ABOVE_M);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
     }
@@ -394,7 +389,7 @@ mod tests {
         let h = judged(&w, 5.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         assert_eq!(h.lowest_z, Some(-20.0));
-        // Nor lower as the mission lets it drift; as low as a pilot flies it.
+        // A drift under the mission does not lower the limit; a pilot's flight does.
         let drifts = HeightInput {
             flies: true,
             ..airborne(-17.0)
@@ -403,7 +398,7 @@ mod tests {
         assert_eq!(judged(&w, 5.0).lowest_z, Some(-20.0));
         w.update(&airborne(-8.0), &MissionConfig::default());
         assert_eq!(judged(&w, 5.0).lowest_z, Some(-8.0));
-        // Until a camera sees the deck.
+        // The limit applies until a camera detects the deck.
         let sees = HeightInput {
             forecast_z: Some(6.0),
             observed: true,
@@ -429,7 +424,8 @@ mod tests {
         }
     }
 
-    /// Radio and sea level are wrong alike: the autopilot's origin is. The rangefinder sees the water come.
+    /// Radio and sea level share an error, that of the autopilot's origin. The rangefinder measures the approaching
+    /// water.
     #[test]
     fn height_above_the_surface_that_the_rangefinder_sees() {
         let deck_z = 40.0;
@@ -447,7 +443,7 @@ mod tests {
             (h.lowest_z, code(&h)),
             (Some(-3.0), Some(ReasonCode::HeightsDisagree))
         );
-        // Too low already, or a beam that ends at the drone's own feet: no lower.
+        // The drone is already too low, or the beam ends at its own feet: the limit is the present height.
         assert_eq!(observed(0.0, -1.0).lowest_z, Some(-1.0));
         assert_eq!(observed(-50.0, -50.5).lowest_z, Some(-50.5));
 
@@ -458,7 +454,7 @@ mod tests {
             surface.update(at(t), 1.0);
             assert_eq!(surface.level(at(t)), None);
         }
-        // One reading of spray restarts it.
+        // One reading of spray restarts the surface.
         surface.update(at(10.4), -8.0);
         for k in 1..40 {
             surface.update(at(10.4 + 0.02 * f64::from(k)), 1.0);
@@ -477,12 +473,12 @@ mod tests {
             ..airborne(-0.3)
         };
         let w = after(&[on_deck, airborne(-20.0)]);
-        // Its own tide: mean sea level would be 13 m below the deck.
+        // At this tide mean sea level would be 13 m below the deck.
         assert_eq!(code(&judged(&w, 0.5)), None);
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
         assert!((h.deck_z.unwrap()).abs() < 1e-9, "{h:?}");
-        // One that appears above the deck, and is reported armed late.
+        // A drone that appears above the deck and is reported armed late.
         let appears = HeightInput {
             distance_m: 1.0,
             armed: false,

@@ -1,5 +1,3 @@
-//! Interruptions of every state: stale data, operators, retries, battery, time limit, lost control.
-
 use alight_shared::msg::ReasonCode::{
     Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
     NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, Touchdown,
@@ -86,7 +84,7 @@ fn on_the_deck() -> ContactOutcomes {
     }
 }
 
-/// A drone low over the deck that a climb would meet at this speed.
+/// A drone low over the deck whose climb would hit the deck at this speed.
 fn low(contact_mps: f64) -> Situation {
     with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(ContactOutcomes::of_speeds(0.5, Some(contact_mps)))))
 }
@@ -104,14 +102,14 @@ fn abort_with_a_climb_into_the_deck() {
         for s in [low(0.8), on_it] {
             let d = commanded(COMMITTED, command, &s);
             waits(&d, State::Flare, CompletesLanding);
-            // Twice is once, also where the climb has become possible.
+            // A second order has no effect, even if the climb has become possible.
             let d = commanded(&d, command, &low(0.1));
             waits(&d, State::Flare, CompletesLanding);
             let mut stopped = s;
             stopped.motors_stopped = true;
             goes(&step(&d, &stopped), State::Landed, Touchdown);
         }
-        // Where the landed drone would slide overboard, only a harmful contact is worse than to climb.
+        // If the landed drone would slide overboard, it climbs unless that contact is harmful.
         let slides = |contact_mps| Situation {
             staying: Staying {
                 probability: 0.8,
@@ -122,7 +120,7 @@ fn abort_with_a_climb_into_the_deck() {
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
         let d = commanded(COMMITTED, command, &slides(1.1));
         waits(&d, State::Flare, CompletesLanding);
-        // Not off the deck.
+        // The drone is not above the deck.
         let mut off_deck = low(0.8);
         off_deck.outside_m = 0.5;
         goes(&commanded(COMMITTED, command, &off_deck), climbs, Operator);
@@ -140,7 +138,7 @@ fn abort_with_a_completed_landing_broken_off() {
     let gone = step(&d, &stale);
     goes(&gone, State::GaveUp, ForecastStale);
     waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);
-    // A later order to land counts.
+    // A later order to land is carried out.
     let again = commanded(&d, CommandKind::Land, &low(0.8));
     goes(&step(&again, &missed), State::Tracking, Deviated);
 }
@@ -166,7 +164,7 @@ fn hold_position_with_the_deck() {
             phase => panic!("{phase:?}"),
         };
         assert_eq!(place(&d, &at_height(-5.0, 1.0)), (30.0, true));
-        // High enough; the vessel is gone; the deck is not known.
+        // Cases: high enough; vessel far away; deck unknown.
         assert_eq!(place(&d, &at_height(-17.0, 1.0)), (0.0, false));
         assert_eq!(place(&d, &at_height(-5.0, 11.0)), (0.0, false));
         let mut stale = at_height(-5.0, 1.0);
@@ -196,7 +194,7 @@ fn abort_of_an_idle_drone() {
         let d = commanded(idle, CommandKind::Abort, &s);
         waits(&d, State::Idle, Operator);
         waits(&step(&d, &s), State::Idle, Operator);
-        // Twice is once.
+        // A second order has no effect.
         waits(&commanded(&d, CommandKind::Abort, &s), State::Idle, Operator);
         waits(&commanded(&d, CommandKind::Land, &s), State::Idle, NotFlying);
     }
@@ -212,7 +210,7 @@ fn abort_after_a_touchdown() {
     };
     let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &in_air(true));
     goes(&d, State::GaveUp, Operator);
-    // The pilot's stop is known to be false until it is taken back; the next counts again.
+    // A false stop of the pilot is ignored until it is withdrawn; the next stop is accepted again.
     let d = step(&d, &in_air(true));
     assert_eq!(d.phase.state(), State::GaveUp);
     let d = step(&d, &in_air(false));
@@ -226,7 +224,8 @@ fn abort_after_a_touchdown() {
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
     }
-    // The thrust is not known: the height above the deck shows that it flies, and without it the pilot's mode does.
+    // If the thrust is unknown, the height above the deck shows that the drone flies; if that is unknown, too, the
+    // pilot's mode shows it.
     let silent = |mut s: Situation| {
         s.rotors_carry = None;
         s
@@ -251,7 +250,7 @@ fn abort_after_a_touchdown() {
             State::Landed
         );
     }
-    // Without an order it takes a second of being carried.
+    // Without an order the rotors have to carry the drone for a second.
     let d = run(MissionPhase::LANDED, &in_air(true), 0.9);
     assert_eq!(d.phase.state(), State::Landed);
     let d = run(MissionPhase::LANDED, &in_air(true), 1.5);
@@ -275,7 +274,7 @@ fn last_attempt() {
             goes(&d, State::GaveUp, OutOfRetries);
         }
     }
-    // However it came back above the deck, it does not begin another.
+    // A further descent does not begin, regardless of how the drone came back above the deck.
     let d = step((MissionPhase::TrackingStable, progress), &fair());
     goes(&d, State::GaveUp, OutOfRetries);
 }
@@ -287,7 +286,7 @@ fn completion_of_a_landing_without_data() {
         ContactOutcomes::of_speeds(0.5, None),
         ContactOutcomes::of_speeds(0.5, Some(harder)),
     );
-    // Without odometry nothing is commanded, and whether it leaves is decided once it is back.
+    // Without odometry no set-point is sent; whether the drone leaves is decided afterwards.
     for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
         (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),
@@ -327,7 +326,7 @@ fn hard_contact_that_is_not_repeated() {
     goes(&d, State::Landed, HardContact);
     let text = d.entered.unwrap_or_default().to_string();
     assert!(text.starts_with("hard contact at 2.6 m/s (limit 1.5)"), "{text}");
-    // It bounced over the edge: no further attempt without a new order.
+    // After a bounce over the edge no further attempt is made without a new order.
     let d = step(
         COMMITTED,
         &hard(|s| (s.outside_m, s.deck.as_mut().unwrap().clearance_m) = (0.5, 0.3)),
@@ -342,13 +341,13 @@ fn hard_contact_that_is_not_repeated() {
 }
 
 #[test]
-fn order_after_a_lapse_and_a_takeover() {
+fn order_after_a_set_point_loss_and_a_takeover() {
     let holds = with(|s| s.flight = ControlState::Lapsed);
     let d = step(DESCENT, &holds);
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);
     let d = run(&d, &holds, 5.0);
-    // Set-points are back: it begins again.
+    // The set-points are back, and the landing starts again.
     goes(&step(&d, &fair()), State::GetAltitude, Commanded);
     for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {
         let taken = step(&d, &with(|s| s.flight = ControlState::OtherControl(mode)));

@@ -1,5 +1,5 @@
-//! Evidence for a take-off: its probability while the drone stands on the deck, the thrust of its rotors, how far it has
-//! risen since they could first lift it, and whether it stands.
+//! Evidence for a take-off: its probability, the rotors' thrust, the rise since the rotors could first lift the drone,
+//! and whether the drone stands.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{RangeSample, State};
@@ -13,43 +13,40 @@ use super::situation::{ControlState, Situation, hover_thrust};
 use crate::lift_off::{LIES_BELOW_M, Rise};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
 
-/// Rotors that give this much of hover's thrust by the autopilot's report turn: a third of what they idle at.
+/// Fraction of hover's thrust, by the autopilot's report, above which rotors turn: a third of idle.
 const TURN_OF_HOVER: f64 = 0.1;
-/// Rotors that give no more than this lift nothing, and those that give this lift a drone that nothing holds.
+/// Thrust below which the rotors cannot lift the drone, and thrust that lifts it if its feet do not stick, as fractions
+/// of hover's.
 const IDLE_OF_HOVER: f64 = 0.7;
 const LIFTS_OF_HOVER: f64 = 1.05;
-/// Odometry and reports of the rotors that are older than this do not show that nothing has moved, s.
+/// Maximum age of odometry and rotor reports as evidence that nothing has moved, s.
 const RECENT_S: f64 = 0.2;
 
-/// The monitors of a take-off.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LeavingMonitor {
-    /// The newest range.
     range: Option<RangeSample>,
-    /// Since the rotors could first lift the drone; None: it was not watched from then on.
+    /// Rise since the rotors could first lift the drone; None if that moment was missed.
     rise: Option<Rise>,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// The drone was witnessed to stand last, or began to be watched.
+    /// Last time at which a witness showed that the drone stands, or start of the observation.
     witnessed: Option<DroneTime>,
     turn: Option<DroneTime>,
     lift: Option<DroneTime>,
 }
 
-/// For so long, s; `since` remembers when that began.
+/// Duration for which `holds` has been true, s; `since` stores its start.
 fn lasts(since: &mut Option<DroneTime>, holds: bool, now: DroneTime) -> f64 {
     *since = holds.then(|| since.unwrap_or(now));
     since.map_or(0.0, |at| (now - at).secs())
 }
 
 impl MissionNode {
-    /// Readings of the rangefinder.
     pub(super) fn keep_range(&mut self, ranges: &[RangeSample]) {
         let newest = ranges.iter().max_by_key(|r| r.header.at);
         self.leaving.range = newest.copied().or(self.leaving.range);
     }
 
-    /// Judges a take-off.
     pub(super) fn judge_take_off(&mut self, now: DroneTime, s: &mut Situation) {
         if let (true, Some(forecast)) = (
             self.phase.stands() && s.fresh_deck().is_some(),
@@ -78,7 +75,6 @@ impl MissionNode {
         self.judge_standing(now, thrust, s);
     }
 
-    /// Measures how far it has risen.
     fn judge_rise(&mut self, now: DroneTime, thrust: Option<f64>, s: &mut Situation) {
         let m = &mut self.leaving;
         let leaves = matches!(
@@ -103,12 +99,11 @@ impl MissionNode {
         s.leaving.rise_measured = m.rise.is_some_and(|rise| rise.is_measured());
     }
 
-    /// Whether it stands.
     fn judge_standing(&mut self, now: DroneTime, thrust: Option<f64>, s: &mut Situation) {
         let m = &mut self.leaving;
         let armed = !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
         let state = self.phase.state();
-        // In a take-off the rotors are to carry it.
+        // In a take-off the rotors are meant to carry the drone.
         if !(armed && matches!(state, State::SpinUp | State::StandDown)) {
             (m.standing, m.verdict) = Default::default();
             m.witnessed = Some(now);

@@ -1,15 +1,16 @@
-//! The probability that a take-off which begins at some moment leaves the deck well, by the forecast that landings use.
+//! Probability that a take-off at a given time leaves the deck safely, by the same forecast as landings.
 //!
-//! Two limits, both those of a contact ([`MAX_MPS`]), because a foot may touch the deck again:
+//! A foot may touch the deck again, so both limits are those of a contact ([`MAX_MPS`]):
 //!
-//! | figure | mean | standard deviations |
+//! | quantity | mean | standard deviations |
 //! |---|---|---|
-//! | along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
+//! | speed along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
 //! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
 //!
-//! with the specific thrust `T` of the jump along the deck's normal, of which `n` is the horizontal part, the wind's
-//! acceleration `w` and the deck's `a`, all horizontal, for the time `t_l` until the drone has levelled. The gap must stay
-//! open at every time `s` of the forecast. A deck that is level and has just risen passes both best: it falls away under the drone.
+//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a` are the
+//! horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has levelled. The gap
+//! has to stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen,
+//! because it then falls away below the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::normal::{below, inside, norm, smaller};
@@ -21,48 +22,47 @@ use nalgebra::Vector3;
 use crate::contingency::Climb;
 use crate::mission_config::MissionConfig;
 
-/// From the decision until the rotors carry the drone, s: two periods, the wire, the rotors' lag and the first part of the
-/// pilot's ramp.
+/// Time from the decision until the rotors carry the drone, s: two periods, the link, the rotors' lag and the first
+/// part of the pilot's ramp.
 const LAG_S: f64 = 0.25;
-/// From then on until it has levelled, s: 0.2 s until the feet are clear, and half of the attitude's 0.2 s.
+/// Time from the lift-off until the drone has levelled, s: 0.2 s until the feet are clear, and half of the attitude's
+/// 0.2 s.
 const LEVELS_S: f64 = 0.3;
-/// The gap is looked at from this time after lift-off, s, this far apart and so long.
+/// Times after lift-off at which the gap is checked, s: first, step and last.
 const GAP_FROM_S: f64 = 0.3;
 const STEP_S: f64 = 1.0 / 16.0;
 const GAP_UNTIL_S: f64 = 1.5;
-/// Errors of pilot and feet in the gap, m, and in the speed along the deck, m/s.
+/// Standard deviations that pilot and feet add to the gap, m, and to the speed along the deck, m/s.
 const GAP_SD_M: f64 = 0.03;
 const ALONG_SD_MPS: f64 = 0.1;
-/// Moments that are looked at: this far apart, and so far ahead, s.
+/// Spacing of the later lift-off times, and the latest one, s.
 const GRID_S: f64 = 0.25;
 const AHEAD_S: f64 = 2.0;
-/// No take-off is more likely than this, as no landing is: what is in no model.
+/// Upper bound of the probability, as for landings, for effects outside the model.
 const MAX: f64 = 0.99;
 
-/// The probability that each limit is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiftOff {
-    /// Probability for the speed along the deck.
+    /// Probability that the speed along the deck stays within its limit.
     pub along: f64,
-    /// Probability for the gap.
+    /// Probability that the gap stays open.
     pub clear: f64,
 }
 
-/// A take-off now, and the best one that is predicted after it.
+/// Probabilities of a take-off now and at the best later time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
     pub now: LiftOff,
-    /// The best of the others, with the time until then, s.
+    /// Time until the best later lift-off, s, and its probabilities.
     pub later: Option<(f64, LiftOff)>,
 }
 
 impl LiftOff {
-    /// That both limits are kept.
+    /// Probability of meeting both limits.
     pub fn whole(&self) -> f64 {
         let p = self.along * self.clear;
         if p.is_finite() { p.min(MAX) } else { 0.0 }
     }
-    /// Why it is not as likely as is `needed`.
     fn below(&self, needed: f64) -> Option<Reason> {
         let code = if self.clear < self.along {
             ReasonCode::TakeOffHit
@@ -75,7 +75,8 @@ impl LiftOff {
 }
 
 impl Moments {
-    /// Why the take-off does not begin now: it is not likely enough, or a better moment comes by more than the wait costs.
+    /// Reason against a take-off now: its probability is too low, or a later lift-off is better by more than the cost
+    /// of waiting.
     pub fn not_now(&self, c: &MissionConfig) -> Option<Reason> {
         let p = self.now.whole();
         self.now.below(c.min_probability).or_else(|| {
@@ -85,7 +86,7 @@ impl Moments {
             Some(Reason::new(ReasonCode::BetterMoment, p, later.whole()))
         })
     }
-    /// Why no moment that is predicted is likely enough.
+    /// Reason if no lift-off time in the forecast has a sufficient probability.
     pub fn none_soon(&self, c: &MissionConfig) -> Option<Reason> {
         let later = self.later.map(|(_, later)| later);
         let best = later.filter(|l| l.whole() > self.now.whole()).unwrap_or(self.now);
@@ -93,17 +94,15 @@ impl Moments {
     }
 }
 
-/// Conditions of the probability.
 pub(super) struct LiftOffConditions<'a> {
-    /// The deck's forecast.
     pub(super) forecast: &'a DeckForecast,
-    /// The wind, where a flight before this one has found it.
+    /// Wind, if an earlier flight has measured it.
     pub(super) wind: WindPush,
     pub(super) drone: &'a DroneGeometry,
 }
 
 impl LiftOffConditions<'_> {
-    /// Now and later; None where the forecast does not reach.
+    /// Probabilities of a take-off now and later; None if the forecast ends too early.
     pub(super) fn moments(&self, now: Time<DroneClock>) -> Option<Moments> {
         let start = now.max(self.forecast.header.at);
         let grid = 1..=(AHEAD_S / GRID_S) as usize;
@@ -122,7 +121,6 @@ impl LiftOffConditions<'_> {
             }),
         })
     }
-    /// A take-off that is decided at `t`.
     fn at(&self, t: Time<DroneClock>) -> Option<LiftOff> {
         let leaves = t + Span::from_secs(LAG_S);
         let deck = self.forecast.at(leaves)?;
@@ -131,7 +129,7 @@ impl LiftOffConditions<'_> {
             clear: self.clear(leaves, &deck)?,
         })
     }
-    /// That the drone has no harmful speed along the deck once it has levelled.
+    /// Probability that the speed along the deck is harmless once the drone has levelled.
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);
@@ -149,7 +147,7 @@ impl LiftOffConditions<'_> {
         }
         inside(LEVELS_S * parts.norm(), sd, MAX_MPS)
     }
-    /// That the deck does not rise into the drone.
+    /// Probability that the deck does not rise into the drone.
     fn clear(&self, leaves: Time<DroneClock>, deck: &DeckStage) -> Option<f64> {
         let half_span_m = 0.5 * self.drone.feet_span_m[0].hypot(self.drone.feet_span_m[1]);
         let z = deck.position[2];
@@ -226,7 +224,7 @@ mod tests {
     #[test]
     fn take_off_from_a_deck_that_rises_into_it() {
         let c = MissionConfig::default();
-        // Up by 12 m/s² from the moment on at which the feet leave.
+        // The deck accelerates upwards by 12 m/s² from the time at which the feet leave it.
         let hit = moments(|t| {
             let s = (t - LAG_S).max(0.0);
             DeckStage {
@@ -238,7 +236,7 @@ mod tests {
         assert_eq!(hit.not_now(&c).map(|r| r.code), Some(ReasonCode::TakeOffHit));
     }
 
-    /// A deck that rolls to and fro: the moment at which it is level.
+    /// On a rolling deck the best lift-off is when the deck is level.
     #[test]
     fn moment_of_a_level_deck() {
         let c = MissionConfig::default();

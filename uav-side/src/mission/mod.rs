@@ -1,9 +1,11 @@
-//! Mission: permission of what the planner may fly, with the reason why not more.
+//! Mission: permissions for the planner, with the reasons for every restriction.
 //!
-//! Read `transition` (the state machine as a pure function), `concerns` (what interrupts every state, `charge` among it), `states` (its table), `phase` (the states and what they
-//! remember), `search` and `seek` (the way to a deck that is known by a beacon alone, and to one that is not received), `situation` (every quantity it judges), `height` (does a second witness
-//! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `take_off`, `lift_off` and `leaving` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! Reading order: `transition` (the state machine as a pure function), `concerns` (interruptions of every state, with
+//! `charge`), `states` (the state table), `phase` (states and their data), `search` and `seek` (the way to a deck that
+//! is known by a beacon alone, or not received), `situation` (every assessed quantity), `height` (confirmation of the
+//! deck's height by a second source), `outlook` (probability of a landing, with `staying` for the time on the deck),
+//! `take_off`, `lift_off` and `leaving` (the take-off), `cycles` (consecutive sorties), `waiting` (value of a better
+//! moment), and `checkpoint` (state that outlives the process). This file stores the inputs and writes the output.
 
 mod answers;
 mod assessment;
@@ -103,25 +105,17 @@ use waiting::Waiting;
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionIn {
-    /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// The drone's odometry.
     pub drone: Option<DroneState>,
-    /// The autopilot's state.
     pub autopilot: Option<AutopilotState>,
-    /// The planner's trajectory.
     pub plan: Option<Plan>,
-    /// The pilot's set-point: its `motors` field is the touchdown.
+    /// The pilot's set-point: its `motors` field reports the touchdown.
     pub set_point: Option<SetPoint>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
-    /// Settings of a ground station.
     pub settings: Option<SettingsOrder>,
-    /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
-    /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
-    /// The light in the belly camera's images.
     pub light: Option<CameraLight>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<MissionCheckpoint>,
@@ -129,11 +123,10 @@ pub struct MissionIn {
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionOut {
-    /// The state: 50 Hz, and at once when it changes.
+    /// Published at 50 Hz, and at once on a change of state.
     pub state: Option<MissionState>,
-    /// With every state, for a successor.
     pub checkpoint: Option<MissionCheckpoint>,
-    /// Once, at the beginning: why the predecessor's checkpoint does not count.
+    /// Published once at the start if the predecessor's checkpoint was rejected.
     pub rejected: Option<CheckpointRejection>,
 }
 
@@ -158,14 +151,11 @@ wiring! {
     }
 }
 
-/// Time between outputs.
 const PERIOD: Span = Span::from_millis(20);
-/// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct MissionNode {
-    /// Configuration, with heights above all volumes around the deck.
+    /// Configuration with heights above all volumes around the deck.
     config: MissionConfig,
-    /// Settings that an operator may change, as they are set.
     settings: MissionSettings,
     drone_geometry: DroneGeometry,
     deck_geometry: DeckGeometry,
@@ -181,26 +171,26 @@ pub struct MissionNode {
     grant: Latest<DeckGrant<DroneClock>>,
     light: Latest<CameraLight>,
     commands: CommandAdmission<DroneClock>,
-    /// When the drone's frame moved, until a forecast has come since, and by how much.
+    /// Time and size of a jump of the drone's frame, until the next forecast.
     moved: Option<(Time<DroneClock>, f64)>,
-    /// The deck's mean level that counts, NED z, m, and the time of its forecast.
+    /// Mean level of the deck that applies, NED z, m, and the time of its forecast.
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
     heights: HeightWitnesses,
     surface: Surface,
     waiting: Waiting,
     tilt: TiltMonitor,
     swing: SwingMonitor,
-    /// By the newest forecast: whether a landed drone stays, and how likely a landing succeeds.
+    /// Assessment of the newest forecast: time of the forecast, whether a landed drone stays, and the odds of a
+    /// landing.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
-    /// The vessel when its deck was known last.
+    /// State of the vessel when its deck was last known.
     last_vessel: Option<LastVessel>,
-    /// Place at which the feet are to meet the deck, from its centre, NED, m: decided before the descent.
+    /// Target of the feet on the deck, from its centre, NED, m; fixed before the descent.
     meets: [f64; 2],
-    /// Evidence for a take-off.
     leaving: LeavingMonitor,
 
-    /// A descent begins so long after the drone is steady, and when that is.
+    /// Delay of a forced descent from the time at which the drone is first steady, and the resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     succession: MissionSuccession,
     phase: MissionPhase,
@@ -209,12 +199,10 @@ pub struct MissionNode {
     since: Time<DroneClock>,
     entered: Reason,
     due: Time<DroneClock>,
-    /// When it last stepped.
     stepped: Option<Time<DroneClock>>,
 }
 
 impl MissionNode {
-    /// A mission that waits for a command.
     pub fn new(
         config: &MissionConfig,
         drone: &DroneGeometry,
@@ -234,18 +222,17 @@ impl MissionNode {
         }
     }
 
-    /// Boot id of its process.
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// In a simulation alone: a descent begins so long after the drone is steady above the deck for the first time, however
-    /// likely it succeeds.
+    /// For simulations: starts a descent after this delay from the time at which the drone is first steady above the
+    /// deck, at any probability.
     #[must_use]
     pub fn forced_descent(mut self, after: Option<Span>) -> Self {
         self.forced_descent = after.map(|after| (after, None));
         self
     }
-    /// A predecessor may have flown: it waits for that one's checkpoint first.
+    /// Makes the mission wait for a predecessor's checkpoint first.
     #[must_use]
     pub fn as_successor(mut self) -> Self {
         self.succession.beginning = Some(MissionStartUp::default());
@@ -266,7 +253,7 @@ impl MissionNode {
             moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
-            // Forecast, plan and level are of another frame.
+            // Forecast, plan and level belong to the frame before the jump.
             self.forecast.forget();
             self.plan.forget();
             self.mean_deck_z = None;
@@ -305,12 +292,13 @@ impl MissionNode {
         self.keep_range(&input.ranges);
     }
 
-    /// Heights of tracking and approach over this deck: above all volumes around it, and low over one that the tags alone show.
+    /// Sets the tracking and approach heights over this deck: above all volumes around it, and lower over a vessel that
+    /// is known by its tags alone.
     fn raise_heights(&mut self) {
         let forecast = self.forecast.get();
         let lowest_m = forecast.map_or(0.0, |f| f.surroundings.wait_height_m());
         let tracking_m = self.settings.tracking_height_m;
-        // A deck that is out of sight is found again from higher up.
+        // If the deck is no longer detected, the drone goes higher to find it again.
         let by_tag = forecast.is_some_and(|f| {
             f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
         });
@@ -323,11 +311,11 @@ impl MissionNode {
         self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
-    /// Whether settings may change: not under a drone that may fly, nor under an order to land or to take off.
+    /// Whether settings may change: not while the drone may fly, nor with an order to land or to take off.
     fn is_settable(&self, s: &Situation) -> bool {
         s.flight == ControlState::Disarmed && !self.progress.landing && !self.phase.stands()
     }
-    /// Takes what a ground station sets, where that may be changed now and is within the configuration's limits.
+    /// Applies a ground station's settings, if they may change now and are within the configuration's limits.
     fn set(&mut self, now: Time<DroneClock>, order: &SettingsOrder, s: &Situation) {
         let age = now - order.header.at;
         let fresh = (Span::ZERO..=topics::SETTINGS.stale_after).contains(&age);
@@ -343,7 +331,7 @@ impl MissionNode {
         }
     }
 
-    /// Back to tracking after the longest time in a landing state: the loop is bounded.
+    /// Returns to tracking after the maximum time in a landing state, which bounds the loop.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
             State::Descent => {
@@ -385,7 +373,7 @@ impl MissionNode {
         }
     }
 
-    /// Permitted speed of descent, m/s: zero unless deck, vision and control are there right now.
+    /// Permitted speed of descent, m/s: zero unless deck, vision and control are available now.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
         let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
@@ -398,7 +386,7 @@ impl MissionNode {
         {
             return c.descent_mps;
         }
-        // A committed flare continues without vision for as long as the longest such end allows.
+        // A committed flare continues without vision for the maximum blind time.
         if let MissionPhase::Flare { committed, .. } = self.phase
             && (deck.located_age_s() <= blind_limit(deck)
                 || (committed && deck.located_age_s() <= RADIO_BLIND_S + c.flare_timeout_s))
@@ -408,21 +396,22 @@ impl MissionNode {
         0.0
     }
 
-    /// Goes on as decided.
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
-        // Out of a lapse, by a pilot.
+        // A pilot has taken over after a set-point loss.
         let taken = self.progress.lapsed && !decision.progress.lapsed;
         self.progress = decision.progress;
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
-        // Given back, by whomever, it may be near the deck, with nothing to do there.
+        // When the drone comes back under our control, it may be near the deck without an order.
         let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
         if changed && away && self.phase == MissionPhase::Idle {
-            self.succession.unjudged.get_or_insert(ReasonCode::GivenBack);
+            self.succession
+                .needs_safe_start
+                .get_or_insert(ReasonCode::GivenBack);
         }
         if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
-            // Whoever took the drone over has it landed by a new order, not by one that is repeated.
+            // After a takeover only a new order lands the drone, not a repeated one.
             self.commands.supersede(now);
         }
         if let Some(why) = decision.entered {
@@ -441,10 +430,10 @@ impl MissionNode {
         } else {
             c.minimum_altitude_m
         };
-        // A landing that has begun is broken off where the height is in doubt.
+        // A landing in progress is broken off if the deck's height is in doubt.
         let lands = state.phase() == Phase::Landing;
         let lowest_m = (s.lowest_z.filter(|_| !lands)).map_or(f64::NEG_INFINITY, |z| -z);
-        // Decided before the descent: the plan does not move over low above the deck.
+        // Fixed before the descent, so that the plan does not move sideways low above the deck.
         if !lands {
             self.meets = s.staying.meets.into();
         }
@@ -461,7 +450,7 @@ impl MissionNode {
             attempts: self.progress.attempts,
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
-            // Stated in the drone's NED, whose zero is the water only to a GNSS error.
+            // The altitude is in the drone's NED, whose zero differs from the water level by a GNSS error.
             minimum_altitude_m: (altitude - s.water_z).max(lowest_m),
             hold_position: place.at.into(),
             hold_yaw: place.yaw,

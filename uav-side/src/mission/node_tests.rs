@@ -1,5 +1,3 @@
-//! The mission's node: an ideal drone, commands, frames.
-
 use alight_shared::config::parse;
 use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage};
 use alight_shared::surroundings::KeepOut;
@@ -20,7 +18,6 @@ pub(super) fn node() -> MissionNode {
     )
 }
 
-/// Everything fresh for a hovering drone over a level deck.
 pub(super) fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
     let header = header(n, t);
     MissionIn {
@@ -32,7 +29,7 @@ pub(super) fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn
     }
 }
 
-/// A level deck at that height, known to all.
+/// A level deck at this height, known by radio, vision and tags.
 fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     DeckForecast {
         radio_age_s: 0.05,
@@ -43,19 +40,16 @@ fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     }
 }
 
-/// These commands at `t` to a drone at the approach height over the deck.
 fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
     MissionIn {
         commands,
         ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
     }
 }
-/// The state after them.
 fn state_after(m: &mut MissionNode, t: f64, commands: Vec<Command>) -> State {
     m.step(at(t), &ordered(t, commands));
     m.phase.state()
 }
-/// Flies with another autopilot.
 fn flown(
     m: &mut MissionNode,
     t: f64,
@@ -68,7 +62,8 @@ fn flown(
     m.phase.state()
 }
 
-/// Low where only the tags are detected, as configured where the vessel is received and where nothing is detected any more.
+/// The tracking height is low while only the tags are detected, and the configured one with the radio or without any
+/// detection.
 #[test]
 fn tracking_height_over_a_silent_vessel() {
     let mut m = node();
@@ -86,8 +81,8 @@ fn tracking_height_over_a_silent_vessel() {
     assert_eq!(height(3, 0.05, 0.05), configured);
 }
 
-/// The minimum altitude is a height over the long-term water level: a wrong forecast may lower it by 0.2 m/s and
-/// no more, by jumps of any size.
+/// The minimum altitude is relative to the long-term water level: wrong forecasts may lower it by 0.2 m/s at most,
+/// whatever their jumps.
 #[test]
 fn minimum_altitude_with_a_forecast_below_the_water() {
     let mut m = node();
@@ -96,7 +91,7 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
         if k >= 500 {
-            // Ever deeper, in steps.
+            // The forecast goes deeper and deeper, in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
             input.forecast = Some(deck(k, t, depth));
         }
@@ -112,7 +107,8 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
     assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
 }
 
-/// The radio has the deck 31 m too low, and no camera sees it: by mean sea level the drone stays 15 m above where it is.
+/// By radio the deck is 31 m too low, and no camera detects it: by mean sea level the drone stays 15 m above its real
+/// height.
 #[test]
 fn heights_of_two_receivers_that_disagree() {
     let mut m = node();
@@ -161,14 +157,14 @@ fn waiting_and_leaving_among_volumes() {
     // 14 m, 3 m for waiting, and 0.2 of 9 m.
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
-    // As high as there, but not away.
+    // The drone leaves at the same height, keeping its place over the deck.
     assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
-    // Beyond the volumes' 9 m and a drone with its margin.
+    // This place is beyond the volumes' 9 m plus the drone with its margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
 }
 
-/// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
+/// Drone that reaches the mission's place at once, with a pilot that stops the motors at the deck.
 #[test]
 fn landing_of_an_ideal_drone() {
     let mut m = node();
@@ -254,19 +250,18 @@ fn command_freshness_and_order() {
     assert_eq!(m.phase.state(), State::GaveUp);
 }
 
-/// An order to land by the operator who has this boot id.
 fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
 }
 
-/// A person takes the drone over by remote control, and gives it back while the order is still repeated.
+/// A pilot takes the drone over by remote control, and returns it while the order is still repeated.
 #[test]
 fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
-        // From a relay that was restarted.
+        // The order comes from a relay that was restarted.
         (land(8, 1, 20.01), State::Idle),
-        // On its way since before the take-over.
+        // The order was sent before the takeover.
         (land(8, 1, 20.9), State::Idle),
         (land(7, 2, 21.6), State::GetAltitude),
     ] {
@@ -283,9 +278,9 @@ fn repeated_landing_after_a_takeover() {
     }
 }
 
-/// A person chooses Hold or Brake, and OFFBOARD or GUIDED minutes later: nothing descends without a new order.
+/// A pilot selects Hold or Brake, and OFFBOARD or GUIDED minutes later: no descent begins without a new order.
 #[test]
-fn order_after_a_hold_of_a_person() {
+fn order_after_a_hold_by_the_pilot() {
     let mode = AutopilotMode::Hold;
     for (lapsed, flies) in [(false, false), (true, true)] {
         let mut m = node();
@@ -306,7 +301,7 @@ fn order_after_a_hold_of_a_person() {
     }
 }
 
-/// A repetition under the next sequence number is no order to use the battery's reserve.
+/// A repetition with the next sequence number is not an order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
@@ -337,10 +332,10 @@ fn repeated_landing_below_the_reserve() {
 fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // Pending since before the abort, and repeated.
+        // The order was pending before the abort, and is repeated.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
-        // The sender of the abort goes on, or another that knows of it.
+        // A later order by the sender of the abort, or by an operator who knows of it.
         (land_at(1, 20.2), State::Hold),
         (land_at(7, 21.2), State::Hold),
     ] {
@@ -351,7 +346,7 @@ fn landing_of_another_operator_about_an_abort() {
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
-    // Of what comes in one step the abort counts.
+    // If both arrive in one step, the abort is carried out.
     let abort = command(header(1, at(19.99)), CommandKind::Abort);
     let both = vec![abort, land_at(7, 20.0)];
     assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
@@ -363,12 +358,12 @@ fn late_abort_after_a_newer_order() {
     let mut step = |t: f64, commands| state_after(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
-    // Given before that landing, and late.
+    // The abort was given before that landing and arrives late.
     assert_eq!(step(21.0, vec![abort(1, 19.5)]), State::GaveUp);
-    // That landing again, by an operator who cannot know.
+    // The same landing is ordered again by an operator who cannot know of the abort.
     assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
     assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    // The abort that was applied, again.
+    // The abort that was carried out is repeated.
     assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }
@@ -383,7 +378,7 @@ fn abort_echo_with_its_newest_repetition() {
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     assert_eq!(echo(20.0, vec![land(1, 1, 20.0)]).1, None);
     assert_eq!(echo(20.5, vec![abort(2, 20.5)]), (State::GaveUp, Some([1, 2])));
-    // Its repetition stops no landing that was ordered since, and is answered.
+    // Its repetition does not stop a later landing, and is answered.
     assert_eq!(echo(22.0, vec![land(1, 3, 22.0)]), (State::Hold, Some([1, 2])));
     assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
 }
@@ -416,7 +411,7 @@ fn drone_without_an_order_where_the_vessel_comes() {
         (30.0, 30.0, 1.0, State::Idle),
         (30.0, 9.0, 1.0, State::GaveUp),
         (30.0, 9.0, 3.0, State::Idle),
-        // It was handed over there.
+        // The drone was handed over at this place.
         (9.0, 9.0, 1.0, State::Idle),
     ] {
         let mut m = node();
@@ -431,7 +426,7 @@ fn drone_without_an_order_where_the_vessel_comes() {
 }
 
 #[test]
-fn lapse_low_above_the_deck() {
+fn set_point_loss_low_above_the_deck() {
     for (height, unfit, wanted) in [
         (0.5, false, State::GetAltitude),
         (0.5, true, State::GetAltitude),

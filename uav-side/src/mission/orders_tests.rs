@@ -1,5 +1,3 @@
-//! Every order in every state: it is carried out, or rejected with a reason.
-
 use alight_shared::msg::ReasonCode::{
     CompletesLanding, DuringTakeOff, KnownByBeacon, NotInControl, OnDeck, StillArmed, TakeOffOff,
     VesselTooFar,
@@ -45,12 +43,12 @@ const ORDERS: [CommandKind; 6] = [
     CommandKind::Station(Station::USUAL),
 ];
 
-/// Whether the order is fulfilled, as far as the drone is ours to command.
+/// Whether the order is fulfilled, as far as the drone is under our control.
 fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situation) -> bool {
     let state = d.phase.state();
     match order {
         CommandKind::Land => d.progress.landing || d.waiting.code == CompletesLanding,
-        // Nothing lands or takes off any more, and what flies is ours; or an order that waited has ended.
+        // No landing or take-off continues and the drone is under our control, or a waiting order has ended.
         CommandKind::Abort | CommandKind::Hold => {
             let landing = matches!(state.phase(), Phase::Follow | Phase::Landing) || state == State::Search;
             let stops = !landing || d.waiting.code == CompletesLanding;
@@ -113,7 +111,7 @@ fn orders_that_are_rejected_with_their_reason() {
         armed: None,
     };
     let cases: [Case; 7] = [
-        // The autopilot's own mission, or a pilot.
+        // The autopilot's own mission or a pilot flies the drone.
         (MissionPhase::Idle, pilot, CommandKind::Abort, NotInControl),
         (MissionPhase::Idle, pilot, CommandKind::Hold, NotInControl),
         (
@@ -148,7 +146,7 @@ fn orders_that_are_rejected_with_their_reason() {
         let rejected = d.progress.rejected.and_then(|r| r.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{order:?} in {phase:?}");
     }
-    // An order to land that waits for the drone is stopped: that is done.
+    // Stopping an order that waits for the drone fulfils the abort.
     let s = with(|s| s.flight = pilot);
     let d = decide(
         MissionPhase::Idle,
@@ -160,7 +158,7 @@ fn orders_that_are_rejected_with_their_reason() {
     assert!(d.progress.rejected.is_none() && !d.progress.landing);
 }
 
-/// A beacon that moves on ahead of the drone leads it no further than the way that is configured.
+/// The drone follows a beacon that moves ahead of it no further than the configured distance.
 #[test]
 fn beacon_that_leads_away() {
     let c = MissionConfig {
@@ -184,7 +182,7 @@ fn beacon_that_leads_away() {
     }
     d = decide(d.phase, d.progress, None, &led(301.0), &c);
     goes(&d, State::GaveUp, VesselTooFar);
-    // Nor is it led on once the battery is low.
+    // A low battery does not make the drone follow the beacon any further.
     let low = Situation {
         battery: Some(0.15),
         ..led(301.0)
@@ -194,7 +192,7 @@ fn beacon_that_leads_away() {
         d.progress.low_battery,
         Some(alight_shared::msg::BatteryPlace::Deck)
     );
-    // A vessel that is received leads to itself.
+    // A vessel that is received may lead the drone anywhere.
     let mut d = begun;
     for north_m in [0.0, 200.0, 400.0, 600.0] {
         let s = Situation {

@@ -1,17 +1,17 @@
-//! The probability that a landing which begins or goes on now succeeds.
+//! Probability that a landing which starts or continues now succeeds.
 //!
-//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the angle between drone and deck, four
-//! feet inside the edges, and staying where it stands. Each figure is taken as normal about what is predicted for the
-//! contact, with the variance of everything that nobody can take back any more:
+//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the angle
+//! between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally distributed
+//! about its prediction for the contact, with the variance of everything that cannot be corrected before the contact.
 //!
-//! Onto the deck the mean is `max(v_t, sqrt(w² - 2 a (h - w t_b)))`; along it `U psi' t_l` and what is left of the present
-//! speed; unforeseen is `r sd(a)` ([`alight_shared::landing`]'s contact),
+//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the height `h`.
+//! The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the present speed, plus
+//! the speed due to the deck's acceleration relative to an aligned drone. The unpredicted part is `r sd(a)` with the
+//! drone's reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
-//! with the drone's reaction `r`, the speed `w` at which deck and drone come together at the height `h`, and the deck's
-//! acceleration `m` that an aligned drone does not have. What a feedback takes back counts no more:
-//! errors of a prediction older than `r` are corrected before the contact. The landing's probability is the product over
-//! the limits, whose errors have different causes. Where the planner chooses the instant, it is that of the best one in
-//! its window.
+//! Errors of predictions older than `r` are not counted, because the feedback corrects them before the contact. The
+//! landing's probability is the product over the limits, whose errors have different causes. While the planner chooses
+//! the touchdown time, it is the probability of the best one in its window.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
@@ -28,37 +28,32 @@ use nalgebra::{Rotation2, Vector3};
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
 
-/// A time constant of the attitude that this includes, s: what is slower, and the dead time, comes on top.
+/// Time constant of the attitude that the reaction time already covers, s. A larger time constant adds its excess; the
+/// dead time is always added.
 const FOLLOWS_S: f64 = 0.2;
-/// The drone can brake its sinking by this, m/s², twice what is planned; and begins to so late, s.
+/// Maximum deceleration of the sinking, m/s², twice the planned one, and its delay, s.
 const BRAKING_MPS2: f64 = 5.0;
 const BRAKING_LAG_S: f64 = 0.15;
 /// Time constant with which the pilot closes a gap, s.
 const CLOSING_S: f64 = 0.5;
-/// The planner chooses the instant of contact within this time, s, and this far apart are those that are judged.
+/// Window in which the planner chooses the touchdown time, s, and spacing of the assessed times, s.
 const WINDOW_S: f64 = 2.5;
 const GRID_S: f64 = 0.25;
-/// What the odds depend on beside the deck.
+/// Inputs of the odds.
 pub struct Outlook<'a> {
-    /// The deck's forecast.
     pub forecast: &'a DeckForecast,
-    /// The deck and the drone above it now.
     pub deck: &'a Deck,
-    /// The wind over the deck.
     pub wind: WindPush,
-    /// Whether a landed drone stays.
+    /// Probability of staying on the deck after the landing.
     pub staying: &'a Staying,
     pub drone: &'a DroneGeometry,
-    /// The deck to land on.
     pub plate: &'a DeckGeometry,
-    /// The planner still chooses the instant of contact.
     pub chooses: bool,
-    /// How the drone's attitude answers.
     pub response: AttitudeResponse,
 }
 
 impl Outlook<'_> {
-    /// The odds of a landing that goes on from here at `now`; None where the forecast does not reach.
+    /// Odds of a landing that continues from here at `now`; None if the forecast does not extend to the contact.
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
         let left_s = self.time_to_contact_s();
         let start = now.max(self.forecast.header.at);
@@ -70,13 +65,13 @@ impl Outlook<'_> {
         });
         moments.reduce(|best, next| if next.whole() > best.whole() { next } else { best })
     }
-    /// What the deck does unforeseen for so long this drone does not follow sideways and in tilt, s.
+    /// Time for which the drone does not follow the deck's unpredicted motion sideways and in tilt, s.
     fn reaction_s(&self) -> f64 {
         let r = &self.response;
         let slowest = r.lag_s[0].max(r.lag_s[1]);
         REACTION_S + r.dead_time_s + (slowest - FOLLOWS_S).max(0.0)
     }
-    /// Down from here at the plan's usual pace, s.
+    /// Time to the contact from here at the plan's usual pace, s.
     fn time_to_contact_s(&self) -> f64 {
         0.9 + self.deck.clearance_m.max(0.0) / 2.5
     }
@@ -85,13 +80,14 @@ impl Outlook<'_> {
         stage.or(self.forecast.stages.last().copied())
     }
 
-    /// The odds of the contact with the deck `contact`, as uncertain as it is a reaction ahead.
+    /// Odds of the contact with the deck `contact`, with the uncertainty of a forecast one reaction time ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
         let wind = self.wind;
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
-        // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
+        // Signed: the plan already allows for the predicted part of the acceleration between an aligned drone and the
+        // deck.
         let blown = wind_during_alignment(&wind.mean);
         let meant = aligned_acceleration(contact, &contact.normal());
         let apart = Vector3::from(contact.acceleration).xy() - meant - blown;
@@ -112,7 +108,7 @@ impl Outlook<'_> {
         };
         contact.odds(&Margins::on(self.plate, self.drone))
     }
-    /// The speed onto the deck if the drone brakes from now on, m/s; NaN where speed or height is.
+    /// Speed onto the deck if the drone brakes from now on, m/s; NaN if its speed or height is NaN.
     fn contact_mps(&self) -> f64 {
         let [w, h] = [self.deck.sinking_mps, self.deck.clearance_m].map(|v| larger(v, 0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
@@ -167,9 +163,9 @@ mod tests {
     fn odds_of_a_calm_deck_and_of_each_limit() {
         assert!(of(|_| {}, |_| {}).whole() > 0.98);
         for (odds, why) in [
-            // The deck's speed may change by 0.4 m/s before the drone reacts.
+            // Before the drone reacts, the deck's speed may change by 0.4 m/s.
             (of(|_| {}, |s| s.acceleration_sd[2] = 1.4), ReasonCode::LikelyHard),
-            // 2.3 m/s at half a metre: nothing brakes that.
+            // A drone at 2.3 m/s cannot brake within half a metre.
             (
                 of(|d| (d.sinking_mps, d.clearance_m) = (2.3, 0.5), |_| {}),
                 ReasonCode::LikelyHard,
@@ -188,7 +184,7 @@ mod tests {
         ] {
             assert_eq!(code(&odds), Some(why), "{odds:?}");
         }
-        // What is no number is no soft contact.
+        // NaN is never a soft contact.
         for odds in [
             of(|d| d.sinking_mps = f64::NAN, |_| {}),
             of(|d| d.clearance_m = f64::NAN, |_| {}),
@@ -199,7 +195,7 @@ mod tests {
         ] {
             assert!(odds.whole() < 1e-12, "{odds:?}");
         }
-        // What time is left to make up for.
+        // An offset of 0.8 m can be corrected in the remaining time.
         assert_eq!(code(&of(|d| d.feet = Vector2::new(0.8, 0.0), |_| {})), None);
     }
 }

@@ -1,4 +1,4 @@
-//! States with their data, and the next steps of a state.
+//! States with their data, and their transitions.
 
 use alight_shared::msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};
@@ -13,152 +13,122 @@ use crate::surroundings::WITH_DECK_M;
 
 pub(super) type DroneTime = Time<DroneClock>;
 
-/// Why a hold began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoldCause {
-    /// An operator commanded it; ends with the next landing command.
+    /// An operator ordered the hold; it ends with the next order to land.
     Operator,
-    /// Data were old; ends when they are fresh again.
+    /// Data were stale; the hold ends when they are fresh again.
     Data,
-    /// On a station that an operator has ordered.
     Station(KeptStation),
 }
 
-/// Progress of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Search {
-    /// Since when it lasts, and when it last went on.
+    /// Time at which the search started, and time of its last step.
     pub(super) since: DroneTime,
     pub(super) at: DroneTime,
-    /// Path of the spiral so far, m.
     pub(super) flown_m: f64,
-    /// It is at the path's end since.
+    /// Arrival at the end of the path.
     pub(super) ended: Option<DroneTime>,
-    /// The tags have been detected since.
+    /// Time since which the tags have been detected.
     pub(super) detected: Option<DroneTime>,
 }
 
-/// A state with what it has to remember.
+/// Phase of the mission: a state with its data.
+///
+/// A field `Option<DroneTime>` is the time since which the named condition has held. `at` is a position, drone's NED, m;
+/// `yaw` a heading, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
     #[default]
     Idle,
-    /// Straight up or down.
+    /// Climbs or descends vertically.
     GetAltitude {
-        /// North and east where it began, m.
+        /// Position at its start, NED, north and east, m.
         from: [f64; 2],
     },
-    /// Towards the vessel.
     Approach {
-        /// Detected since.
         detected: Option<DroneTime>,
     },
-    /// Looks for a deck that is known by a beacon alone.
+    /// Searches for a deck that is known by a beacon alone.
     Search(Search),
-    /// Towards a vessel that is not received.
+    /// Flies towards a vessel that is not received.
     Seek,
-    /// Over the vessel.
     Tracking {
-        /// Steady since.
         steady: Option<DroneTime>,
     },
-    /// Steady over the vessel.
     TrackingStable,
-    /// Descends to the flare.
     Descent {
-        /// A condition has been violated since.
         violated: Option<DroneTime>,
-        /// Waits at the decision clearance since.
         paused: Option<DroneTime>,
     },
-    /// Descends to the deck.
     Flare {
-        /// Below the commit clearance: only hard reasons break it off.
+        /// Whether the drone is below the commit clearance, so that only hard reasons break the flare off.
         committed: bool,
-        /// A condition has been violated since.
         violated: Option<DroneTime>,
     },
-    /// On the deck.
     Landed {
-        /// The autopilot was disarmed meanwhile.
+        /// Whether the autopilot has been disarmed since the touchdown.
         disarmed: bool,
-        /// The rotors have carried it above the deck since.
         airborne: Option<DroneTime>,
     },
-    /// Stays at a safe height.
     Hold {
         cause: HoldCause,
-        /// Place, drone's NED, m.
         at: Vector3<f64>,
-        /// Heading, rad.
         yaw: f64,
-        /// Data have been fresh since.
         fresh: Option<DroneTime>,
     },
-    /// Ended without landing.
     GaveUp {
-        /// Place where it stays, drone's NED, m.
         at: Vector3<f64>,
-        /// Heading, rad.
         yaw: f64,
     },
-    /// On the deck, checked before a take-off.
+    /// Standing on the deck: checks, then a countdown before the motors start.
     Preparing,
-    /// On the deck, before the motors start.
-    Countdown { since: DroneTime },
-    /// On the deck with the motors started.
+    Countdown {
+        since: DroneTime,
+    },
+    /// Standing on the deck with the motors started.
     SpinUp {
         since: DroneTime,
-        /// The autopilot has been armed since.
         armed: Option<DroneTime>,
     },
-    /// Leaves the deck.
     TakeOff {
         since: DroneTime,
-        /// The feet have left the deck.
         left: bool,
     },
-    /// Away from the vessel, up to the height of the approach.
+    /// Climbs away from the vessel to the height of the approach.
     ClimbOut {
         since: DroneTime,
-        /// Place where it will hold, drone's NED, m.
+        /// Place of the hold at the end.
         at: Vector3<f64>,
-        /// Heading, rad.
         yaw: f64,
-        /// An operator has stopped it: it holds as soon as it is clear of the vessel.
+        /// Whether an operator has stopped the climb-out: the drone then holds once it is clear of the vessel.
         stopped: bool,
     },
-    /// On the deck after a take-off that was stopped.
+    /// Standing on the deck after a take-off was stopped.
     StandDown {
-        /// Since.
         since: DroneTime,
-        /// Not reported armed since: why the take-off was stopped.
+        /// Reason for the stop, if the autopilot was not reported armed.
         unarmed: Option<Reason>,
     },
 }
 
 impl MissionPhase {
-    /// Over the vessel, not steady yet.
     pub(super) const TRACKING: MissionPhase = MissionPhase::Tracking { steady: None };
-    /// A descent that nothing disturbs yet.
     pub(super) const DESCENT: MissionPhase = MissionPhase::Descent {
         violated: None,
         paused: None,
     };
-    /// On the deck, not disarmed yet.
     pub(super) const LANDED: MissionPhase = MissionPhase::Landed {
         disarmed: false,
         airborne: None,
     };
-    /// On the deck, disarmed.
     pub(super) const STANDS: MissionPhase = MissionPhase::Landed {
         disarmed: true,
         airborne: None,
     };
-    /// On the way to the vessel, not detected yet.
     pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
 
-    /// State for messages.
     pub const fn state(&self) -> State {
         match self {
             MissionPhase::Idle => State::Idle,
@@ -180,38 +150,35 @@ impl MissionPhase {
             MissionPhase::StandDown { .. } => State::StandDown,
         }
     }
-    /// Stays in this phase, waiting for `why`.
     pub(super) fn stay(self, why: impl Into<Reason>) -> PhaseTransition {
         PhaseTransition::Stay(self, why.into())
     }
-    /// Goes to this phase for the reason `why`.
     pub(super) fn enter(self, why: impl Into<Reason>) -> PhaseTransition {
         PhaseTransition::Go(self, why.into())
     }
-    /// Whether the mission flies the drone.
     pub(super) const fn flies(&self) -> bool {
         !self.stands() && !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
     }
-    /// Whether the drone stands on the deck to take off, or because that was stopped.
+    /// Whether the drone stands on the deck for a take-off, or after one was stopped.
     pub(super) const fn stands(&self) -> bool {
         self.state().stands_for_take_off()
     }
-    /// Whether it leaves the deck: nothing but up is safe.
+    /// Whether the drone leaves the deck, when only climbing is safe.
     pub(super) const fn takes_off(&self) -> bool {
         matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
     }
-    /// Whether it has left the deck, and is not at the end of the take-off yet.
+    /// Whether the drone has left the deck in a take-off that has not ended.
     pub(super) const fn has_left(&self) -> bool {
         matches!(
             self,
             MissionPhase::TakeOff { left: true, .. } | MissionPhase::ClimbOut { .. }
         )
     }
-    /// Whether it holds, or climbs to hold.
+    /// Whether the drone holds, or climbs to a hold.
     pub(super) const fn rests(&self) -> bool {
         matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
     }
-    /// Whether it holds until an operator commands a landing.
+    /// Whether the drone holds until an operator orders a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
         matches!(
             self,
@@ -221,7 +188,6 @@ impl MissionPhase {
             }
         )
     }
-    /// The station that it keeps.
     pub(super) const fn station(&self) -> Option<KeptStation> {
         match self {
             MissionPhase::Hold {
@@ -242,10 +208,9 @@ impl MissionPhase {
     }
 }
 
-/// Why an order was rejected is shown for so long, s: until the vessel has given the order up, and a report after that.
+/// Time for which a rejection is shown, s: until the vessel has stopped repeating the order, and one more report.
 const SHOWN_S: f64 = 15.0;
 
-/// An order that was rejected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectedOrder {
     pub(super) at: DroneTime,
@@ -253,7 +218,6 @@ pub struct RejectedOrder {
 }
 
 impl RejectedOrder {
-    /// Why, while that is shown.
     pub(super) fn shown(&self, now: DroneTime) -> Option<Reason> {
         ((now - self.at).secs() <= SHOWN_S).then_some(self.why)
     }
@@ -262,64 +226,57 @@ impl RejectedOrder {
 /// Progress that outlasts a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MissionProgress {
-    /// A landing is wanted.
     pub landing: bool,
-    /// Descents begun since the command.
     pub attempts: u32,
-    /// When the landing, the take-off or the hold in which that ends was begun.
+    /// Start of the landing, of the take-off, or of the hold at its end.
     pub started: DroneTime,
-    /// The operator asked for a landing below the battery's reserve: the deck is the first place until the landing ends.
+    /// Whether an operator ordered a landing below the battery's reserve: the deck is then the first choice until the
+    /// landing ends.
     pub deck_first: bool,
-    /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
+    /// Whether an operator has stopped a landing that the low battery had started: the deck is then not chosen again.
     pub deck_declined: bool,
-    /// The drone was armed since the order: that ends with the flight.
+    /// Whether the drone was armed since the order, so that the order ends with the flight.
     pub armed: bool,
-    /// The deck is closed, another drone's, unknown or not detected since.
+    /// Time since which the deck has been closed, reserved by another drone, unknown or not detected.
     pub missing: Option<DroneTime>,
-    /// It hovers without an order lower than waves reach since.
+    /// Time since which the drone has hovered without an order within reach of waves.
     pub low_since: Option<DroneTime>,
-    /// The battery's reserve was reached: where it lands.
+    /// Place of the landing once the battery's reserve is reached.
     pub low_battery: Option<BatteryPlace>,
-    /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
-    /// near to the deck for a climb, the landing is completed.
+    /// Whether an operator has stopped the mission and has not ordered a landing since. A descent or flare too close to
+    /// the deck for a climb is completed.
     pub stopped: bool,
-    /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.
+    /// Whether the pilot's touchdown was false, so that it is ignored until it is withdrawn.
     pub overruled: bool,
-    /// Set-points ceased and the autopilot holds: the landing goes on once they are back.
+    /// Whether set-points were lost and the autopilot holds: the landing resumes once they are back.
     pub lapsed: bool,
-    /// The station that it kept before its computer began again: it goes on there once the drone is ours.
+    /// Station of the drone before its computer restarted; the drone returns to it once it is under our control.
     pub station: Option<KeptStation>,
-    /// It has taken off from the deck, and not landed since: it comes back while the battery lasts.
+    /// Whether the drone has taken off from the deck and not landed since: it then returns while its battery lasts.
     pub sortie: bool,
-    /// Sorties one after the other.
     pub cycles: Cycles,
-    /// Place where a beacon alone began to lead it, drone's NED, north and east, m.
+    /// Position at which a beacon alone began to lead the drone, drone's NED, north and east, m.
     pub led_from: Option<[f64; 2]>,
-    /// The order that was rejected last.
     pub rejected: Option<RejectedOrder>,
 }
 
 impl MissionProgress {
-    /// The battery is low, and the deck is the place to land.
+    /// Whether the battery is low and the deck is the place to land.
     pub(super) fn is_urgent(&self) -> bool {
         self.low_battery == Some(BatteryPlace::Deck)
     }
 }
 
-/// Next transition of a state.
 pub(super) enum PhaseTransition {
-    /// Stays, waiting for this.
     Stay(MissionPhase, Reason),
-    /// Goes to that phase for this reason.
     Go(MissionPhase, Reason),
-    /// Breaks the landing off for this reason.
     BreakOff(Reason),
 }
 
-/// No drone flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
+/// Maximum distance of a vessel that the drone flies to, m: with a wrong origin the vessel could appear anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
-/// The vessel is further away than anybody means to fly, or to be led by a beacon alone.
+/// Reason if the vessel is beyond that distance, or beyond the limit for a beacon alone.
 pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     let by_beacon = deck.beacon.is_some() && deck.radio_age_s > c.radio_fresh_s;
     let limit_m = if by_beacon {
@@ -330,7 +287,6 @@ pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     exceeds(ReasonCode::VesselTooFar, deck.distance_m, limit_m)
 }
 
-/// Data that are too old to go on.
 pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
         .or(s.moved)
@@ -338,13 +294,12 @@ pub(super) fn old_data(s: &Situation) -> Option<Reason> {
         .or_else(|| s.deck.is_none().then(|| s.no_deck()))
 }
 
-/// The hard contact that was noticed.
 pub(super) fn hard_contact(s: &Situation) -> Option<Reason> {
     let reason = |mps| Reason::new(ReasonCode::HardContact, mps, HARD_MPS);
     s.hard_contact_mps.map(reason)
 }
 
-/// Since when `holds` has been true, and for how long, s.
+/// Time since which `holds` has been true, and its duration, s.
 pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> (Option<DroneTime>, f64) {
     if !holds {
         return (None, 0.0);
@@ -353,25 +308,24 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
     (Some(since), (now - since).secs())
 }
 
-/// Decision of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
-    /// The phase from now on.
     pub phase: MissionPhase,
-    /// Progress that is kept with it.
     pub progress: MissionProgress,
-    /// Why the state changed; None when it did not.
+    /// Reason for the change of state; None without a change.
     pub entered: Option<Reason>,
-    /// Why the next state is not entered yet.
+    /// Reason why the next state is not entered yet.
     pub waiting: Reason,
 }
 
-/// Height of a hold over the deck, m: with a waiting place that one's, since between deck and place there may be others.
+/// Height of a hold over the deck, m. A drone with a waiting place holds at that place's height, because other drones
+/// may be below it.
 pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
     s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))
 }
 
-/// Hold where the drone is, not below the height of a hold over the deck ([`hold_height`]) nor the minimum altitude ([`moving_place`]).
+/// Hold at the drone's place, no lower than the height of a hold over the deck ([`hold_height`]) and the minimum
+/// altitude ([`moving_place`]).
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, hold_height(s, c));
     MissionPhase::Hold {
@@ -388,7 +342,7 @@ pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
     MissionPhase::GaveUp { at, yaw }
 }
 
-/// Away from the vessel after a take-off, up to the approach height over the deck.
+/// Climb away from the vessel after a take-off, to the approach height over the deck.
 pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
     MissionPhase::ClimbOut {
@@ -399,10 +353,10 @@ pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     }
 }
 
-/// Whether the drone is low over the deck on its way to `at`, and where it holds. Until it is as high as there, it stays
-/// in place over the deck and moves with it: what stands on a vessel under way would meet a drone that stops before it is
-/// clear of all that. A drone that comes so high, a deck far away or a stale forecast leave the place where it is then. One
-/// that `leaves` a vessel with an escape direction goes on until it is away from her.
+/// Whether the drone moves with the deck on its way to `at`, and its place on the way. Below the height of `at` it
+/// keeps its place over the deck, because structures on a vessel under way would hit a drone that stops. The place
+/// becomes fixed at that height, when the deck is far away, or when the forecast is stale. A drone that `leaves` a
+/// vessel with an escape direction continues until it is away from the vessel.
 pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
     let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
     let escapes = leaves && near.is_some_and(|d| d.escapes);
@@ -412,15 +366,16 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     })
 }
 
-/// Waiting place of a drone that has ended its landing, `at` a place or on its way up there, from the deck's centre (NED,
-/// m): it keeps out of the way of the deck's owner. None: it stays at that place.
+/// Waiting place, from the deck's centre (NED, m), of a drone that has ended its landing and holds at `at` or climbs to
+/// it; there it keeps clear of the deck's owner. None if the drone stays at `at`.
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
     s.waiting_offset().filter(|_| here)
 }
 
-/// The place `at` where a drone holds, as it moves: with the deck on its way up, out of the way of others then.
+/// Present place of a drone that holds at `at`: it moves with the deck during the climb, then keeps clear of other
+/// drones.
 pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vector3<f64> {
     match (stands_aside(at, s, leaves), s.own) {
         (Some(_), Some(own)) => Vector3::new(own.position.x, own.position.y, at.z),
@@ -428,7 +383,7 @@ pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vect
     }
 }
 
-/// Straight above (or at) the drone, at least `height` over the deck's mean level.
+/// Place straight above (or at) the drone, at least `height` over the deck's mean level.
 fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
     let (mut at, yaw) = s
         .own

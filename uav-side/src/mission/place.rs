@@ -1,4 +1,5 @@
-//! Place of a drone that does not follow the deck: in its waiting place, with the deck on its way up, or aside.
+//! Place of a drone that does not follow the deck: its waiting place, a place that moves with the deck during a climb,
+//! or a place off the deck.
 
 use nalgebra::Vector3;
 
@@ -9,23 +10,21 @@ use super::situation::Situation;
 use super::station;
 use crate::mission_config::MissionConfig;
 
-/// The place that the mission asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Waypoint {
     /// Drone's NED, m.
     pub(super) at: Vector3<f64>,
     /// Heading, rad.
     pub(super) yaw: f64,
-    /// Over the deck's mean level, m.
+    /// Height over the deck's mean level, m.
     pub(super) height_m: f64,
-    /// It stays where it is over the deck, and moves with it.
+    /// Whether the drone keeps its place over the deck and moves with the deck.
     pub(super) with_deck: bool,
     /// Waiting place off the deck, from its centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,
 }
 
 impl Waypoint {
-    /// Place of this phase.
     pub(super) fn of(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Waypoint {
         let (own, own_yaw) = s.own.map_or((Vector3::zeros(), 0.0), |o| (o.position, o.yaw));
         let here = Waypoint {
@@ -100,7 +99,6 @@ impl Waypoint {
         }
     }
 
-    /// The place of an approach, from where the drone is: over the deck, or where it waits for it.
     fn approaching(self, s: &Situation, c: &MissionConfig) -> Waypoint {
         let waits = s.waits(c).is_some();
         let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);

@@ -1,5 +1,3 @@
-//! The mission's node with random input.
-
 use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase};
 use proptest::prelude::*;
 
@@ -116,8 +114,7 @@ proptest! {
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();
-                // After a lapse of the link a drone that stands on the deck with its motors running finishes its
-                // landing.
+                // After a set-point loss a drone that stands on the deck with its motors running completes its landing.
                 let begins = |code| matches!(code, ReasonCode::Restarted | ReasonCode::GivenBack);
                 let stands = |s: &MissionState| begins(s.entered.code) && s.entered.value.abs() < 0.15;
                 followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);

@@ -1,4 +1,4 @@
-//! The vessel's newest grant: who has the deck, and the course that her helm states.
+//! The vessel's newest grant: the deck's owner, and the course announced by the helm.
 
 use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Time};
@@ -6,20 +6,20 @@ use alight_shared::topics;
 
 use crate::mission_config::MissionConfig;
 
-/// Who has the deck by the vessel's newest grant.
+/// Owner of the deck by the vessel's newest grant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reservation {
-    /// No reservation is made: one drone, one deck.
+    /// Reservations are not used: one drone, one deck.
     NotNeeded,
     Ours,
-    /// That drone's; 0: free; [`DECK_CLOSED`]: closed.
+    /// Number of the owner; 0 if free, [`DECK_CLOSED`] if closed.
     Others(u32),
-    /// The newest grant is this old, s.
+    /// There is no fresh grant; age of the newest one, s.
     Unknown(f64),
 }
 
 impl Reservation {
-    /// From the newest grant; `own` is our number.
+    /// Reservation by the newest grant; `own` is this drone's number.
     pub fn of(
         grant: Option<&DeckGrant<DroneClock>>,
         own: u32,
@@ -28,7 +28,7 @@ impl Reservation {
     ) -> Self {
         let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
         let fresh = age_s <= topics::DECK.stale_after.secs();
-        // A deck that is closed is closed to everybody.
+        // A closed deck is closed to all drones.
         let closed = grant.is_some_and(|g| fresh && g.owner == DECK_CLOSED);
         if !config.reservation_required && !closed {
             return Reservation::NotNeeded;
@@ -44,13 +44,11 @@ impl Reservation {
             Some(_) | None => Reservation::Unknown(age_s),
         }
     }
-    /// Why no descent may begin.
+    /// Reason against the start of a descent.
     pub fn rejection(self) -> Option<Reason> {
         match self {
             Reservation::NotNeeded | Reservation::Ours => None,
-            Reservation::Others(holder) => {
-                Some(Reason::new(ReasonCode::DeckReserved, f64::from(holder), 0.0))
-            }
+            Reservation::Others(owner) => Some(Reason::new(ReasonCode::DeckReserved, f64::from(owner), 0.0)),
             Reservation::Unknown(age_s) => Some(Reason::new(
                 ReasonCode::DeckGrantStale,
                 age_s,
@@ -58,11 +56,11 @@ impl Reservation {
             )),
         }
     }
-    /// Why a descent that has begun is broken off. A silent radio is not a reason, since the vessel keeps
-    /// the deck for us for longer than a descent takes.
+    /// Reason to break off a descent. Radio silence is not a reason, because the vessel keeps a reservation for longer
+    /// than a descent takes.
     pub fn lost(self) -> Option<Reason> {
         match self {
-            Reservation::Others(holder) if holder != 0 => self.rejection(),
+            Reservation::Others(owner) if owner != 0 => self.rejection(),
             Reservation::Others(_) | Reservation::NotNeeded | Reservation::Ours | Reservation::Unknown(_) => {
                 None
             }
@@ -70,8 +68,8 @@ impl Reservation {
     }
 }
 
-/// Vessel's course as the helm states it at `now`. A promise lasts as long as it was given for, whether or not it is
-/// repeated; a turn that is not repeated is not known any more.
+/// Course that the helm announces, at `now`. An announced steady course is valid for its stated duration without
+/// repetition; an announced turn has to be repeated.
 pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
     let Some(grant) = grant else {
         return Course::Unknown;

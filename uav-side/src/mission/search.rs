@@ -1,12 +1,13 @@
-//! The search for a deck that is known by a beacon alone: a spiral about the beacon's predicted place, which moves with it.
+//! Search for a deck that is known by a beacon alone: a spiral about the beacon's predicted place, which moves with it.
 //!
 //! ```text
-//! r = b theta,  2 pi b = pitch          pitch: three quarters of what the camera sees from side to side
+//! r = b theta,  2 pi b = pitch          pitch: three quarters of the camera's view from side to side
 //! s = b (theta^2 - 1) / 2               path flown, m; from theta = 1 on
-//! R = 3.4 sd                            the deck is within it with 99.7 % (Rayleigh)
+//! R = 3.4 sd                            radius that contains the deck with 99.7 % (Rayleigh)
 //! ```
 //!
-//! At `R` less what the camera sees to one side it ends with a whole turn. What it must reach grows while the beacon is silent.
+//! The path ends with a full circle at `R` minus half of the camera's view. The radius increases while the beacon is
+//! silent.
 
 use core::f64::consts::TAU;
 
@@ -20,36 +21,36 @@ use super::phase::{
 use super::situation::{Deck, Situation};
 use crate::mission_config::MissionConfig;
 
-/// The deck is so many standard deviations (each axis) of the beacon's place away, or less, 997 times of 1000.
+/// Radius that contains the deck in 997 of 1000 cases, in standard deviations (each axis) of the beacon's place.
 const WITHIN_SD: f64 = 3.4;
-/// No search reaches further, m: 5 min at its speed with the default camera.
+/// Maximum radius of a search, m: it takes 5 min with the default camera.
 pub(super) const MAX_SEARCH_M: f64 = 50.0;
-/// Speed along the spiral over the vessel's own, m/s: a tag stays in view for seconds, and the drone hardly tilts.
+/// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds, and the drone hardly tilts.
 const SEARCH_MPS: f64 = 3.0;
-/// The place to be at goes on while the drone is no further from it than this, m.
+/// Distance of the drone from its reference place on the spiral up to which that place advances, m.
 const BEHIND_M: f64 = 3.0;
-/// Between two arms of the spiral, in widths of what the camera sees.
+/// Distance between two turns of the spiral, in widths of the camera's view.
 const PITCH: f64 = 0.75;
-/// At the end the camera looks for so long, s.
+/// Observation time at the end of the path, s.
 const LOOKS_S: f64 = 5.0;
-/// A search takes at most so many times as long as its path would without wind and waits.
+/// Maximum duration of a search as a multiple of the time that its path takes without wind and waits.
 const MAX_SLOWER: f64 = 2.0;
-/// At the beacon's place the drone is no further from it than this, m.
+/// Distance from the beacon's place at which the drone has arrived, m.
 const AT_BEACON_M: f64 = 3.0;
 
-/// The distance within which the deck has to be looked for, m.
+/// Radius within which the deck is searched for, m.
 fn reach_m(sd_m: f64) -> f64 {
     WITHIN_SD * sd_m
 }
 
-/// The pattern about a beacon whose place is known so well.
+/// Search path about a beacon with the given accuracy.
 #[derive(Clone, Copy, Debug)]
 struct Spiral {
     /// Radius per angle, m/rad.
     b: f64,
-    /// The largest radius, which it ends with a whole turn of, m.
+    /// Radius of the full circle at the end, m.
     outer_m: f64,
-    /// Path until there, and in all, m.
+    /// Path length up to that circle, and in total, m.
     inner_m: f64,
     length_m: f64,
 }
@@ -67,7 +68,7 @@ impl Spiral {
             length_m: inner_m + TAU * outer_m,
         }
     }
-    /// The place after `flown_m` of it, from the beacon's, m.
+    /// Place after the path length `flown_m`, from the beacon's place, m.
     fn at(&self, flown_m: f64) -> Vector2<f64> {
         let turned = |flown_m: f64| (1.0 + 2.0 * flown_m / self.b).sqrt();
         let theta = if flown_m < self.inner_m || self.outer_m <= 0.0 {
@@ -77,34 +78,32 @@ impl Spiral {
         };
         Vector2::new(theta.cos(), theta.sin()) * (self.b * theta).min(self.outer_m)
     }
-    /// The longest time that it may take, s.
     fn limit_s(&self) -> f64 {
         MAX_SLOWER * self.length_m / SEARCH_MPS + 2.0 * LOOKS_S
     }
 }
 
 impl Search {
-    /// Place of the drone, from the beacon's predicted place, north and east, m; None while the deck is in sight.
+    /// Place of the drone, from the beacon's predicted place, north and east, m; None while the deck is detected.
     pub(super) fn offset(&self, deck: &Deck, c: &MissionConfig) -> Option<[f64; 2]> {
         let [sd_m, _] = deck.beacon.filter(|_| deck.vision_age_s > c.vision_fresh_s)?;
         Some(Spiral::new(sd_m, c.search_view_m[1]).at(self.flown_m).into())
     }
 }
 
-/// Why a search about this beacon would be none: it would have to reach too far.
+/// Reason against a search about this beacon: its radius would be too large.
 pub(super) fn vague(deck: &Deck) -> Option<Reason> {
     let [sd_m, _] = deck.beacon?;
     let reach_m = reach_m(sd_m);
     (reach_m > MAX_SEARCH_M).then(|| Reason::new(ReasonCode::BeaconVague, reach_m, MAX_SEARCH_M))
 }
 
-/// Height over the deck from which it is searched, m.
 pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }
 
-/// On its way by beacon alone, with the deck not detected: at the beacon's place the search begins; None: not there yet,
-/// or the vessel is received, or there is no beacon.
+/// Start of a search at the beacon's place, while the deck is not detected; None if the drone is not there yet, the
+/// vessel is received, or there is no beacon.
 pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
     if deck.distance_m > AT_BEACON_M {
@@ -122,7 +121,7 @@ pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Ph
     Some(MissionPhase::Search(search).enter(why))
 }
 
-/// Search: until the tags are in sight, the vessel is received, or the pattern is at its end.
+/// Searches until the tags are detected, the vessel is received, or the path ends.
 pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stays = MissionPhase::Search(search);
     let Some(deck) = s.fresh_deck() else {
@@ -154,11 +153,11 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseT
         detected: None,
         ..search
     };
-    // Tags at another place than the beacon's are another vessel's.
+    // Tags at another place than the beacon's belong to another vessel.
     MissionPhase::Search(search).stay(deck.contradicted.or(s.several).unwrap_or(flies))
 }
 
-/// The deck is in sight: followed once that has lasted, and nothing doubts its height.
+/// Transition while the deck is detected: the drone follows it after a while, if its height is not in doubt.
 fn found(search: Search, s: &Situation) -> PhaseTransition {
     let (detected, lasted) = lasting(true, search.detected, s.now);
     let goes_on = MissionPhase::Search(Search {
@@ -174,7 +173,7 @@ fn found(search: Search, s: &Situation) -> PhaseTransition {
 }
 
 impl Search {
-    /// The search at `now`: its place has moved on where the drone is near it.
+    /// The search at `now`; its place advances if the drone is near it.
     fn advanced(self, spiral: &Spiral, deck: &Deck, now: DroneTime) -> Search {
         let from_beacon = Vector2::new(deck.bearing_rad.cos(), deck.bearing_rad.sin()) * -deck.distance_m;
         let behind_m = (spiral.at(self.flown_m) - from_beacon).norm();
@@ -196,7 +195,7 @@ impl Search {
 mod tests {
     use super::*;
 
-    /// Every place within the reach comes into view, and no point of the path lies beyond it.
+    /// Every place within the radius comes into view, and no point of the path lies beyond it.
     #[test]
     fn spiral_that_covers_its_circle() {
         for (sd_m, half_m) in [(2.0, 6.0), (5.0, 6.0), (12.0, 6.0), (17.0, 3.0)] {
@@ -209,14 +208,14 @@ mod tests {
             let reach_m = reach_m(sd_m).min(MAX_SEARCH_M);
             assert!(path.iter().all(|p| p.norm() <= reach_m));
             for k in 0..2000 {
-                // A sunflower's points.
+                // The points have the pattern of a sunflower's seeds, which covers the circle evenly.
                 let r = reach_m * (f64::from(k) / 2000.0).sqrt();
                 let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
                 let deck = Vector2::new(cos, sin) * r;
                 let nearest = path.iter().map(|p| (p - deck).norm()).fold(f64::MAX, f64::min);
                 assert!(nearest <= half_m + 0.3, "{sd_m} {half_m}: {deck:?} {nearest}");
             }
-            // Bounded in time: 5 m of error are looked through in 40 s.
+            // Bounded in time: an error of 5 m is searched in 40 s.
             assert!(sd_m > 5.0 || spiral.length_m / SEARCH_MPS < 40.0, "{spiral:?}");
             assert!(spiral.limit_s() < 1500.0);
         }

@@ -1,8 +1,9 @@
-//! The way back to a vessel that is not received: to where its last velocity has brought it, until it is.
+//! Return to a vessel that is not received: to its place extrapolated with its last velocity, until it is received.
 //!
-//! A drone on a sortie flies it, and any other once its charge calls it back. The place is `p + u t` after the time `t` since the vessel
-//! was received; how far from there it may be is in what the way is taken to cost ([`super::sortie`]). With the radio back the
-//! landing begins as any. With nothing received the battery's reserve sends the drone to the next place of `battery_order`.
+//! A drone on a sortie returns in this way, and so does any other drone when its charge requires it. The place is `p +
+//! u t` at the time `t` after the last reception; the charge needed for the way allows for the uncertainty of that
+//! place ([`super::sortie`]). When the radio is back, the landing starts as usual. Without any reception the battery's
+//! reserve sends the drone to the next place of `battery_order`.
 
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
@@ -11,13 +12,13 @@ use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTr
 use super::situation::{ControlState, SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
-/// A hold for want of data is no place to wait further away than this, m.
+/// Distance from the vessel's place up to which the drone waits for data in a hold, m.
 pub(super) const FAR_M: f64 = 100.0;
-/// No turn of the heading nearer to the place than this, m.
+/// Distance to the place below which the heading stays constant, m.
 const ARRIVED_M: f64 = 10.0;
 
-/// Whether a drone that has to come back seeks its vessel: on a sortie or by its charge, by odometry that is fresh, without a
-/// forecast.
+/// Vessel to seek for a drone that has to return, on a sortie or because of its charge; it needs fresh odometry and has
+/// no forecast.
 pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
     let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
@@ -25,12 +26,11 @@ pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVes
     s.sortie.seeks.filter(|_| returns && without).filter(near)
 }
 
-/// Why it is on its way: how far, m, and how long the vessel has been silent, s.
+/// Reason with the distance, m, and the time since the last reception, s.
 fn reason(seeks: &SilentVessel) -> Reason {
     Reason::new(ReasonCode::SeeksVessel, seeks.offset.norm(), seeks.silent_s)
 }
 
-/// Sets out for it.
 pub(super) fn sets_out(
     progress: &mut MissionProgress,
     seeks: &SilentVessel,
@@ -40,7 +40,7 @@ pub(super) fn sets_out(
     MissionPhase::Seek.enter(reason(seeks))
 }
 
-/// Seek: until the vessel is received.
+/// Flies to the vessel's extrapolated place until the vessel is received.
 pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if s.fresh_deck().is_some() {
         progress.started = s.now;
@@ -54,7 +54,7 @@ pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     }
 }
 
-/// Place and heading of the drone: at the approach height over the level that is known, or as high as it is.
+/// Place to fly to, at the approach height over the deck's known level or at the present height, and heading.
 pub(super) fn place(s: &Situation, c: &MissionConfig) -> (Vector3<f64>, f64) {
     let Some((own, seeks)) = s.own.zip(s.sortie.seeks) else {
         let own = s

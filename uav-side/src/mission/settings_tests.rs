@@ -1,4 +1,4 @@
-//! Settings of the mission by a ground station, and state of an idle mission that outlives its process.
+//! Tests of settings by a ground station, and of an idle mission's state that outlives its process.
 
 use alight_shared::msg::{CommandKind, LandingMode};
 
@@ -29,7 +29,6 @@ fn disarmed(t: f64) -> MissionIn {
     });
     input
 }
-/// The mission's settings after this input.
 fn after(m: &mut MissionNode, t: f64, input: &MissionIn) -> MissionState {
     m.step(at(t), input).state.unwrap()
 }
@@ -49,7 +48,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // Beyond the configuration's limits, or the file's alone.
+    // These values are beyond the configuration's limits, or may be set in the file only.
     for (t, wrong) in [
         (
             3.0,
@@ -75,13 +74,13 @@ fn settings_of_a_ground_station() {
     ] {
         assert_eq!(after(&mut m, t, &set(t, wrong)).settings, wanted);
     }
-    // The drone is to take off.
+    // A take-off is ordered.
     let s = m.situation(at(5.0));
     assert!(m.is_settable(&s));
     m.phase = MissionPhase::Countdown { since: at(5.0) };
     assert!(!m.is_settable(&s));
     m.phase = MissionPhase::Idle;
-    // Too old, and from the future.
+    // These orders are too old, or from the future.
     for given in [4.9, 6.1] {
         let input = MissionIn {
             settings: order(given, before),
@@ -102,14 +101,14 @@ fn settings_while_armed_or_ordered_to_land() {
     };
     let state = after(&mut m, 1.0, &flying);
     assert!(state.settings == before && !state.settable);
-    // Nothing is known of the autopilot.
+    // The autopilot's state is unknown.
     let mut m = node();
     let unknown = MissionIn {
         autopilot: None,
         ..flying
     };
     assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
-    // The order to land comes first, then after it.
+    // The order to land arrives together with the settings, then before them.
     let mut m = node();
     let ordered = MissionIn {
         commands: vec![command(header(1, at(1.0)), CommandKind::Land)],
@@ -123,7 +122,7 @@ fn settings_while_armed_or_ordered_to_land() {
     assert_eq!(after(&mut m, 1.1, &late).settings, before);
 }
 
-/// The first state of a mission that takes the place of one that left this checkpoint.
+/// First state of a mission that succeeds one with this checkpoint.
 fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (MissionNode, MissionState) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -181,7 +180,7 @@ fn approach_height_of_a_crashed_mission() {
     assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
 }
 
-/// A drone that hovers without an order, low, was away from the vessel, and the vessel comes near.
+/// A drone hovers low without an order, away from the vessel, and the vessel comes near.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {
     let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);
@@ -197,6 +196,6 @@ fn vessel_that_comes_near_after_a_crash() {
         (climbs.state, climbs.entered.code),
         (State::GaveUp, ReasonCode::TooNear)
     );
-    // Handed over near the deck it stays there.
+    // A drone that was handed over near the deck stays there.
     assert_eq!(near(false).state, State::Idle);
 }

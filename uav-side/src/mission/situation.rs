@@ -1,4 +1,4 @@
-//! The situation: every quantity that a transition judges, computed once per step.
+//! The situation: every quantity that transitions depend on, computed once per step.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -19,25 +19,24 @@ use crate::surroundings::ring_m;
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{Odds, Staying};
 
-/// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {
-    /// No state of the autopilot for too long.
+    /// The autopilot's state is missing or stale.
     Unknown,
     Disarmed,
     /// Armed and on the ground.
     OnGround,
-    /// Armed, under a pilot's or the autopilot's own control.
+    /// Armed, controlled by a pilot or by the autopilot itself.
     OtherControl(AutopilotMode),
-    /// Armed, in the autopilot's hold because set-points ceased: no pilot has taken the drone over.
+    /// Armed, in the autopilot's hold after a set-point loss, without a pilot's takeover.
     Lapsed,
     /// Armed, in the air, following set-points.
     Ours,
 }
 
 impl ControlState {
-    /// From the autopilot's state; None when it is missing or stale. Where the mission only looks on, whoever flies the
-    /// drone flies what it would.
+    /// Control state from the autopilot's state; None if that is missing or stale. In shadow mode any control is
+    /// treated as ours.
     pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
@@ -60,19 +59,15 @@ impl ControlState {
     }
 }
 
-/// The drone by its newest odometry.
+/// Position (m) and velocity (m/s) in the drone's NED, and heading (rad), by the newest odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnState {
-    /// Drone's NED, m.
     pub position: Vector3<f64>,
-    /// m/s.
     pub velocity: Vector3<f64>,
-    /// rad.
     pub yaw: f64,
 }
 
 impl OwnState {
-    /// From odometry.
     pub fn of(d: &DroneState) -> Self {
         OwnState {
             position: d.position(),
@@ -82,35 +77,35 @@ impl OwnState {
     }
 }
 
-/// A vessel that turns faster than this is led sideways by its rudder as no forecast knows, rad/s: 11 deg/s.
+/// Turn rate of the vessel above which the rudder's lateral acceleration makes the forecast unreliable, rad/s: 11
+/// deg/s.
 const MAX_TURN_RADPS: f64 = 0.2;
-/// The deck's motion is judged over this time, s.
+/// Time over which the deck's motion is assessed, s.
 const FEASIBLE_S: f64 = 2.0;
 
-/// So long the forecast lags behind a turn, s: the low-pass of the vessel's mean heading rate, and the radio. A vessel at
-/// speed `U` that turns at `r` accelerates by `U r` across her course, unforeseen for this long.
+/// Lag of the forecast behind a turn, s: low-pass filter of the vessel's mean heading rate, plus radio delay. A vessel
+/// at the speed `U` that turns at `r` accelerates by `U r` across its course, which is unpredicted during this lag.
 const TURN_LAG_S: f64 = 1.2;
 
-/// The forecast deck relative to the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deck {
     /// Foot plane above the deck along the deck's normal, m.
     pub clearance_m: f64,
     /// Horizontal distance of the centre of mass from the deck's centre, m.
     pub distance_m: f64,
-    /// Nearer than this the drone is over the vessel or next to it, m.
+    /// Distance below which the drone is over the vessel or next to it, m.
     pub ring_m: f64,
-    /// The vessel asks drones to leave in a direction.
+    /// Whether the vessel has an escape direction for drones.
     pub escapes: bool,
-    /// Direction to the deck's centre from north towards east, rad.
+    /// Direction to the deck's centre, from north towards east, rad.
     pub bearing_rad: f64,
     /// The vessel's mean heading, rad.
     pub heading_rad: f64,
     /// Centre of the feet in the deck's plane: along and across, m.
     pub feet: Vector2<f64>,
-    /// Speed at which the drone comes nearer to the deck, m/s.
+    /// Speed of the drone towards the deck, m/s.
     pub closing_mps: f64,
-    /// Speed at which the vessel goes away from the drone, m/s.
+    /// Speed of the vessel away from the drone, m/s.
     pub leaving_mps: f64,
     /// Horizontal speed relative to the deck, m/s.
     pub relative_speed_mps: f64,
@@ -118,9 +113,10 @@ pub struct Deck {
     pub radio_age_s: f64,
     /// Age of the newest vision measurement, s.
     pub vision_age_s: f64,
-    /// Age of the newest relative place that may stand in for one, s: confirmed by the tags; infinite without.
+    /// Age of the newest relative place that may replace a vision measurement, s: confirmed by the tags; infinite
+    /// without one.
     pub relative_age_s: f64,
-    /// Speed at which drone and deck come together along its normal, m/s.
+    /// Closing speed of drone and deck along its normal, m/s.
     pub sinking_mps: f64,
     /// Maximum predicted horizontal speed over the horizon, m/s.
     pub speed_mps: f64,
@@ -128,32 +124,33 @@ pub struct Deck {
     pub heave_mps: f64,
     /// Maximum predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
-    /// Rate of the vessel's mean heading, rad/s, without a sign: the waves' yaw is no turn.
+    /// Magnitude of the vessel's mean heading rate, rad/s, without the waves' yaw.
     pub turn_radps: f64,
-    /// By how much the vessel's turn may change the deck's horizontal velocity before the forecast follows, m/s.
+    /// Change of the deck's horizontal velocity due to the vessel's turn before the forecast follows, m/s.
     pub turn_mps: f64,
-    /// The motion of a vessel that is known by its tags alone is identified; that of another one she knows herself.
+    /// Whether the vessel's motion is known: identified by the tags alone, or reported by the vessel.
     pub identified: bool,
-    /// The beacon that may lead to it: the standard deviation of its place, each horizontal axis, m, and its age, s; None, too,
-    /// where the mission permits none.
+    /// Beacon to fly to: standard deviation of its place, each horizontal axis, m, and its age, s; None without one, or
+    /// if the mission permits none.
     pub beacon: Option<[f64; 2]>,
-    /// Two witnesses of its place or height contradict each other.
+    /// Reason if two sources of the deck's place or height contradict each other.
     pub contradicted: Option<Reason>,
-    /// Outcomes of the landing, completed, and of a climb from now on; None above the commit clearance.
+    /// Outcomes of completing the landing and of climbing from now on; None above the commit clearance.
     pub ends: Option<ContactOutcomes>,
 }
 
-/// The rangefinder and the camera may disagree about the height by this many standard deviations of both, root mean square over
-/// seconds. Chosen: 1 where both err as they state, 2.8 at most in 40 sound landings, 8 with images stamped 0.25 s late.
+/// Limit of the difference between the heights by rangefinder and camera, in standard deviations of both, RMS over
+/// seconds. Chosen: 1 if both meet their stated errors, 2.8 at most in 40 sound landings, 8 with images stamped 0.25 s
+/// late.
 const MAX_HEIGHT_SD: f64 = 3.0;
 
-/// Which decks are in sight of which one is the vessel's.
+/// Reason if several decks are detected and it is unknown which one is the vessel's.
 pub fn several(forecast: &DeckForecast) -> Option<Reason> {
     let decks = f64::from(forecast.decks_in_sight);
     (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
 }
 
-/// Which two witnesses of the deck contradict each other.
+/// Reason if two sources of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     let elsewhere = forecast
         .place_apart_m
@@ -162,13 +159,13 @@ fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
 }
 
-/// Age of the newest relative place that may stand in for a vision measurement, s.
+/// Age of the newest relative place that may replace a vision measurement, s.
 pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
     forecast.relative.map_or(f64::INFINITY, |r| r.stands_in_age_s())
 }
 
 impl Deck {
-    /// The deck at `now`; None when the forecast does not reach there.
+    /// The deck at `now`; None if the forecast does not cover `now`.
     pub fn of(
         forecast: &DeckForecast,
         own: &OwnState,
@@ -186,7 +183,7 @@ impl Deck {
         let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
         let clearance_m = here.height_of(&own.position) - drone.feet_below_m;
-        let [speed_mps, heave_mps, tilt_rad] = greatest_motion(forecast, start);
+        let [speed_mps, heave_mps, tilt_rad] = max_motion(forecast, start);
         let horizontal = |s: &DeckStage| Vector2::new(s.velocity[0], s.velocity[1]);
         let course: Vector2<f64> = forecast.stages.iter().map(horizontal).sum();
         let turn_radps = forecast.mean_heading_rate.abs();
@@ -229,13 +226,13 @@ impl Deck {
                 .flatten(),
         })
     }
-    /// Age of what shows a landing that has begun where the deck is, s: the newest vision measurement, or what stands in for it where
-    /// the tags are too near, hidden or too dark to be detected. A landing begins by the tags.
+    /// Age of the deck's position in a landing, s: that of the newest vision measurement, or of the relative place that
+    /// replaces it while the tags are too near, hidden or too dark. A landing begins only with the tags.
     pub fn located_age_s(&self) -> f64 {
         self.vision_age_s.min(self.relative_age_s)
     }
-    /// Next place of the drone on its way to the place at this distance (m) and bearing (rad, from north) from the deck's
-    /// centre, NED, m: around the deck, an eighth of a half turn at a time.
+    /// Next waypoint to the place at this distance (m) and bearing (rad, from north) from the deck's centre, NED, m.
+    /// The way leads around the deck in steps of 22.5 deg.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
@@ -243,7 +240,8 @@ impl Deck {
         let bearing = from + wrap_angle(bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
         [distance_m * bearing.cos(), distance_m * bearing.sin()]
     }
-    /// Limit that no likelihood overrules: deck motion or tilt beyond what drone and planner follow; `slack` widens it.
+    /// Reason if the deck's motion or tilt exceeds what drone and planner can follow. It applies at any probability of
+    /// a landing. `slack` widens the limits.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
         first_beyond([
             (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
@@ -252,8 +250,7 @@ impl Deck {
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
         ])
     }
-    /// Distance of the centre of the feet outside the part of the deck on which all feet stand, m;
-    /// negative inside.
+    /// Distance of the feet's centre outside the area of the deck where all feet stand on it, m; negative inside.
     pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
         let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
@@ -261,11 +258,11 @@ impl Deck {
     }
 }
 
-/// Maximum horizontal speed and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
-fn greatest_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3] {
+/// Maximum horizontal and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
+fn max_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3] {
     let step = forecast.step.secs();
     let since = (start - forecast.header.at).secs();
-    let mut greatest = [0.0_f64; 3];
+    let mut largest = [0.0_f64; 3];
     for (i, s) in forecast.stages.iter().enumerate() {
         let lead = i as f64 * step - since;
         if lead < -step || lead > FEASIBLE_S {
@@ -276,167 +273,151 @@ fn greatest_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3]
             s.velocity[2].abs(),
             angle_from_vertical(s.euler[0], s.euler[1]),
         ];
-        for (most, value) in greatest.iter_mut().zip(motion) {
+        for (most, value) in largest.iter_mut().zip(motion) {
             *most = larger(*most, value);
         }
     }
-    greatest
+    largest
 }
 
-/// Angle between a body's down axis and the vertical for roll and pitch, rad.
+/// Angle between a body's down axis and the vertical for this roll and pitch, rad.
 pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
     (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos()
 }
 
-/// A vessel that was received, where its last velocity has brought it.
+/// A vessel that is no longer received, at its place extrapolated with its last velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentVessel {
-    /// From the drone, north and east, m.
+    /// Offset from the drone, north and east, m.
     pub offset: Vector2<f64>,
-    /// Not received for so long, s.
     pub silent_s: f64,
 }
 
-/// The way back from a sortie.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SortieEvidence {
-    /// Expected place of a vessel that was received before.
+    /// Expected place of a vessel that is no longer received.
     pub seeks: Option<SilentVessel>,
-    /// Why the drone turns back now.
     pub turns_back: Option<Reason>,
-    /// Time until it does, s; None while that is not known.
+    /// Time until the drone has to turn back, s; None if unknown.
     pub turns_in_s: Option<f64>,
-    /// Whether the autopilot flies its own mission, or has flown all of it.
     pub own_mission: OwnMission,
 }
 
-/// Evidence for a take-off.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TakeOffEvidence {
-    /// Probability of a take-off now and soon; None while that is not known or not asked for.
+    /// Probabilities of a take-off now and soon; None if unknown or not needed.
     pub lift_off: Option<Moments>,
-    /// Height that the drone has risen from the deck since its take-off began, m.
+    /// Rise of the drone since its take-off began, m.
     pub risen_m: f64,
-    /// All of that was measured.
     pub rise_measured: bool,
-    /// Whether it stands, while it spins up or stands down.
+    /// Whether the drone stands, in spin-up or stand-down.
     pub(crate) standing: StandingVerdict,
-    /// It has not been witnessed to stand for so long, s.
+    /// Time since a witness last showed that the drone stands, s.
     pub unwitnessed_s: f64,
-    /// Time for which its rotors have turned by the autopilot's report, s.
+    /// Time for which the autopilot has reported turning rotors, s.
     pub rotors_turn_s: f64,
-    /// In a take-off they have given what lifts it for so long, s; None: the autopilot has not reported its thrust lately.
+    /// Time for which the rotors have been able to lift the drone in a take-off, s; None without a recent report of the
+    /// thrust.
     pub lifts_s: Option<f64>,
-    /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
+    /// Predicted angle between the drone and the deck after one reaction time, rad.
     pub tips_rad: f64,
 }
 
-/// Charge that each place needs from here, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Charges {
-    /// Return by the autopilot, and a landing there.
+    /// Return by the autopilot and landing at home.
     pub home: f64,
     /// Landing in place.
     pub here: f64,
-    /// Attempt to land on the deck from above it.
+    /// One attempt to land on the deck from above it.
     pub attempt: f64,
 }
 
-/// The situation that a transition judges.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation {
     pub now: Time<DroneClock>,
-    /// Whether the drone flies and who controls it.
     pub flight: ControlState,
-    /// Why the autopilot as it is permits no landing; None when it does.
+    /// Reason why the autopilot's state permits no landing.
     pub rejection: Option<Reason>,
-    /// The drone's frame has moved, and no forecast has come since.
+    /// Reason if the drone's frame has jumped since the last forecast.
     pub moved: Option<Reason>,
-    /// Several decks are in sight, of which one is the vessel's.
+    /// Reason if several decks are detected and it is unknown which one is the vessel's.
     pub several: Option<Reason>,
-    /// Remaining battery that counts; None when not reported.
+    /// Filtered battery charge, 0 to 1; None if not reported.
     pub battery: Option<f64>,
-    /// Reserve that has to be left of it, 0 to 1.
+    /// Charge that has to remain, 0 to 1.
     pub battery_reserve: f64,
-    /// Charge that each place to land needs.
     pub charges: Charges,
-    /// The newest odometry.
     pub own: Option<OwnState>,
-    /// Age of the odometry, s.
     pub odometry_age_s: f64,
-    /// Oldest useful odometry, s.
     pub odometry_limit_s: f64,
-    /// The deck; None when there is no forecast that reaches `now`.
+    /// The deck; None without a forecast that reaches `now`.
     pub deck: Option<Deck>,
-    /// The deck's mean level, NED z, m, or the higher one of a witness that contradicts it; None before the first forecast.
+    /// Mean level of the deck, NED z, m, or that of a witness with a higher one that contradicts it; None before the
+    /// first forecast.
     pub mean_deck_z: Option<f64>,
-    /// No lower than this, NED z, m, while no second witness confirms the deck's height; None: as low as the state asks.
+    /// Lower limit of the height, NED z, m, while no second source confirms the deck's height; None without a limit.
     pub lowest_z: Option<f64>,
-    /// Why no lower.
+    /// Reason for that limit.
     pub doubt: Option<Reason>,
-    /// Whether a drone that lands now will stay.
+    /// Assessment of whether a drone that lands now stays on the deck.
     pub staying: Staying,
-    /// Tilt of the drone beyond what was commanded lately, rad.
+    /// Tilt of the drone beyond the recently commanded one, rad.
     pub tilt_excess_rad: f64,
-    /// Root mean square of what is commanded to and fro besides what plan and wind ask for, rad.
+    /// RMS oscillation of the commanded tilt beyond plan and wind, rad.
     pub swing_rad: f64,
-    /// Probabilities of a landing from here; None while that is not known.
+    /// Probabilities of a landing from here; None if unknown.
     pub odds: Option<Odds>,
-    /// In a simulation alone: a descent begins at this time, however likely it succeeds.
     pub forced_descent: Option<Time<DroneClock>>,
-    /// Above this probability waiting for a better moment is not worth its cost.
+    /// Probability above which waiting for a better time does not pay.
     pub worth_waiting: f64,
-    /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.
+    /// Level of the water in the drone's NED, from the deck's mean level, m; 0 if unknown.
     pub water_z: f64,
-    /// Age of the forecast, s.
     pub forecast_age_s: f64,
-    /// Oldest useful forecast, s.
     pub forecast_limit_s: f64,
-    /// Age of the plan, s; infinite without one or when the solver failed.
+    /// Age of the plan, s; infinite without one or if the solver failed.
     pub plan_age_s: f64,
-    /// Oldest useful plan, s.
     pub plan_limit_s: f64,
     /// Distance of the feet outside the usable deck, m.
     pub outside_m: f64,
-    /// Whether the deck is ours to descend to.
     pub reservation: Reservation,
-    /// By the vessel the deck has other dimensions than in the drone's configuration.
+    /// Reason if the vessel reports other dimensions of the deck than the drone's configuration.
     pub other_deck: Option<Reason>,
-    /// Course of the vessel as its helm states it, from now on.
+    /// Course of the vessel announced by its helm, from now on.
     pub course: Course,
-    /// Too dark for the camera to detect a tag, or a light blinds it.
+    /// Reason if the camera cannot detect a tag: too dark, or blinded by a light.
     pub dark: Option<Reason>,
-    /// Waiting place for the deck; None: it has none, or reserves none.
+    /// Waiting place at the deck; None without one, or without reservations.
     pub place: Option<WaitingPlace>,
-    /// The other drones that have the waiting places, from the lowest on; 0: free, or its own.
+    /// Ids of the other drones in the waiting places, from the lowest place up; 0 if a place is free or this drone's
+    /// own.
     pub others: [u32; PLACES],
-    /// The heights of their stations, m; 0: none.
+    /// Heights of those drones' stations, m; 0: none.
     pub other_stations_m: [u8; PLACES],
-    /// The pilot has stopped the motors.
     pub motors_stopped: bool,
-    /// The rotors carry the drone, by the thrust that the autopilot reports; None where it has not reported it lately.
+    /// Whether the rotors carry the drone, according to the thrust that the autopilot reports; None without a recent
+    /// report.
     pub rotors_carry: Option<bool>,
-    /// The hardest contact that the pilot has noticed, when it was hard, m/s.
+    /// Speed of the hardest hard contact reported by the pilot, m/s.
     pub hard_contact_mps: Option<f64>,
-    /// Another drone asks for the deck on which this one stands.
+    /// Whether another drone has requested the deck on which this one stands.
     pub deck_wanted: bool,
-    /// Why the vessel does not let the drone take off; None: it does.
+    /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
-    /// The autopilot reports the ground.
+    /// Whether the autopilot reports that the drone is on the ground.
     pub on_ground: bool,
-    /// The charge that a take-off needs, 0 to 1.
+    /// Charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
-    /// The way back from a sortie.
     pub sortie: SortieEvidence,
-    /// Evidence for a take-off.
     pub leaving: TakeOffEvidence,
 }
 
-/// A drone that tips on the deck goes on for so long after the thrust was cut, s: a period, the wire and three lags of the
+/// Time for which a drone continues to tip after the thrust was cut, s: a period, the link and three lags of the
 /// rotors.
 const TIPS_ON_S: f64 = 0.15;
 
-/// Angle between drone and deck [`TIPS_ON_S`] from `now`, each turning on as it does, rad; 0 where the forecast does not reach.
+/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their present rates, rad; 0 if the forecast does not cover
+/// that time.
 pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
     let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
@@ -444,25 +425,25 @@ pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneCloc
     forecast.at(at).map_or(0.0, |deck| (-deck.normal()).angle(&down))
 }
 
-/// Feet this far above the deck do not stand on it, m: several times the forecast's error.
+/// Clearance above which feet do not stand on the deck, m: several times the forecast's error.
 const ABOVE_DECK_M: f64 = 0.5;
-/// A drone whose feet are by more than this outside the deck's edges does not rest on it, m: the forecast's error where no
-/// camera sees the deck.
+/// Distance of the feet outside the deck's edges above which the drone does not rest on it, m: the forecast's error
+/// without a detection.
 const OFF_DECK_M: f64 = 0.6;
-/// A drone that moves relative to the deck slides for so long, s.
+/// Time for which a drone that moves relative to the deck continues to slide, s.
 const SLIDES_S: f64 = 1.0;
-/// Rotors that give this much of hover's thrust carry the drone, or most of it.
+/// Fraction of hover's thrust above which the rotors carry most of the drone.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
-/// Whether the rotors carry a drone that hovers at the thrust which the autopilot reports, or else its geometry gives; None
-/// where the drone is armed and the autopilot has not reported lately what thrust it gives.
+/// Whether the rotors carry a drone, given the autopilot's reported thrust and hover thrust (otherwise the hover thrust
+/// of the geometry); None if an armed autopilot has not reported its thrust recently.
 pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
     if !a.armed {
         return Some(false);
     }
     a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover_thrust(a, drone))
 }
-/// The thrust that hovers, as the autopilot reports it, or else as the drone's geometry gives it.
+/// Hover thrust reported by the autopilot; without a report, that of the drone's geometry.
 pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
     if a.hover_thrust > 0.0 {
         a.hover_thrust
@@ -472,12 +453,11 @@ pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
 }
 
 impl Situation {
-    /// Why there is no deck.
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Why a detected touchdown does not count: the rotors carry the drone, above the deck when that is known, or off the
-    /// deck. Where the thrust is not known, the height above the deck shows it alone.
+    /// Reason why a detected touchdown is false: the rotors carry the drone, and it is above the deck or off it. If the
+    /// thrust is unknown, the height above the deck decides alone.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
@@ -489,34 +469,35 @@ impl Situation {
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Reason for a drone with its feet on the deck that is beyond its edge, or will be before it is disarmed and at rest.
+    /// Reason if a drone with its feet on the deck is beyond the edge, or will slide beyond it before it is disarmed
+    /// and at rest.
     pub fn slides(&self) -> Option<Reason> {
         let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
     }
-    /// Whether a drone that reported its touchdown may fly for all that is known.
+    /// Whether a drone that reported its touchdown may still fly.
     pub fn may_fly(&self) -> bool {
         self.false_touchdown().is_some() || self.rotors_carry.is_none() && self.fresh_deck().is_none()
     }
-    /// The height `z` (NED, m), or the lowest that the witnesses of the deck's height allow.
+    /// The height `z` (NED, m), raised to the limit of the height witnesses.
     pub fn no_lower(&self, z: f64) -> f64 {
         self.lowest_z.map_or(z, |lowest| z.min(lowest))
     }
-    /// Height of the approach above the deck's mean level: that of its waiting place, m.
+    /// Height of the approach above the deck's mean level, m, including the additional height of the waiting place.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
-    /// Why the deck is not detected: it is dark where the deck lies in a camera's image, within 45 deg of straight below;
-    /// else what is known is that it is not detected.
-    pub fn unseen(&self, deck: &Deck) -> Reason {
+    /// Reason why the deck is not detected: darkness if the deck lies in the camera's image, within 45 deg of straight
+    /// below; otherwise no detection.
+    pub fn not_detected(&self, deck: &Deck) -> Reason {
         let below = deck.distance_m <= deck.clearance_m;
         self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())
     }
-    /// Why it waits off the deck.
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Place where it goes to wait ([`Deck::round`]), or stays while it has no place, from the deck's centre, NED, m.
+    /// Next waypoint to the waiting place, from the deck's centre, NED, m ([`Deck::round`]); the present place if there
+    /// is no waiting place.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         let deck = self.fresh_deck()?;
         Some(match self.place {
@@ -527,11 +508,11 @@ impl Situation {
             }
         })
     }
-    /// Why no order to land or to take off counts: the pilot at the remote control holds the drone back.
+    /// Reason to reject any order to land or take off: the pilot blocks orders by remote control.
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }
-    /// The deck, when forecast and odometry are fresh.
+    /// The deck, if forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {
         if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {
             self.deck.as_ref()
@@ -539,7 +520,7 @@ impl Situation {
             None
         }
     }
-    /// The feet above that deck, m; 0 where it is not known.
+    /// Clearance of the feet above the deck, m; 0 if unknown.
     pub fn clearance_m(&self) -> f64 {
         self.fresh_deck().map_or(0.0, |d| d.clearance_m)
     }

@@ -1,12 +1,13 @@
-//! Sortie: how long the drone may stay away before it has to turn back to where the vessel will be.
+//! Sortie: time until the drone has to return to the vessel's future place.
 //!
-//! A drone `r` away from a vessel that moves at `u`, in the wind `w`, meets it after the smallest `T >= 0` with
-//! `|r + (u - w) T| = v T` at its air speed `v`: a pursuit of the vessel's place then, not of its place now. It turns where its
-//! charge `b` is down to the reserve, the way and one missed attempt: after the time `t` with `b - P t = b_r + P (T(t) + t_a)`
-//! for the power `P`, where the vessel goes on while the drone stays. The landing itself is what the reserve is for.
+//! A drone at the offset `-r` from a vessel that moves at `u`, in the wind `w`, meets it after the smallest `T >= 0`
+//! with `|r + (u - w) T| = v T` at its air speed `v`: it flies to the vessel's place at that time. It turns back when
+//! its charge `b` has fallen to the sum of the reserve, the return and one missed attempt: after the time `t` with `b -
+//! P t = b_r + P (T(t) + t_a)` for the power `P`, during which the vessel moves on while the drone stays. The reserve
+//! is for the landing itself.
 //!
-//! Out of radio range the vessel is where its last velocity has brought it, to a margin that grows with the time since, and the
-//! way is that much longer.
+//! Out of radio range the vessel's place is extrapolated with its last velocity; a margin that increases with time is
+//! added to the distance.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -17,34 +18,34 @@ use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
 
-/// Longer ways are as good as none, s.
+/// Maximum time of a return, s; it is used for a vessel that cannot be reached.
 const MAX_WAY_S: f64 = 3600.0;
 /// Steps of the bisection: from an hour to a tenth of a second.
 const STEPS: u32 = 16;
 
-/// A vessel that is not received changes its velocity as a random walk: by this after 1 s, m/s, and this much of its speed
-/// besides, as in a turn; as a beacon's between its messages.
+/// Random walk of the velocity of a vessel that is not received: a constant part after 1 s, m/s, and a fraction of its
+/// speed, which covers turns. A beacon between its messages has the same.
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
-/// Time constant of the vessel's velocity, s: three periods of the longest waves that move a small boat; and one that was known
-/// longer ago than this begins again.
+/// Time constant of the vessel's velocity, and age after which the average restarts, s: three periods of the longest
+/// waves that move a small boat.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
-/// Standard deviations of its place that count.
+/// Margin in standard deviations of the vessel's place.
 const MARGIN_SD: f64 = 2.0;
-/// No vessel is further from where it was expected than one that turns round at once, or drifts at this speed, m/s.
+/// Drift speed in the upper bound of the margin, m/s; the bound also covers a vessel that reverses its course at once.
 const DRIFT_MPS: f64 = 0.3;
 
-/// Maximum distance of the vessel from where its last velocity has brought it, m: `2 q sqrt(t³ / 3)` after the time `t`,
-/// `q` what the velocity walks by in 1 s, and no more than `(2 u + 0.3 m/s) t`.
+/// Maximum distance of the vessel from its extrapolated place, m: `2 q sqrt(t³ / 3)` after the time `t` with the
+/// velocity's random walk `q` in 1 s, and at most `(2 u + 0.3 m/s) t`.
 fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     let walk = WALK_MPS + SPEED_WALK * speed_mps;
     let sd_m = walk * (silent_s.powi(3) / 3.0).sqrt();
     (MARGIN_SD * sd_m).min((2.0 * speed_mps + DRIFT_MPS) * silent_s)
 }
 
-/// The vessel by a forecast: its deck's place on the Earth, since the drone's frame may jump before it is asked for, and its mean
-/// velocity.
+/// The vessel by a forecast: its deck's place as latitude and longitude, because the drone's frame may jump before the
+/// place is used, and the mean velocity.
 fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     let [north, east, _] = forecast.stages.first()?.position;
     let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
@@ -57,8 +58,8 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// The vessel with its velocity without the waves', of which a forecast of seconds has no mean: a low-pass of the
-/// forecasts' mean velocities over the longest waves' periods. `before`: as known until now.
+/// The vessel with its velocity low-passed over the longest waves' periods, because a forecast of seconds does not
+/// average the waves. `before`: previous result.
 fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     let Some((before, dt)) = before.map(|b| (b, (now.at - b.at).secs())) else {
         return now;
@@ -70,7 +71,7 @@ fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     LastVessel { velocity, ..now }
 }
 
-/// From the drone to the place of `vessel` at `now`: where its last velocity has brought it.
+/// The vessel's place extrapolated to `now`, relative to the drone.
 fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVessel {
     let velocity = Vector2::from(vessel.velocity);
     let silent_s = (now - vessel.at).secs().max(0.0);
@@ -82,7 +83,7 @@ fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVesse
     }
 }
 
-/// Offset with the margin of a vessel that is not received, and its velocity.
+/// Offset of a vessel that is not received, including the margin, and its velocity.
 fn towards(vessel: &LastVessel, seeks: &SilentVessel) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
     let SilentVessel { offset, silent_s } = *seeks;
@@ -90,21 +91,18 @@ fn towards(vessel: &LastVessel, seeks: &SilentVessel) -> (Vector2<f64>, Vector2<
     (offset + away * margin_m(velocity.norm(), silent_s), velocity)
 }
 
-/// The way back to the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReturnLeg {
-    /// From the drone to the deck, m.
+    /// Offset of the deck from the drone, m.
     pub(super) offset: Vector2<f64>,
-    /// The vessel's velocity, m/s.
     pub(super) vessel: Vector2<f64>,
-    /// The wind's, towards, m/s.
+    /// Velocity of the air, north and east, m/s.
     pub(super) wind: Vector2<f64>,
-    /// The drone's air speed, m/s.
     pub(super) air_mps: f64,
 }
 
 impl ReturnLeg {
-    /// Time until the drone meets the vessel if it turns after `stays_s`, s; [`MAX_WAY_S`] where it does not catch up.
+    /// Time until the drone meets the vessel if it turns back after `stays_s`, s; [`MAX_WAY_S`] if it cannot reach it.
     pub(super) fn time_s(&self, stays_s: f64) -> f64 {
         let r = self.offset + self.vessel * stays_s;
         let drift = self.vessel - self.wind;
@@ -122,7 +120,7 @@ impl ReturnLeg {
         let time = if a > 1e-6 {
             (b + root) / a
         } else if b < -1e-6 {
-            // It comes to the drone.
+            // The vessel comes to the drone.
             c / (root - b)
         } else if c < 1e-6 {
             0.0
@@ -133,25 +131,21 @@ impl ReturnLeg {
     }
 }
 
-/// Charge that the drone has and that it needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Energy {
-    /// Charge, 0 to 1.
     pub(super) charge: f64,
-    /// Power, 1/s.
     pub(super) power: f64,
-    /// Charge that is left for the landing, 0 to 1.
+    /// Charge reserved for the landing, 0 to 1.
     pub(super) reserve: f64,
-    /// Time of one missed attempt, s.
     pub(super) attempt_s: f64,
 }
 
 impl Energy {
-    /// The charge at which a drone that stays for `stays_s` more has to turn, 0 to 1.
+    /// Charge at which a drone that stays for another `stays_s` has to turn back, 0 to 1.
     fn needed(&self, way: &ReturnLeg, stays_s: f64) -> f64 {
         self.reserve + self.power * (way.time_s(stays_s) + self.attempt_s)
     }
-    /// Time until it turns, s; 0 where it has to turn now.
+    /// Time until the drone turns back, s; 0 if it has to turn back now.
     pub(super) fn turns_in_s(&self, way: &ReturnLeg) -> f64 {
         let left = |t: f64| self.charge - self.power * t - self.needed(way, t);
         if !(left(0.0) > 0.0) {
@@ -168,7 +162,6 @@ impl Energy {
         }
         low
     }
-    /// Why it turns now.
     pub(super) fn turns_back(&self, way: &ReturnLeg) -> Option<Reason> {
         let needed = self.needed(way, 0.0);
         (!(self.charge > needed)).then(|| Reason::new(ReasonCode::TurnsBack, self.charge, needed.min(1.0)))
@@ -176,7 +169,7 @@ impl Energy {
 }
 
 impl MissionNode {
-    /// Judges how long a drone on a sortie may stay away.
+    /// Updates the remaining time of a drone on a sortie.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {
@@ -225,7 +218,7 @@ mod tests {
             (way([800.0, 0.0], [-2.0, 0.0], [0.0, 0.0]), 80.0),
             (way([800.0, 0.0], [0.0, 0.0], [-4.0, 0.0]), 200.0),
             (way([0.0, 0.0], [5.0, 0.0], [0.0, 0.0]), 0.0),
-            // Faster than the drone: away from it, or towards it.
+            // The vessel is faster than the drone, and moves away from it or towards it.
             (way([100.0, 0.0], [9.0, 0.0], [0.0, 0.0]), MAX_WAY_S),
             (way([170.0, 0.0], [-9.0, 0.0], [0.0, 0.0]), 10.0),
         ] {
@@ -234,7 +227,7 @@ mod tests {
         }
     }
 
-    /// A vessel that went north at 2 m/s when it was received last, 1 km north of the drone: a minute and ten of them later.
+    /// A vessel that moved north at 2 m/s when it was last received 1 km north of the drone: one and ten minutes later.
     #[test]
     fn way_to_a_vessel_out_of_radio_range() {
         let drone = DroneState {
@@ -248,7 +241,7 @@ mod tests {
             ..DeckStage::default()
         });
         let last = vessel(&forecast, &drone).unwrap();
-        // The drone's frame has jumped meanwhile.
+        // The drone's frame has jumped in the meantime.
         let jumped = DroneState {
             datum_offset: [105.0, -3.0, 0.0],
             position: [100.0, 0.0, 0.0],
@@ -262,7 +255,8 @@ mod tests {
         }
     }
 
-    /// At 2 m/s in waves that move it by 0.7 m/s: its way is known to a tenth of that, and a new one within a minute.
+    /// At 2 m/s in waves that move the vessel by 0.7 m/s: the mean velocity is known to a tenth, and a new one within a
+    /// minute.
     #[test]
     fn way_of_a_vessel_in_waves() {
         let mut last: Option<LastVessel> = None;

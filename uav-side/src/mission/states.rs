@@ -30,7 +30,7 @@ use super::turnaround;
 use crate::mission_config::MissionConfig;
 use descent::{descent, flare};
 
-/// What the state of `phase` does in this situation.
+/// Transition of the state of `phase` in this situation.
 pub(super) fn step(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -88,7 +88,7 @@ pub(super) fn step(
     }
 }
 
-/// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.
+/// Reason for the end of a waiting order to land: it has waited for too long, or its flight is over.
 fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let over = progress.armed && s.flight == ControlState::Disarmed;
     progress.armed |= !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
@@ -101,19 +101,19 @@ fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfi
     (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
 }
 
-/// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
+/// Reason while the battery of a drone whose landing was stopped is below the reserve and its operator has time to
+/// decide.
 fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
     let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
     Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
-/// Whether the drone is ours and its deck known.
 fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
 
-/// Idle: waits for command, flight and the vessel's state by radio.
+/// Idle: waits for an order, for the drone to fly in our mode, and for the vessel's state by radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
@@ -129,7 +129,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
-    // One that is received, or may be found.
+    // The drone can return to a vessel that is received or whose place is extrapolated.
     let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
     let turns_back = ends.filter(|_| may_return);
     let stays_due = ends.is_some();
@@ -139,11 +139,12 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     if s.flight != ControlState::Ours {
         let missing = ends.and_then(|_| old_data(s));
-        // In unattended cycles no pilot is there to give the mode.
+        // In unattended cycles there is no pilot to select the mode.
         let flies = s.sortie.own_mission == OwnMission::Flies;
         let recalled = progress.cycles.on && flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
-        // The pilot who holds the switch on abort has it taken by nothing: once ours it would hover there, and not land.
+        // While the pilot's switch is on abort, no order takes the drone: under our control it would hover there
+        // instead of landing.
         let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
         let why = held.or(turns_back).or(recalled).or(s.rejection).or(missing);
         return idle.stay(why.unwrap_or(NotFlying.into()));
@@ -193,7 +194,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
 }
 
-/// Get altitude: until the approach height is reached.
+/// Climbs or descends until the approach height is reached.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
@@ -213,13 +214,13 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransi
     MissionPhase::APPROACH.enter(HeightReached)
 }
 
-/// Straight up to the height of its waiting place, with the deck while it is over it.
+/// Climbs vertically to the height of the waiting place, and moves with the deck while above it.
 fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
     MissionPhase::GetAltitude { from }.enter(why)
 }
 
-/// Approach: to its waiting place until the deck is its own, then until visual contact is confirmed.
+/// Flies to the waiting place until the deck is reserved, then to the deck until visual contact is confirmed.
 fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(s.no_deck());
@@ -239,7 +240,8 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
             MissionPhase::APPROACH.stay(why)
         };
     }
-    // Over the vessel at a height that is safe under every witness, until one of them confirms it.
+    // The drone stays over the vessel at a height that is safe according to every witness until one of them confirms
+    // the deck's height.
     if let Some(why) = s.doubt {
         return MissionPhase::APPROACH.stay(why);
     }
@@ -247,9 +249,9 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
         if let Some(next) = search::begins(deck, s, c) {
             return next;
         }
-        // The tags that are detected may be another vessel's.
+        // The detected tags may be another vessel's.
         let why = deck.contradicted.or(s.several);
-        return MissionPhase::APPROACH.stay(why.unwrap_or(s.unseen(deck)));
+        return MissionPhase::APPROACH.stay(why.unwrap_or(s.not_detected(deck)));
     }
     let (detected, lasted) = lasting(true, detected, s.now);
     if lasted < CONTACT_CONFIRM_S {
@@ -258,7 +260,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
     MissionPhase::TRACKING.enter(InSight)
 }
 
-/// What is unsteady above the deck; `slack` widens the limits.
+/// Reason why the drone is not steady above the deck; `slack` widens the limits.
 fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
     let height = match (s.own, s.mean_deck_z) {
         (Some(own), Some(mean)) => (own.position.z - (mean - c.tracking_height_m)).abs(),
@@ -271,7 +273,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     ])
 }
 
-/// The deck is another's, or closed: a drone that has a waiting place leaves for it.
+/// Transition to the waiting place, if the drone has one and the deck is closed or owned by another drone.
 fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = s
         .waits(c)
@@ -279,7 +281,8 @@ fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     s.place.map(|_| leave(s, why))
 }
 
-/// Vision lost in a state that follows the vessel by vision: radio or beacon leads back to it, or nothing.
+/// Transition when vision is lost in a state that follows the vessel by vision: back to an approach by radio or beacon,
+/// if available.
 fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
     let next = if deck.radio_age_s <= c.radio_fresh_s || deck.beacon.is_some() {
@@ -290,7 +293,8 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTra
     Some(next.enter(why))
 }
 
-/// Why a deck is followed no longer at the tracking height: not seen, another's, or of a height in doubt.
+/// Transition when a deck is no longer followed at the tracking height: not detected, owned by another drone, or at a
+/// doubtful height.
 fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let doubted = || s.doubt.map(|why| MissionPhase::APPROACH.enter(why));
     vision_lost(deck, s, c)
@@ -298,25 +302,24 @@ fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTr
         .or_else(doubted)
 }
 
-/// Factor on the limits of a landing by its [`urgency`].
 fn widening(urgency: f64) -> f64 {
     if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
 
-/// Why the landing is not as likely to succeed as is `needed`, or its contact likelier to be unsafe than `max_harm`: `(1 - u)
-/// needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
+/// Reason if the landing's probability is below the required one, or if the probability of an unsafe contact is above
+/// the permitted one: `(1 - u) needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
 fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if urgency >= 1.0 || s.forced_descent.is_some() {
         return None;
     }
     let (needed, max_harm) = ((1.0 - urgency) * needed, max_harm.powf(1.0 - urgency));
-    // Without a forecast of the contact no landing is likely.
+    // Without a forecast of the contact the landing has no probability.
     let unknown = Reason::new(ReasonCode::LikelyBeside, 0.0, needed);
     let why = |odds: Odds| odds.below(needed).or_else(|| odds.harmful(max_harm));
     s.odds.map_or(Some(unknown), why)
 }
 
-/// Tracking: until stably above the deck.
+/// Follows the deck until the drone is steady above it.
 fn tracking(
     steady: Option<DroneTime>,
     progress: &MissionProgress,
@@ -340,7 +343,7 @@ fn tracking(
     MissionPhase::TrackingStable.enter(Reason::new(Steady, lasted, c.steady_s))
 }
 
-/// Tracking stable: until the descent's conditions hold.
+/// Stays steady above the deck until the conditions of a descent are met.
 fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stable = MissionPhase::TrackingStable;
     let Some(deck) = s.fresh_deck() else {
@@ -357,7 +360,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     if s.flight != ControlState::Ours {
         return stable.stay(NotFlying);
     }
-    // Whose grant is stale keeps the deck: a silent owner does not lose it.
+    // A drone with a stale grant keeps the deck, because the vessel does not withdraw it from a silent owner.
     let stale = matches!(s.reservation, Reservation::Unknown(_));
     let rejection = (s.reservation.rejection())
         .filter(|_| !(stale && urgent))
@@ -368,7 +371,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
             ])
         })
         .or_else(|| deck.infeasible(c, wide));
-    // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
+    // Any risk at rest on the deck is smaller than that of an empty battery.
     let rejection = rejection.or_else(|| {
         if urgent {
             return None;
@@ -393,14 +396,14 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     MissionPhase::DESCENT.enter(Permitted)
 }
 
-/// The longest time from here to the touchdown, s: down at the speeds of descent and flare, with the longest wait at the
+/// Longest time from here to the touchdown, s, at the speeds of descent and flare and with the longest pause at the
 /// decision clearance.
 fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Why no descent begins by what the helm states of the vessel's course.
+/// Reason not to begin a descent because of the course that the helm announces.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     match s.course {
         Course::Unknown => None,
@@ -409,18 +412,18 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
     }
 }
 
-/// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
-/// which a contact is harmful, 5 deg rms.
+/// Limit of the commanded tilt's RMS oscillation beyond plan and wind, rad (5 deg): half of the angle of a harmful
+/// contact. A stable attitude loop stays below it.
 const MAX_SWING_RAD: f64 = 0.087;
 
-/// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still reports
-/// where the vessel is.
+/// Maximum time of a flare without vision, s: for the last metre, in which the tags are out of view, and longer while
+/// the radio reports the vessel's position.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
-/// The radio reports where the vessel is, s.
+/// Maximum age of the vessel's position by radio for it to extend a flare without vision, s.
 const RADIO_FRESH_S: f64 = 1.5;
 
-/// How long a flare may last without vision: longer while the radio reports where the vessel is, s.
+/// Maximum time of a flare without vision, s: longer while the radio reports the vessel's position.
 pub(super) fn blind_limit(deck: &Deck) -> f64 {
     if deck.radio_age_s <= RADIO_FRESH_S {
         RADIO_BLIND_S
@@ -429,11 +432,11 @@ pub(super) fn blind_limit(deck: &Deck) -> f64 {
     }
 }
 
-/// The rotors have to carry a landed drone above the deck for so long before the touchdown counts as false, s.
+/// Time for which the rotors have to carry a landed drone above the deck before the touchdown is considered false, s.
 const AIRBORNE_S: f64 = 1.0;
 
-/// Landed: until the drone, disarmed in between, is armed again; or until it shows that it is in the air, where
-/// the autopilot's link keeps its motors running.
+/// Stays landed until the drone was disarmed and is armed again, or until it is shown to be in the air; the link then
+/// keeps its motors running.
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,
@@ -442,7 +445,7 @@ fn landed(
     c: &MissionConfig,
 ) -> PhaseTransition {
     progress.landing = false;
-    // The pilot no longer stands by the touchdown that it found.
+    // The pilot has withdrawn its touchdown.
     if let Some(why) = s
         .slides()
         .filter(|_| !disarmed && !s.motors_stopped && s.flight != ControlState::Disarmed)
@@ -470,12 +473,11 @@ fn landed(
     landed.stay(progress.cycles.ended.filter(|_| disarmed).unwrap_or_default())
 }
 
-/// The drone is above a deck that it sees.
 fn above(deck: &Deck, c: &MissionConfig) -> bool {
     deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
 }
 
-/// Hold: until data are fresh again and a landing is wanted. `hold` is this hold with data fresh since then.
+/// Holds until data are fresh again and a landing is ordered. `hold` creates this hold with the start of fresh data.
 fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,

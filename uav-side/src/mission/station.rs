@@ -1,8 +1,9 @@
-//! A station next to the vessel: a waiting place that an operator names, in the frame of the vessel's mean heading, for a while.
+//! A station next to the vessel: a waiting place that an operator orders for a limited time, in the frame of the
+//! vessel's mean heading.
 //!
-//! It is a hold ([`HoldCause::Station`]): what ends a hold ends it, and it is as high as an approach, so that it is clear of all
-//! keep-out volumes, and kept apart from the heights of other drones' places and stations where the deck is shared. Of two drones
-//! that are ordered to one height at once, the vessel's grant names the first; the other gives way.
+//! It is a hold ([`HoldCause::Station`]) and ends as any hold does. Its height is that of an approach, which is clear
+//! of all keep-out volumes; if the deck is shared, it differs from the heights of other drones' places and stations. If
+//! two drones are ordered to the same height at once, the vessel's grant decides on the first, and the other leaves.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::ReasonCode::{
@@ -24,7 +25,7 @@ use super::reservation::Reservation;
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Why the place cannot be kept, by the vessel's surroundings and other drones.
+/// Reason why the vessel's surroundings or other drones do not permit the place.
 fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let height_m = f64::from(station.height_m);
     if height_m < c.approach_height_m {
@@ -46,11 +47,11 @@ fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Rea
         .chain(stations)
         .find(|other_m| shared && (other_m - height_m).abs() < STATION_APART_M)
         .map(|other_m| Reason::new(StationTaken, other_m, STATION_APART_M))
-        // The vessel keeps the station of a drone that has a place apart from others.
+        // The vessel reserves a station only for a drone with a waiting place.
         .or((shared && s.place.is_none()).then(|| Reason::new(NoPlace, PLACES as f64, 0.0)))
 }
 
-/// The vessel is not received any more, and not detected.
+/// Reason if the vessel is neither received nor detected.
 fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let silent_s = match s.fresh_deck() {
         Some(deck) if deck.vision_age_s <= c.vision_lost_s => 0.0,
@@ -60,7 +61,7 @@ fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     exceeds(NoVessel, silent_s, c.radio_lost_s).map(|_| NoVessel.into())
 }
 
-/// Why an order for a station is rejected in `phase`.
+/// Reason to reject an order for a station in `phase`.
 fn rejected(
     phase: MissionPhase,
     station: &Station,
@@ -90,7 +91,7 @@ fn rejected(
         .or_else(|| impossible(station, s, c))
 }
 
-/// An operator orders a station: to it, or on with what the drone does, and why.
+/// Transition by an operator's order for a station, or continuation with the reason for its rejection.
 pub(super) fn commanded(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -111,18 +112,18 @@ pub(super) fn commanded(
         until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),
     };
     let mut next = holding(HoldCause::Station(kept), s, c);
-    // From over the vessel straight up first.
+    // A drone over the vessel first climbs straight up.
     if let (MissionPhase::Hold { at, .. }, Some(mean)) = (&mut next, s.mean_deck_z) {
         at.z = at.z.min(mean - f64::from(station.height_m));
     }
     Some(next.enter(waiting(&kept, s)))
 }
 
-/// Distance of the drone from its station, m, and the time for which it still keeps it.
+/// Distance of the drone from its station, m, and the time left there.
 fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     let left_s = (kept.until - s.now).secs().max(0.0);
     let off_m = s.fresh_deck().map_or(0.0, |deck| {
-        // From the deck's centre.
+        // Position of the drone from the deck's centre.
         let own = Vector3::new(-deck.bearing_rad.cos(), -deck.bearing_rad.sin(), 0.0) * deck.distance_m;
         let bearing = deck.heading_rad + kept.station.bearing_rad();
         let there = Vector3::new(bearing.cos(), bearing.sin(), 0.0) * kept.station.distance_m();
@@ -132,8 +133,9 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     Reason::new(OnStation, left_s, off_m)
 }
 
-/// On its station in `phase`: until the time is over or the place impossible. Without the vessel it stays over ground, and goes on
-/// to its station once the vessel is back. What an order, the battery or a mode end is ended before.
+/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel the drone
+/// stays at its place over ground, and continues to the station once the vessel is back. Orders, a low battery and a
+/// change of mode are handled before this.
 pub(super) fn keeps(
     phase: MissionPhase,
     kept: &KeptStation,
@@ -150,7 +152,8 @@ pub(super) fn keeps(
     phase.stay(without.unwrap_or_else(|| waiting(kept, s)))
 }
 
-/// `next` after `phase`: from a station to the height of its waiting place, for the station's may be another's now.
+/// Adjusts `next` when the drone leaves a station: it goes to the height of its waiting place, because the station's
+/// height may be reserved by another drone now.
 pub(super) fn leaves(
     phase: MissionPhase,
     mut next: MissionPhase,
@@ -164,8 +167,8 @@ pub(super) fn leaves(
     next
 }
 
-/// The station from the deck's centre, NED, m, round the deck; None: low over the vessel it climbs first, and without the
-/// vessel it stays.
+/// Next waypoint on the way round the deck to the station, from the deck's centre, NED, m. None if the drone first has
+/// to climb from low over the vessel, or stays because the vessel is missing.
 pub(super) fn offset(
     kept: &KeptStation,
     at: &Vector3<f64>,
@@ -185,7 +188,7 @@ pub(super) fn offset(
     })
 }
 
-/// The place `at` where the drone would stay without the vessel, on its way to the station.
+/// Place at which the drone stays if the vessel is lost on the way to the station; `at` is the hold's place.
 pub(super) fn held_place(
     kept: &KeptStation,
     at: &Vector3<f64>,

@@ -1,5 +1,3 @@
-//! Stations next to the vessel: which orders are taken, and what ends them.
-
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
     StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
@@ -13,7 +11,6 @@ use super::situation::OwnState;
 use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with};
 use super::*;
 
-/// To starboard, abeam.
 const ABEAM: Station = Station {
     ahead_m: 0,
     right_m: 20,
@@ -36,7 +33,6 @@ fn radio_age(s: &mut Situation, age_s: f64) {
         (deck.radio_age_s, deck.vision_age_s) = (age_s, 1e3);
     }
 }
-/// One step of a drone that needs the deck's reservation.
 fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> Decision {
     let shared = MissionConfig {
         reservation_required: true,
@@ -44,7 +40,6 @@ fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> 
     };
     decide(phase, MissionProgress::default(), command, s, &shared)
 }
-/// On the station of [`ABEAM`].
 fn on_station() -> Decision {
     let d = commanded(TRACKING, ORDER, &flying(|_| ()));
     assert_eq!(d.entered.map(|why| why.code), Some(OnStation));
@@ -76,11 +71,11 @@ fn station_is_taken_in_the_air() {
 #[test]
 fn station_in_the_frame_of_the_heading() {
     let d = on_station();
-    // Low over the vessel it climbs first.
+    // Low over the vessel the drone climbs first.
     let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
-    // To starboard of a vessel that heads east is south, and the way there leads round it from where the drone is.
+    // Starboard of a vessel that heads east is south; the way there leads round the vessel.
     let abeam = flying(|s| {
         high(s);
         let deck = s.deck.as_mut().unwrap();
@@ -98,7 +93,7 @@ fn station_in_the_frame_of_the_heading() {
 }
 
 #[test]
-fn station_refused_with_its_reason() {
+fn station_rejected_with_its_reason() {
     type Case = (MissionPhase, Station, fn(&mut Situation), ReasonCode);
     let low = Station {
         height_m: 14,
@@ -143,7 +138,8 @@ fn station_refused_with_its_reason() {
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
-        // The link arms, and ends a mission of the autopilot's, by what is waited for: that is as without the order.
+        // The autopilot link acts on the waiting reason, e.g. it arms, so that reason has to be the same as without the
+        // order.
         let without = decided(phase, None, &s);
         assert_eq!(
             (d.phase.state(), d.waiting),
@@ -152,7 +148,7 @@ fn station_refused_with_its_reason() {
     }
 }
 
-/// Two drones, one station: it is its first holder's by the vessel's grant, and who has to leave it goes to its own height.
+/// Two drones at one station: the vessel's grant decides on the first owner, and the other returns to its own height.
 #[test]
 fn station_of_another_drone() {
     let order = |height_m| CommandKind::Station(Station { height_m, ..ABEAM });
@@ -169,7 +165,7 @@ fn station_of_another_drone() {
         assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
         assert_eq!(d.phase.station().is_none(), taken);
     }
-    // Both were ordered there before either knew of the other.
+    // Both drones were ordered to the station before either knew of the other.
     let high = |other_m| Situation {
         own: flies(other_m).own.map(|own| OwnState {
             position: Vector3::new(0.0, 20.0, -31.3),
@@ -197,7 +193,7 @@ fn station_of_another_drone() {
 }
 
 #[test]
-fn refusal_is_shown_and_forgotten() {
+fn rejection_is_shown_and_forgotten() {
     let low = CommandKind::Station(Station { height_m: 5, ..ABEAM });
     let hold = holding(HoldCause::Operator, &flying(|_| ()), &config());
     let d = decided(hold, Some(low), &flying(|_| ()));
@@ -207,7 +203,7 @@ fn refusal_is_shown_and_forgotten() {
         shown(&d, &flying(|_| ())).map(|why| why.code),
         Some(StationTooLow)
     );
-    // What it waits for is what others go by.
+    // Other nodes depend on the waiting reason.
     let without = decided(hold, None, &flying(|_| ()));
     assert_eq!(d.waiting, without.waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
@@ -221,7 +217,7 @@ fn own_deck_may_be_kept_from_above() {
     let above = CommandKind::Station(Station { right_m: 0, ..ABEAM });
     let d = commanded(TRACKING, above, &flying(|_| ()));
     assert!(d.phase.station().is_some());
-    // Without a deck of its own it leaves.
+    // Without the deck's reservation the drone leaves the station.
     let d = step(&d, &flying(|s| s.reservation = Reservation::Others(2)));
     assert_eq!(d.entered.map(|why| why.code), Some(StationTooNear));
 }
@@ -251,7 +247,7 @@ fn station_ended_by_time_vessel_or_mode() {
     assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
 }
 
-/// Without the vessel it stays over ground, and goes on to its station once the vessel is back.
+/// Without the vessel the drone stays at its place over ground, and continues to its station once the vessel is back.
 #[test]
 fn station_after_a_silence() {
     let high = |s: &mut Situation| {
@@ -273,7 +269,7 @@ fn station_after_a_silence() {
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
         let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
-        // The radio is back, and the vessel 490 m on.
+        // The radio is back, and the vessel is 490 m further away.
         let back = flying(|s| {
             high(s);
             s.deck.as_mut().unwrap().distance_m = 490.0;
@@ -304,7 +300,7 @@ fn station_ended_by_an_order() {
     };
     let d = commanded(&on_station(), CommandKind::Station(other), &s);
     assert_eq!(d.phase.station().map(|kept| kept.station), Some(other));
-    // One that is rejected leaves it where it is.
+    // A rejected order does not change the station.
     let low = CommandKind::Station(Station { height_m: 3, ..ABEAM });
     let d = commanded(&on_station(), low, &s);
     assert_eq!(

@@ -1,5 +1,3 @@
-//! Staying by a forecast and the wind that the odometry measures.
-
 use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
 use alight_shared::msg::{DeckForecast, DeckStage};
 
@@ -13,7 +11,7 @@ fn likely(p: f64) -> bool {
 fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
     let mut f = DeckForecast::default();
     for s in predicted {
-        // Against the wind's push, which adds to it.
+        // The slope acts in the wind's direction.
         f.predicted_slopes.push([-*s, 0]).unwrap();
     }
     measured.iter().for_each(|s| f.slopes.push(*s).unwrap());
@@ -40,11 +38,11 @@ fn probability_of_staying_by_slope_and_wind() {
     assert!(of(&[], &[], 0.0) > 0.999);
     assert!(likely(of(&waves(10), &[10; 60], 0.5)));
     assert!(!likely(of(&waves(26), &[10; 60], 0.0)));
-    // A steep wave after the drone has come to rest is another landing's.
+    // A steep wave after the drone has come to rest is ignored.
     let mut late = waves(10);
     late[45] = 60;
     assert!(likely(of(&late, &[10; 60], 0.0)));
-    // Slope and wind, each of which it would bear alone.
+    // Slope and wind are each acceptable alone, but not together.
     assert!(!likely(of(&waves(22), &[10; 60], 2.0)));
     assert!(likely(of(&waves(22), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
     assert!(!likely(of(&[], &[], 7.0)));
@@ -61,12 +59,12 @@ fn slope_measured_a_moment_ago() {
 
 #[test]
 fn drift_by_waves_and_wind_together() {
-    // Waves that slip it to either side alike, and the own wind of a vessel at 8 m/s.
+    // Waves that move the drone to both sides equally, and the apparent wind of a vessel at 8 m/s.
     let mut steep = [22; 60];
     (steep[0], steep[1]) = (5, 5);
     assert!(likely(of(&[0; 48], &steep, 0.0)));
     assert!(!likely(of(&[0; 48], &steep, 2.0)) && likely(of(&[0; 48], &[10; 60], 2.0)));
-    // Trim and heel push as a wind does.
+    // Trim and heel act like a wind.
     assert!(!likely(of(&[8; 48], &steep, 0.0)));
 }
 

@@ -1,4 +1,4 @@
-//! Succession of missions: from a predecessor's checkpoint, or of a drone that is found in flight, to a successor.
+//! Succession of missions: from a predecessor's checkpoint, or from a drone that is found in flight.
 
 use alight_shared::admission::CommandAdmission;
 use alight_shared::checkpoint::CheckpointRejection;
@@ -11,27 +11,27 @@ use super::phase::{Decision, MissionPhase};
 use super::situation::{ControlState, Situation};
 use super::{MissionIn, MissionNode};
 
-/// Beginning of the mission, and whether the drone that it found is safe.
+/// Start of the mission, and safety of the drone that it found.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionSuccession {
-    /// Does not know yet whether a mission before it flew.
+    /// Start-up state while it is unknown whether a predecessor flew the drone.
     pub(super) beginning: Option<MissionStartUp>,
-    /// Began without a checkpoint, or lost the drone to the autopilot's hold, and does not know yet that the drone is safe: which.
-    pub(super) unjudged: Option<ReasonCode>,
-    /// Without an order, and ours, it has been away from the deck.
+    /// Reason why the drone has to be made safe first: a start without a checkpoint, or a loss of control to the
+    /// autopilot's hold.
+    pub(super) needs_safe_start: Option<ReasonCode>,
+    /// Whether the drone has been away from the deck while under our control without an order.
     was_away: bool,
-    /// When it last published its state.
     pub(super) published: Option<Time<DroneClock>>,
 }
 
 impl MissionNode {
-    /// Begins where its predecessor was, or from the start; returns the command that came meanwhile.
+    /// Starts in the predecessor's state or from the beginning; returns the command received during the start.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
-        self.succession.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
+        self.succession.needs_safe_start = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
-            // Where it goes depends on what was set.
+            // The destination depends on the settings.
             self.adjust(&m.state.settings);
             let s = self.situation(now);
             let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
@@ -61,8 +61,8 @@ impl MissionNode {
         self.commands.first_of(now, &begun.commands)
     }
 
-    /// The command to act on, if any, and why a predecessor's checkpoint does not count; None while it does not know yet how it
-    /// begins.
+    /// The command to apply, if any, and the reason why a predecessor's checkpoint was rejected; None until the start
+    /// is decided.
     pub(super) fn order(
         &mut self,
         now: Time<DroneClock>,
@@ -73,7 +73,7 @@ impl MissionNode {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
-        // Of a disarmed drone the pilot knows whether its landing is over.
+        // If the drone is disarmed, the pilot's state shows whether its landing is over.
         let complete = match s.flight {
             ControlState::Disarmed => self.set_point.get().is_some(),
             ControlState::Unknown => false,
@@ -88,7 +88,7 @@ impl MissionNode {
         Some((self.begin(now, &begun), begun.rejected))
     }
 
-    /// A process that stood still for longer than the others wait for its state goes on as its successor would.
+    /// Continues as its own successor after a pause that was longer than other nodes wait for the mission's state.
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
@@ -102,19 +102,19 @@ impl MissionNode {
         }
     }
 
-    /// An idle mission's decision about a drone in flight: one that it finds there, without a checkpoint or after a loss of
-    /// set-points, and one that the vessel comes near to.
+    /// An idle mission's decision about a drone in flight: one found without a checkpoint or after a set-point loss, or
+    /// one that the vessel approaches.
     pub(super) fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
         let waits = self.phase == MissionPhase::Idle;
         // A drone that is handed over above the deck stays there.
         self.succession.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
-            self.succession.unjudged = None;
+            self.succession.needs_safe_start = None;
             return None;
         }
-        let (phase, why) = if let Some(code) = self.succession.unjudged {
+        let (phase, why) = if let Some(code) = self.succession.needs_safe_start {
             let found = checkpoint::safe_start(s, self.progress.landing, code, &self.config);
-            self.succession.unjudged = self.succession.unjudged.filter(|_| found.is_err());
+            self.succession.needs_safe_start = self.succession.needs_safe_start.filter(|_| found.is_err());
             found.ok().flatten()?
         } else {
             self.succession.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);

@@ -1,5 +1,3 @@
-//! A mission that takes over from another, with and without its checkpoint.
-
 use alight_shared::msg::{CommandKind, Motors};
 
 use super::node_tests::fresh_input;
@@ -7,7 +5,6 @@ use super::tests::{at, config};
 use super::*;
 use crate::fixtures::{command, header};
 
-/// The checkpoint of a mission that is over the deck in this state.
 fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     let header = Header::new(1, 1, 5, 9, at(t));
     MissionCheckpoint {
@@ -27,8 +24,8 @@ fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     }
 }
 
-/// State in which a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the
-/// deck; and why it rejected it.
+/// First state of a successor with this checkpoint at 10 s while the drone hovers at `height` above the deck, and the
+/// reason for a rejection.
 fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -68,13 +65,13 @@ fn successor_with_a_checkpoint() {
         };
         assert_eq!((s.state, rejected), (wanted, None));
         if matches!(state, State::Hold | State::GaveUp) {
-            // Over the deck it moves with that until it is as high.
+            // Over the deck the drone moves with the deck until it is high enough.
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
     for (at_s, height, state) in [
         (9.8, 0.5, State::Flare),
-        // The pilot has left the plan since: it begins again, but not from the deck.
+        // The pilot has left the plan in the meantime: the landing starts again unless the drone is on the deck.
         (9.0, 0.5, State::Tracking),
         (9.0, 0.05, State::Flare),
     ] {
@@ -114,7 +111,7 @@ fn successor_without_a_sound_checkpoint() {
     use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
     for (bad, why) in [
         (None, None),
-        // The keeper has none.
+        // The checkpoint store is empty.
         (Some(MissionCheckpoint::default()), None),
         (change(|m| m.header.version -= 1), Some(Version)),
         (change(|m| m.state.header.version -= 1), Some(Damaged)),
@@ -129,7 +126,7 @@ fn successor_without_a_sound_checkpoint() {
         assert_eq!(s.entered.code, ReasonCode::Restarted);
         assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
     }
-    // On the deck the pilot's evidence decides; away from it nothing happens.
+    // On the deck the pilot's touchdown detector decides; away from the deck the mission stays idle.
     assert_eq!(begun(None, 0.05).0.state, State::Flare);
     assert_eq!(begun(None, 12.0).0.state, State::Idle);
 }
@@ -163,12 +160,12 @@ fn abort_among_many_commands_to_a_successor() {
     }
 }
 
-/// State x who has the drone after a reboot of the computer x charge: the purpose of the flight goes on, comes back, or waits
+/// For each state, control after a reboot and charge: the purpose of the flight continues, the drone returns, or waits
 /// for a new order; a landing that the pilot has ended stays ended.
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};
-    // A clock that begins again: 500 s of the former one are over.
+    // The clock restarts after the reboot; before it, the clock had reached 500 s.
     let written = |change: fn(&mut MissionCheckpoint)| {
         let mut m = MissionCheckpoint {
             armed: true,
@@ -235,6 +232,6 @@ fn purpose_that_outlives_a_reboot() {
     }
     let kept = flown(station, ours, 0.9).station.unwrap();
     assert!((at(60.0)..at(130.0)).contains(&kept.until), "{kept:?}");
-    // Of a drone that is disarmed nothing lasts.
+    // Nothing is kept for a disarmed drone.
     assert!(written(|m| (m.landing, m.armed) = (true, false)).is_none());
 }

@@ -1,9 +1,9 @@
-//! Swings of the commanded attitude: a loop of pilot and autopilot that does not settle commands tilts that neither the plan
-//! nor the wind asks for, to one side and back.
+//! Oscillation of the commanded attitude: an unstable loop of pilot and autopilot commands alternating tilts that
+//! neither the plan nor the wind requires.
 //!
-//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`; the feedback is the rest,
-//! `r = (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. What is slower than a
-//! second is an error of place, or the wind; of what is quicker, the root mean square over two seconds is the swing.
+//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`; the feedback is the remainder,
+//! `r = (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. Its part slower
+//! than a second is a position error, or the wind; the RMS of the faster part over two seconds is the oscillation.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::geometry::GRAVITY;
@@ -11,14 +11,13 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
-/// Slower feedback is no swing, s: a loop that swings does so in about a second.
+/// Time constant above which feedback is not an oscillation, s: an unstable loop oscillates with a period of about a
+/// second.
 const SLOW_S: f64 = 1.0;
-/// A swing is averaged over this time, s.
 const AVERAGE_S: f64 = 2.0;
-/// Set-points further apart do not continue each other, s.
+/// Gap between set-points after which the monitor restarts, s.
 const MAX_GAP_S: f64 = 0.3;
 
-/// The swing of the commanded attitude.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SwingMonitor {
     last: Option<Time<DroneClock>>,
@@ -27,7 +26,7 @@ pub(super) struct SwingMonitor {
 }
 
 impl SwingMonitor {
-    /// The pilot's newest set-point, and the disturbance that the `drone` reports.
+    /// Processes the pilot's newest set-point and the disturbance reported in the `drone`'s odometry.
     pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         let at = s.header.at;
         let dt = self.last.map(|last| (at - last).secs());
@@ -47,7 +46,6 @@ impl SwingMonitor {
         self.slow = low_pass(self.slow, feedback, dt, SLOW_S);
         self.square = low_pass(self.square, (feedback - self.slow).norm_squared(), dt, AVERAGE_S);
     }
-    /// Root mean square of the quick feedback, rad.
     pub(super) fn rms(&self) -> f64 {
         self.square.sqrt()
     }
@@ -59,15 +57,15 @@ mod tests {
     use alight_shared::msg::Header;
     use nalgebra::UnitQuaternion;
 
-    /// The swing after ten seconds of the roll `roll(t)` (rad) and the plan's sideways acceleration `a(t)` (m/s²), over a
-    /// heading of 1 rad in a constant wind of 2 m/s².
+    /// Oscillation after ten seconds of the roll `roll(t)` (rad) and the plan's sideways acceleration `a(t)` (m/s²), at
+    /// a heading of 1 rad in a constant wind of 2 m/s².
     fn swing(roll: impl Fn(f64) -> f64, a: impl Fn(f64) -> f64) -> f64 {
         let mut m = SwingMonitor::default();
         let across = UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0) * Vector3::y();
         for k in 0..1000 {
             let t = 0.01 * f64::from(k);
             let header = Header::new(1, 1, 1, k, Time::from_secs(t));
-            // Against the wind: the roll whose tangent is its part.
+            // The drone rolls against the wind.
             let q = UnitQuaternion::from_euler_angles(((2.0 + a(t)) / GRAVITY).atan() + roll(t), 0.0, 1.0);
             let s = SetPoint {
                 header,
@@ -89,7 +87,7 @@ mod tests {
     #[test]
     fn swing_of_a_limit_cycle() {
         let waves = |t: f64| 1.5 * (1.2 * t).sin();
-        // 16 deg of standard deviation at 1 Hz, the flight of a real ArduCopter; the plan and the wind are none.
+        // Standard deviation of 16 deg at 1 Hz, from the flight of a real ArduCopter; plan and wind contribute nothing.
         let cycle = swing(|t| 0.39 * (std::f64::consts::TAU * t).sin(), waves);
         assert!((12.0..19.0).contains(&cycle), "{cycle}");
         let quiet = swing(|_| 0.0, waves);

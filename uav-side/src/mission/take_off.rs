@@ -1,9 +1,10 @@
-//! Take-off from the deck: checks, a countdown, arming, the moment, and up.
+//! Take-off from the deck: checks, countdown, arming, wait for the best lift-off time, and climb.
 //!
-//! Nothing is commanded before the countdown is over. From then on the link chooses the mode and arms while the mission
-//! is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in [`MissionPhase::TakeOff`]. Whatever
-//! stops it before the feet have left the deck cuts the thrust, and the link disarms ([`MissionPhase::StandDown`]). Once they
-//! have left, up is the only safe way: an order to stop is then met by the hold in which every take-off ends.
+//! The mission commands nothing before the end of the countdown. From then on the link selects the mode and arms while
+//! the mission is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in
+//! [`MissionPhase::TakeOff`]. A stop before the feet have left the deck cuts the thrust, and the link disarms
+//! ([`MissionPhase::StandDown`]). Afterwards only climbing is safe: an order to stop leads to the hold at the end of
+//! every take-off.
 
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
@@ -27,33 +28,35 @@ use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
 use crate::mission_config::MissionConfig;
 use crate::standing::{StandingVerdict, WITNESSED_WITHIN_S};
 
-/// People aboard see the countdown for so long before the motors start, s.
+/// Duration of the countdown that the crew sees before the motors start, s.
 const COUNTDOWN_S: f64 = 5.0;
-/// The autopilot arms within this time, s: PX4 wants a second of set-points before OFFBOARD, then three tries a second apart,
-/// and two heartbeats a second apart report it.
+/// Time within which the autopilot has to arm, s: PX4 needs a second of set-points before OFFBOARD, then three attempts
+/// a second apart, and two heartbeats a second apart report it.
 const ARMING_S: f64 = 10.0;
-/// A command to arm that is under way shows within this, s: its answer, and two heartbeats a second apart.
+/// Time until the effect of a pending command to arm becomes visible, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
-/// Rotors that turn by the report of an armed autopilot are at their idle speed so long after, s: speed controllers start a motor
-/// within a second, and report nothing of it.
+/// Time until rotors that an armed autopilot reports as turning are at idle speed, s: speed controllers start a motor
+/// within a second, without a report.
 const IDLES_S: f64 = 1.5;
-/// No longer does a drone stand with rotors that turn, or are to turn, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, while
-/// they stand still) disarm by themselves after 10 s, and the heartbeat that reports the arming may be a second late.
+/// Maximum time on the deck with turning rotors, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, while they
+/// stand still) disarm by themselves after 10 s, and the heartbeat that reports the arming may be a second late.
 const MOMENT_S: f64 = 8.5;
-/// A drone that tips on a foot has risen by less than this, m: half of its feet's span times the sine of the angle. Higher up it
-/// lies on the deck no more, and turns because it levels.
+/// Rise below which a drone may tip over a foot, m: half of its feet's span times the sine of the angle. Higher up it
+/// no longer touches the deck, and turns in order to level.
 const TIPS_BELOW_M: f64 = 0.1;
-/// Clear of the deck from here on, where the camera sees it and where it does not, m.
+/// Clearance above which the drone is clear of the deck, with and without a detection by the camera, m.
 const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
-/// Whatever the deck does, a drone that has left it climbs out after this, s.
+/// Time after which a drone that has left the deck climbs out in any case, s.
 const TAKE_OFF_S: f64 = 6.0;
-/// A drone that has not come to its height by then holds where it is, s: twice what 20 m take at 2 m/s and the way out.
+/// Maximum time of the climb-out before the drone holds at its place, s: twice that of 20 m at 2 m/s and the way out.
 const CLIMB_OUT_S: f64 = 30.0;
-/// By the forecast a drone that stands on the deck is no further from its centre, m: two receivers and half a deck.
+/// Maximum distance from the deck's centre, by the forecast, of a drone that stands on the deck, m: two receivers and
+/// half a deck.
 const ON_DECK_M: f64 = 5.0;
 
-/// Why the deck may not be left by what its vessel reports: no fresh grant, another's deck, or no clearance from aboard.
+/// Reason in the vessel's report not to leave the deck: no fresh grant, a deck owned by another drone, or no clearance
+/// by the crew.
 pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: DroneTime) -> Option<Reason> {
     let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
     let stale = exceeds(DeckGrantStale, age_s, topics::DECK.stale_after.secs());
@@ -66,7 +69,6 @@ pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: 
     })
 }
 
-/// Transition on an order to take off.
 pub(super) fn commanded(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -97,7 +99,7 @@ pub(super) fn commanded(
     Some(MissionPhase::Preparing.enter(TakeOffCommanded))
 }
 
-/// An order to stop; None where the take-off goes on to its hold, or is stopped already.
+/// Transition on an order to stop; None if the take-off continues to its hold, or is already stopped.
 pub(super) fn stopped(
     phase: MissionPhase,
     s: &Situation,
@@ -133,22 +135,23 @@ pub(super) fn stopped(
     }
 }
 
-/// In a take-off the feet are on the deck still, by a way up that was measured without a gap: the thrust may be cut.
+/// Whether a measurement of the rise without a gap shows that the feet are still on the deck in a take-off, so that the
+/// thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.leaving.risen_m < LIES_BELOW_M && is_measured(s)
 }
-/// Whether its rise is measured.
 fn is_measured(s: &Situation) -> bool {
     s.leaving.rise_measured && old_data(s).is_none()
 }
 
-/// Set-points have ceased in a take-off, and the autopilot holds the drone low over the deck: it climbs out once they are back.
+/// Transition on a set-point loss in a take-off, while the autopilot holds low over the deck: the drone climbs out once
+/// set-points are back.
 pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let leaves = matches!(phase, MissionPhase::TakeOff { .. });
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
-/// The take-off ends on the deck, before anything was commanded.
+/// Ends the take-off on the deck, before anything was commanded.
 fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
@@ -156,8 +159,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
         down(s, why)
     }
 }
-/// Ends it once the motors may have been started: with the thrust cut where the drone stands. Where that is not shown its
-/// autopilot may have lifted it, for lack of set-points, and it climbs.
+/// Ends the take-off after the motors may have been started. The thrust is cut if the drone stands. If that is
+/// uncertain, the drone climbs, because the autopilot may have lifted it after a set-point loss.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
     if is_armed(s)
         && s.leaving.standing != StandingVerdict::Stands
@@ -168,20 +171,20 @@ fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransit
         down(s, why)
     }
 }
-/// With the thrust cut, whatever is known.
+/// Ends the take-off with the thrust cut in any case.
 fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
-/// Whether its rotors turn and it is under this program's control.
+/// Whether the drone is armed under this program's control.
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
         ControlState::OnGround | ControlState::Ours | ControlState::Lapsed
     )
 }
-/// On the deck with the thrust cut. The rotors of a drone that is not reported armed may turn: its autopilot may just have been
-/// commanded to arm.
+/// Stand-down on the deck with the thrust cut. The rotors may turn even if the drone is not reported armed, because a
+/// command to arm may be pending.
 pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     let unarmed = matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
     MissionPhase::StandDown {
@@ -190,12 +193,11 @@ pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     }
 }
 
-/// A vessel that turns is not left.
 fn turns(s: &Situation) -> Option<Reason> {
     (s.course == Course::Turning).then(|| VesselTurns.into())
 }
 
-/// Reason against a take-off as long as the drone stands on the deck.
+/// Reason against a take-off while the drone stands on the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let first = s
         .not_cleared
@@ -224,7 +226,7 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
 }
 
-/// Somebody else has armed it meanwhile.
+/// Transition when somebody else has armed the drone.
 fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     match s.flight {
         ControlState::OnGround
@@ -235,7 +237,7 @@ fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     }
 }
 
-/// Preparing: until every check passes and the forecast shows a moment.
+/// Waits until every check passes and the forecast contains a suitable lift-off time.
 pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -255,7 +257,7 @@ pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &Missi
     }
 }
 
-/// Countdown: whatever speaks against the take-off ends it, and it begins again at its start.
+/// Counts down; any reason against the take-off ends the countdown, and the next one starts from the beginning.
 pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -274,7 +276,7 @@ pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> P
     .enter(CountedDown)
 }
 
-/// Spin up: until the autopilot has armed, its rotors turn by its own report and the moment has come.
+/// Waits with the motors started until the autopilot is armed, reports turning rotors, and the lift-off time has come.
 pub(super) fn spin_up(
     since: DroneTime,
     armed: Option<DroneTime>,
@@ -283,7 +285,7 @@ pub(super) fn spin_up(
 ) -> PhaseTransition {
     let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
     let armed = match (s.flight, armed) {
-        // By a pilot, or by itself.
+        // A pilot or the autopilot itself has disarmed the drone.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
         (ControlState::Lapsed, _) => return cut(s, c, NotFlying),
@@ -293,7 +295,7 @@ pub(super) fn spin_up(
     if let Some(why) = unfit(s, c) {
         return cut(s, c, why);
     }
-    // It has risen by itself.
+    // The drone has risen by itself.
     if armed.is_some() && s.leaving.standing == StandingVerdict::Flies {
         return climbing_out(s, c).enter(MayFly);
     }
@@ -319,7 +321,7 @@ pub(super) fn spin_up(
     };
     match moments.not_now(c) {
         None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
-        // The better one comes too late.
+        // The better lift-off time comes too late.
         Some(why) if turn_s > MOMENT_S && why.code == BetterMoment => {
             rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
@@ -335,8 +337,8 @@ fn rising(s: &Situation) -> MissionPhase {
     }
 }
 
-/// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut, where that is
-/// known without a gap.
+/// Lifts off and climbs until the drone is clear of the deck. Before the feet have left it, the thrust may still be cut
+/// if the rise is measured without a gap.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
@@ -344,13 +346,13 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        // Rotors that do not give what lifts it are waited for.
+        // Time without sufficient thrust is not attributed to stuck feet.
         let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
         return match tips.or(lost).or(stuck) {
             Some(why) if is_measured(s) => down(s, why),
-            // It may be in the air.
+            // The drone may be in the air.
             Some(_) => climbing_out(s, c).enter(old_data(s).unwrap_or(OdometryStale.into())),
             None => leaving,
         };
@@ -365,9 +367,9 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     leaving
 }
 
-/// Climb out: away from the vessel and up to the height of the approach, where the drone holds for whoever flies it next. Once
-/// it is clear of the vessel an order, a low battery or old data end it sooner, and the time in any case: the hold is climbed
-/// to as well, and answers each of them.
+/// Climbs away from the vessel to the height of the approach, where the drone holds for the next pilot or program. Once
+/// the drone is clear of the vessel, an order, a low battery or stale data end this state early; its maximum time ends
+/// it in any case. The hold then completes the climb and responds to each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -423,8 +425,8 @@ pub(super) fn climb_out(
     }
 }
 
-/// Stand down: until the drone is disarmed, or was not armed at all. One whose autopilot holds for lack of set-points comes back
-/// to those of this state. One that is not witnessed to stand may be in the air, and climbs.
+/// Stands down until the drone is disarmed or has never been armed. If the autopilot holds after a set-point loss, it
+/// returns to the set-points of this state. If the drone is not shown to stand, it may be in the air, and climbs.
 pub(super) fn stand_down(
     since: DroneTime,
     unarmed: Option<Reason>,

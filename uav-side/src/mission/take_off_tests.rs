@@ -1,5 +1,3 @@
-//! A take-off's states: what lets it go on, what stops it, and where it ends.
-
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting, DeckGrantStale,
     DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, MayFly, NoMoment, NotCleared, NotOnDeck,
@@ -30,7 +28,7 @@ pub(super) fn permits() -> MissionConfig {
 fn moments(now: LiftOff) -> Option<Moments> {
     Some(Moments { now, later: None })
 }
-/// A drone that stands disarmed on a deck from which it may take off.
+/// A disarmed drone on a deck from which it may take off.
 pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
@@ -43,7 +41,8 @@ pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// A situation with rotors that have turned for so long, s, by the autopilot's report and by two witnesses on the deck.
+/// Situation of a drone that stands on the deck according to two witnesses, with rotors that the autopilot has reported
+/// turning for `turn_s` (s).
 fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
         since: at(10.0 - turn_s),
@@ -63,7 +62,6 @@ fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> 
     };
     decide(phase, progress, command, s, &permits())
 }
-/// The state that follows, and why it was entered or what it waits for.
 fn follows(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> (State, ReasonCode) {
     let d = decided(phase, command, s);
     (d.phase.state(), d.entered.unwrap_or(d.waiting).code)
@@ -75,7 +73,7 @@ fn order_to_take_off() {
     for phase in [MissionPhase::Idle, MissionPhase::STANDS] {
         let s = standing(|_| {});
         assert_eq!(follows(phase, order, &s), (State::Preparing, TakeOffCommanded));
-        // Off as shipped, and where nothing is commanded.
+        // Take-offs are off in the shipped configuration and in shadow mode.
         for c in [
             config(),
             MissionConfig {
@@ -91,7 +89,7 @@ fn order_to_take_off() {
         follows(MissionPhase::Idle, order, &fair()),
         (State::Idle, NotOnDeck)
     );
-    // The pilot holds it back: nothing waits for the switch, whoever ordered it.
+    // The pilot blocks orders by remote control: no order waits for the switch.
     let held = standing(|s| s.rejection = Some(SwitchAborts.into()));
     for kind in [CommandKind::TakeOff, CommandKind::Land] {
         let d = decided(MissionPhase::Idle, Some(kind), &held);
@@ -136,7 +134,7 @@ fn checks_before_the_countdown() {
         };
         assert_eq!(follows(counting, None, &s), expected);
     }
-    // The wait is bounded, and no take-off follows when the pilot armed it.
+    // The wait is bounded, and no take-off follows if the pilot armed the drone.
     assert_eq!(waits(|s| s.now = at(69.1)), (State::Idle, OrderExpired));
     assert_eq!(waits(|s| s.flight = ControlState::Ours), (State::Idle, NotOnDeck));
 }
@@ -169,7 +167,7 @@ fn countdown_and_arming() {
     };
     assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
     assert_eq!(follows(spins(10.1), None, &s), (State::StandDown, ArmingRejected));
-    // Armed by Alight and disarmed by somebody, or in another mode.
+    // Alight armed the drone, and somebody else disarmed it or chose another mode.
     let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
     assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
     let (phase, s) = spun(1.0, |s| {
@@ -186,7 +184,7 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
     assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
-    // Motors that stand still after arming are waited for, however long ago that was, as long as the autopilot stays armed.
+    // The mission waits for motors that stand still after arming, as long as the autopilot stays armed.
     let still: fn(&mut Situation) = |s| s.leaving.rotors_turn_s = 0.0;
     for (armed_s, expected) in [
         (1.6, State::SpinUp),
@@ -206,7 +204,7 @@ fn moment_of_the_take_off() {
         at_moment(8.6, |s| s.motors_stopped = true),
         (State::StandDown, SpinningUp)
     );
-    // A better one is waited for while the autopilot lets the drone stand there.
+    // It waits for a better moment while the autopilot stays armed on the deck.
     let better: fn(&mut Situation) = |s| {
         s.leaving.lift_off = Some(Moments {
             now: LiftOff { along: 0.96, ..SURE },
@@ -215,19 +213,19 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.6, better), (State::SpinUp, ReasonCode::BetterMoment));
     assert_eq!(at_moment(8.6, better), (State::TakeOff, GoodMoment));
-    // The crew takes its clearance back.
+    // The crew withdraws its clearance.
     let closed: fn(&mut Situation) = |s| s.not_cleared = Some(DeckReserved.into());
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
 
-/// A take-off that began so long ago, s.
+/// A take-off that began `since_s` (s) ago.
 fn rising(since_s: f64, left: bool) -> MissionPhase {
     MissionPhase::TakeOff {
         since: at(10.0 - since_s),
         left,
     }
 }
-/// A climb that began so long ago, s, on its way to 15 m over the deck.
+/// A climb that began `since_s` (s) ago, on its way to 15 m over the deck.
 fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     MissionPhase::ClimbOut {
         since: at(10.0 - since_s),
@@ -237,7 +235,7 @@ fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     }
 }
 
-/// An unmeasured rise cuts no thrust, and neither does a drone that has left the deck and comes down to it again.
+/// The thrust is not cut after an unmeasured rise, nor for a drone that has left the deck and descends to it again.
 #[test]
 fn thrust_of_a_drone_that_may_be_in_the_air() {
     let s = with(|s| (s.leaving.risen_m, s.leaving.tips_rad) = (0.05, 0.3));
@@ -264,14 +262,14 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
     assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
 }
 
-/// Low over the deck nothing but up is safe, whoever holds the drone for lack of set-points.
+/// Low over the deck only climbing is safe, regardless of who controls the drone after a set-point loss.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
     let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
     for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
         let d = decided(phase, None, &holds);
         assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
-        // It has its whole time once they are back.
+        // The climb-out has its full time once set-points are back.
         let MissionPhase::ClimbOut { since, .. } = d.phase else {
             panic!("{:?}", d.phase)
         };
@@ -282,7 +280,7 @@ fn set_points_that_cease_in_a_take_off() {
     assert_eq!(d.phase, MissionPhase::Idle);
 }
 
-/// Set-points cease on the deck: the thrust is cut where two witnesses show that it stands, and nowhere else.
+/// After a set-point loss on the deck the thrust is cut only if two witnesses show that the drone stands.
 #[test]
 fn set_points_that_cease_while_it_stands() {
     let cut = |change: fn(&mut Situation)| {
@@ -320,7 +318,8 @@ fn set_points_that_cease_while_it_stands() {
     }
 }
 
-/// A climb over the deck goes on; clear of the vessel an order, a low battery or old data end it, and the time anywhere.
+/// A climb over the deck continues; clear of the vessel it ends by an order, a low battery or stale data, and anywhere
+/// by the time limit.
 #[test]
 fn climb_that_ends_sooner() {
     let over = with(|_| {});
@@ -349,7 +348,7 @@ fn climb_that_ends_sooner() {
         follows(climbing(30.1, false), None, &over),
         (State::Hold, ReasonCode::TooLong)
     );
-    // An order to land counts from there.
+    // An order to land applies from there.
     let d = decided(climbing(2.0, false), Some(CommandKind::Land), &clear);
     assert!(
         d.progress.landing && d.phase.state() == State::Hold,
@@ -373,7 +372,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
     assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
-    // Rotors that do not give what lifts it yet are waited for, and those that give it have to.
+    // The mission waits for rotors without sufficient thrust; with sufficient thrust the drone has to rise.
     let lifted = |since_s: f64, lifts_s: f64| {
         let s = with(|s| (s.leaving.risen_m, s.leaving.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
         follows(rising(since_s, false), None, &s)
@@ -381,7 +380,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(lifted(3.0, 0.0).0, State::TakeOff);
     assert_eq!(lifted(3.0, 1.1), (State::StandDown, DoesNotRise));
     assert_eq!(lifted(6.1, 0.0), (State::StandDown, DoesNotRise));
-    // Once they have left, the thrust is cut no more.
+    // Once the feet have left, the thrust is not cut any more.
     assert_eq!(leaves(0.9, 0.4, 0.3, false).0, State::TakeOff);
     assert_eq!(leaves(1.5, 3.1, 0.0, true), (State::ClimbOut, ClearOfDeck));
     assert_eq!(leaves(1.5, 3.1, 0.0, false).0, State::TakeOff);
@@ -406,20 +405,20 @@ fn take_off_stopped_by_an_operator() {
                 (MissionPhase::Idle, Some(Operator))
             );
         }
-        // Armed, or perhaps just commanded to arm.
+        // The drone is armed, or a command to arm may have just been sent.
         let (armed, s) = spun(2.0, |_| {});
         let since = at(8.0);
         let waits = MissionPhase::SpinUp { since, armed: None };
         for (phase, s) in [(armed, s), (waits, on_deck)] {
             assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
         }
-        // On the deck still: by the command, and by a deck that is closed meanwhile.
+        // The drone is still on the deck: an order stops the take-off, and so does the closing of the deck.
         let s = with(|s| s.leaving.risen_m = 0.1);
         assert_eq!(
             follows(rising(0.2, false), Some(command), &s),
             (State::StandDown, Operator)
         );
-        // The feet may have left: it goes on to its hold, and the sortie after it turns back as any.
+        // The feet may have left: the take-off continues to its hold, and the sortie ends as usual.
         let s = with(|s| s.leaving.risen_m = 0.2);
         let d = decided(rising(0.4, false), Some(command), &s);
         assert_eq!((d.phase, d.progress.stopped), (rising(0.4, false), false));
@@ -441,7 +440,7 @@ fn end_of_a_take_off() {
         since: at(since_s),
         unarmed,
     };
-    // Set-points that ceased come back to a drone that stands.
+    // Set-points are restored for a drone that stands.
     for flight in [ControlState::OnGround, ControlState::Lapsed] {
         let armed = standing(|s| s.flight = flight);
         let d = decided(stands(9.0, Some(Operator.into())), None, &armed);
@@ -452,7 +451,7 @@ fn end_of_a_take_off() {
         follows(stands(9.0, None), None, &disarmed),
         (State::Idle, Disarmed)
     );
-    // A command to arm may be under way.
+    // A command to arm may be pending.
     let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
     assert_eq!(stopped(7.1), (State::StandDown, Arming));
     assert_eq!(stopped(6.9), (State::Idle, Operator));
@@ -461,7 +460,7 @@ fn end_of_a_take_off() {
         follows(spins, None, &lapsed),
         (State::StandDown, ReasonCode::NotFlying)
     );
-    // A low battery is no reason to come down from a climb that has just begun.
+    // A low battery does not end a climb that has just begun.
     let climbs = climbing(2.0, false);
     let low = with(|s| s.battery = Some(0.1));
     let (state, why) = follows(climbs, None, &low);
@@ -470,7 +469,7 @@ fn end_of_a_take_off() {
     assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
 }
 
-/// A mission that is restarted in a take-off begins nothing that was not commanded to it.
+/// A mission that restarts in a take-off does not start anything that was not ordered.
 #[test]
 fn successor_of_a_mission_that_takes_off() {
     let restored_in = |state: State, sortie: bool, s: &Situation| {
@@ -500,7 +499,8 @@ fn successor_of_a_mission_that_takes_off() {
     ] {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
-    // On the ground by its autopilot, or by the camera; the receivers alone may be metres off, and one that rises has left.
+    // The drone is on the deck according to its autopilot or the camera. The receivers alone may be wrong by metres,
+    // and a rising drone has left the deck.
     let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
         with(|s| {
             s.on_ground = on_ground;
@@ -517,14 +517,14 @@ fn successor_of_a_mission_that_takes_off() {
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
-    // Its report is old where nothing reports the deck, or wrong where the feet had left it.
+    // Without a deck the autopilot's report may be old; after the feet have left, it is wrong.
     let mut s = low(0.05, true, 0.0);
     assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
     s.deck = None;
     assert_eq!(restored_in(State::TakeOff, false, &s).0, State::ClimbOut);
 }
 
-/// The battery ends a sortie: from the hold at once, else as an order that waits for the drone.
+/// The battery ends a sortie: at once from the hold, otherwise by an order that waits for the drone.
 #[test]
 fn end_of_a_sortie_by_the_battery() {
     let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
@@ -543,7 +543,7 @@ fn end_of_a_sortie_by_the_battery() {
     let s = with(|s| s.sortie.turns_back = Some(due));
     let d = step(hold, sortie(false), &s);
     assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
-    // Who has stopped it is asked first, and one that is on no sortie stays.
+    // After a stop the operator decides; a drone that is not on a sortie stays.
     assert_eq!(step(hold, sortie(true), &s).entered, None);
     assert_eq!(step(hold, MissionProgress::default(), &s).entered, None);
     let others = with(|s| {
@@ -552,13 +552,13 @@ fn end_of_a_sortie_by_the_battery() {
     });
     let d = step(MissionPhase::Idle, sortie(false), &others);
     assert_eq!((d.entered, d.progress.landing), (Some(due), true));
-    // A hold that is ordered on the way stops no landing.
+    // A hold ordered on the way stops no landing.
     for phase in [hold, MissionPhase::Idle] {
         let waits = with(|_| {});
         let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
         assert!(!d.progress.stopped, "{phase:?}");
     }
-    // No pilot is given a drone that could not fly it back, and a reason against a landing does not bar the way back.
+    // A drone that could not fly back is not handed over. A reason against a landing does not prevent the return.
     let with_order = MissionProgress {
         landing: true,
         started: at(9.0),

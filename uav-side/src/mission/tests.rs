@@ -1,4 +1,4 @@
-//! State table: situation to state and reason, but for a descent and a flare.
+//! State table: situation to state and reason, except descent and flare.
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
@@ -36,7 +36,7 @@ pub(super) fn wanted() -> MissionProgress {
     }
 }
 
-/// A calm deck 6.7 m below the feet, in sight.
+/// A calm deck 6.7 m below the feet, detected.
 fn fair_deck() -> Deck {
     Deck {
         clearance_m: 6.7,
@@ -65,7 +65,7 @@ fn fair_deck() -> Deck {
     }
 }
 
-/// A drone 7 m above the middle of a calm deck that it sees, everything fresh.
+/// A drone 7 m above the middle of a calm deck that it detects, with fresh data.
 pub(super) fn fair() -> Situation {
     Situation {
         now: at(10.0),
@@ -133,11 +133,11 @@ const SURE: Odds = Odds {
     slides: 1.0,
     turns: false,
 };
-/// Fair but for the autopilot's parameters.
+/// As [`fair`], but with unsuitable parameters of the autopilot.
 fn rejected() -> Situation {
     with(|s| s.rejection = Some(AutopilotParameter.into()))
 }
-/// Fair but for the odds of a landing.
+/// As [`fair`], but with changed odds of a landing.
 pub(super) fn with_odds(change: impl FnOnce(&mut Odds)) -> Situation {
     with(|s| change(s.odds.as_mut().unwrap()))
 }
@@ -149,8 +149,8 @@ pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
 pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
     with(|s| change(s.deck.as_mut().unwrap()))
 }
-/// Start of a test: a phase with its usual progress (an attempt under way from the descent on), or what a
-/// decision left.
+/// Start of a test: a phase with its usual progress (an attempt under way from the descent on), or the result of a
+/// decision.
 #[derive(Clone, Copy)]
 pub(super) struct StepStart(MissionPhase, MissionProgress);
 
@@ -171,17 +171,15 @@ impl From<(MissionPhase, MissionProgress)> for StepStart {
     }
 }
 
-/// One step without a command.
 pub(super) fn step(from: impl Into<StepStart>, s: &Situation) -> Decision {
     let StepStart(phase, progress) = from.into();
     decide(phase, progress, None, s, &config())
 }
-/// One step with a command.
 pub(super) fn commanded(from: impl Into<StepStart>, command: CommandKind, s: &Situation) -> Decision {
     let StepStart(phase, progress) = from.into();
     decide(phase, progress, Some(command), s, &config())
 }
-/// Runs in the unchanging situation for `secs`; the last decision that changed the state, or the last one.
+/// Runs the constant situation for `secs`; returns the decision that changed the state, or the last one.
 pub(super) fn run(from: impl Into<StepStart>, s: &Situation, secs: f64) -> Decision {
     let mut s = *s;
     let mut last = step(from, &s);
@@ -211,7 +209,6 @@ pub(super) fn attempt() -> MissionProgress {
     }
 }
 
-/// Effect of a decision: it enters a state, or stays in it, and why.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Does {
     Enter(State, ReasonCode),
@@ -236,7 +233,7 @@ pub(super) fn goes(d: &Decision, to: State, why: ReasonCode) {
 pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
     assert_eq!(Does::of(d), Does::Stay(in_state, why), "{d:?}");
 }
-/// From `start`, rows: an unchanging situation for so long (s), and the decision that changed the state or the last one.
+/// Rows from `start`: a constant situation, its duration (s), and the decision that changed the state, or the last one.
 #[track_caller]
 pub(super) fn table<const N: usize>(start: impl Into<StepStart>, rows: [(Situation, f64, Does); N]) {
     let start = start.into();
@@ -290,7 +287,7 @@ fn silent_vessel_with_its_beacon() {
     );
     waits(&step(MissionPhase::Idle, &known(5.0, 6e3)), Idle, VesselTooFar);
     waits(&step(MissionPhase::Idle, &known(40.0, 300.0)), Idle, BeaconVague);
-    // At its place the search begins, and nowhere else.
+    // The search begins at the beacon's place only.
     waits(
         &step(MissionPhase::APPROACH, &known(5.0, 30.0)),
         Approach,
@@ -299,7 +296,7 @@ fn silent_vessel_with_its_beacon() {
     let begun = step(MissionPhase::APPROACH, &known(5.0, 2.0));
     goes(&begun, Search, AtBeacon);
     waits(&step(begun.phase, &known(5.0, 2.0)), Search, Searching);
-    // A beacon that ends leads nowhere; a vessel that is received leads to itself.
+    // Without a beacon nothing leads to the vessel; a vessel that is received is approached directly.
     let lost = with_deck(|d| (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY));
     goes(&step(begun.phase, &lost), Hold, NoVessel);
     goes(
@@ -307,7 +304,7 @@ fn silent_vessel_with_its_beacon() {
         Approach,
         Recovered,
     );
-    // Several decks of which one is the own one.
+    // Several decks are detected, one of them the vessel's.
     let several = Situation {
         several: Some(Reason::new(SeveralDecks, 2.0, 0.0)),
         ..with_deck(|d| d.vision_age_s = 9.0)
@@ -325,7 +322,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
     waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
     goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
-    // Out of sight, and off the deck: a tag leads nowhere.
+    // If the tag is not detected, or the drone is off the deck, the tag does not lead it to the vessel.
     for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
         let s = with_deck(|d| {
             d.radio_age_s = f64::INFINITY;
@@ -333,13 +330,13 @@ fn silent_vessel_with_its_tags_in_sight() {
         });
         waits(&step(MissionPhase::Idle, &s, &by_tag), Idle, NoVessel);
     }
-    // A vessel that is received leads to itself, whatever would suffice.
+    // A vessel that is received is approached directly at any configured level.
     goes(
         &step(MissionPhase::Idle, &fair(), &by_tag),
         GetAltitude,
         Commanded,
     );
-    // Its motion has to be known before a descent, unless the battery decides.
+    // The vessel's motion has to be known before a descent, unless the battery is low.
     let unknown = with_deck(|d| (d.radio_age_s, d.identified) = (f64::INFINITY, false));
     let stable = MissionPhase::TrackingStable;
     waits(&step(stable, &unknown, &by_tag), TrackingStable, NotIdentified);
@@ -405,11 +402,11 @@ fn approach_conditions() {
         // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
         (fair(), 1.0, Enter(Tracking, InSight)),
-        // Above the deck it is dark; off the deck nothing is expected in the image.
+        // Above the deck it is dark; off the deck no detection is expected.
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
         (blinded, 5.0, Stay(Approach, Glare)),
-        // Neither vision nor radio.
+        // Neither vision nor radio is available.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];
     table(MissionPhase::APPROACH, rows);
@@ -458,7 +455,7 @@ fn reasons_not_to_descend() {
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
         (with_odds(|p| p.outside = 0.5), stays(LikelyBeside)),
         (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
-        // Each likely enough by itself.
+        // Each limit alone is met with a sufficient probability.
         (each, stays(LikelySlides)),
         (with_odds(|p| p.outside = f64::NAN), stays(LikelyBeside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),
@@ -544,7 +541,7 @@ fn turn_in_a_landing() {
     waits(&step(flare(true), &low(0.5, stated)), Flare, Flaring);
     goes(&step(descent, &low(3.0, turns)), Tracking, TurnTooFast);
     waits(&step(flare(true), &low(0.5, turns)), Flare, TurnTooFast);
-    // An empty battery leaves no other place than the deck, turning or not.
+    // With an empty battery the deck is the only place, even while the vessel turns.
     let urgent = MissionProgress {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()

@@ -1,22 +1,21 @@
-//! The drone's tilt against the commanded one: an autopilot that loses the attitude tilts beyond every command.
+//! Tilt of the drone relative to the commanded one: an autopilot that loses the attitude exceeds every command.
 
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Time constant with which a commanded tilt is forgotten, s: twice the lag of a usual attitude loop, which follows a
-/// smaller command sooner.
+/// Time constant with which the memory of a commanded tilt decays, s: twice the lag of a typical attitude loop, so that
+/// the loop follows a smaller command sooner.
 const MEMORY_S: f64 = 0.5;
 
-/// Keeps the largest tilt commanded lately.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TiltMonitor {
     commanded: Option<(Time<DroneClock>, f64)>,
 }
 
 impl TiltMonitor {
-    /// The pilot's newest set-point. What was commanded before the first is not known: the tilt of the `drone` then counts
-    /// as commanded.
+    /// Processes the pilot's newest set-point. Commands before the first one are unknown, so the tilt of the `drone` is
+    /// taken for the first.
     pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         if s.kind != SetPointKind::Attitude {
             // The autopilot chooses its own tilt.
@@ -28,11 +27,10 @@ impl TiltMonitor {
         let kept = self.kept(at).unwrap_or_else(is);
         self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
     }
-    /// Tilt of the drone beyond what was commanded, rad; 0 while no attitude is.
+    /// Tilt of the drone beyond the commanded one, rad; 0 without an attitude command.
     pub(super) fn excess(&self, drone: &DroneState) -> f64 {
         let is = tilt(&drone.attitude());
-        self.kept(drone.header.at)
-            .map_or(0.0, |most| (is - most).max(0.0))
+        self.kept(drone.header.at).map_or(0.0, |max| (is - max).max(0.0))
     }
     fn kept(&self, at: Time<DroneClock>) -> Option<f64> {
         let fade = |t: Time<DroneClock>| (-(at - t).secs().max(0.0) / MEMORY_S).exp();
@@ -80,7 +78,7 @@ mod tests {
         m.update(&commanded(0.0, 0.4), None);
         for k in 0..200 {
             let t = 0.01 * f64::from(k);
-            // Reversed at once; the slowest loop measured has 0.32 s.
+            // The command is reversed at once; the slowest measured loop has a lag of 0.32 s.
             m.update(&commanded(t, -0.05), None);
             is += (-0.05 - is) * 0.01 / 0.32;
             assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
@@ -102,7 +100,7 @@ mod tests {
 
     #[test]
     fn tilt_of_an_earlier_manoeuvre() {
-        // A mission that restarts while the drone turns back from 0.22 rad.
+        // The mission restarts while the drone turns back from 0.22 rad.
         let mut m = TiltMonitor::default();
         let mut is = 0.22;
         for k in 0..100 {

@@ -1,7 +1,7 @@
-//! The state machine of Procházka et al. 2024, section IV, as a pure function: phase, progress,
-//! command and situation in, phase and reasons out.
+//! The state machine of Procházka et al. 2024, section IV, as a pure function from phase, progress, command and
+//! situation to phase and reasons.
 //!
-//! Concerns and orders first (`concerns`), then what the state itself does, in `states`.
+//! Concerns and orders come first (`concerns`), then the transitions of the state itself (`states`).
 
 use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
@@ -19,7 +19,6 @@ use super::station;
 use super::take_off;
 use crate::mission_config::MissionConfig;
 
-/// One step of the mission.
 pub fn decide(
     phase: MissionPhase,
     progress: MissionProgress,
@@ -37,7 +36,7 @@ pub fn decide(
         PhaseTransition::Stay(phase, waiting) => (phase, None, waiting),
         PhaseTransition::Go(phase, why) => (phase, Some(why), Reason::default()),
         PhaseTransition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
-        // What happened once to a drone that may be damaged now is not tried again.
+        // After a hard contact the drone may be damaged, so no further attempt is made.
         PhaseTransition::BreakOff(why) if s.hard_contact_mps.is_some() => {
             (gave_up(s, c), hard_contact(s), why)
         }
@@ -56,7 +55,7 @@ pub fn decide(
     if !phase.flies() {
         progress.low_battery = None;
     }
-    // Whoever takes the drone from here on takes one that has left the deck.
+    // Whoever controls the drone later takes over a drone that has left the deck.
     if phase.has_left() && !progress.sortie {
         progress.sortie = true;
         progress.cycles.leave();
@@ -84,16 +83,17 @@ pub fn decide(
     decision
 }
 
-/// Whether there is something that an operator can stop: a drone in the air that is ours.
+/// Whether there is something for an operator to stop: the drone is in the air under our control.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
     let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
     phase.flies() || waits || stands && s.may_fly()
 }
 
-/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact ([`crate::contingency::ContactOutcomes`]).
-/// A drone that would not stay on the deck climbs at the price of a harder contact, but no harmful one. Once completed it
-/// stays so: each new forecast could change the decision, over a height that shrinks.
+/// Whether a landing that an operator stops now is completed, because that contact is softer
+/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even if that contact is
+/// harder, unless it is harmful. The decision to complete is final, because otherwise each new forecast could reverse
+/// it at a decreasing height.
 fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> bool {
     let stays = s.staying.probability >= c.min_probability;
     let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {
@@ -108,14 +108,14 @@ fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: 
     touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }
 
-/// The order outlives a lapse of the set-points, and ends where a pilot takes the drone over before they are back. An order that
-/// waits for a drone which holds when it is found waits on.
-fn after_lapse(phase: MissionPhase, progress: &mut MissionProgress, s: &Situation) {
+/// Keeps an order across a set-point loss, and ends it if a pilot takes the drone over before set-points are back. An
+/// order that waits for a drone found in a hold continues to wait.
+fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
         ControlState::Lapsed => {
             if !progress.lapsed {
-                // From now on it waits for the drone.
+                // From now on the order waits for the drone.
                 progress.started = s.now;
             }
             progress.lapsed |= phase.flies();
@@ -128,7 +128,7 @@ fn after_lapse(phase: MissionPhase, progress: &mut MissionProgress, s: &Situatio
     }
 }
 
-/// Transitions of every state.
+/// Transitions common to all states.
 fn interrupted(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -140,18 +140,17 @@ fn interrupted(
     progress.missing = lasting(!is_open(s, c), progress.missing, s.now).0;
     if s.flight == ControlState::Disarmed && progress.sortie {
         progress.sortie = false;
-        // Elsewhere than on the deck, as far as this mission has observed.
+        // The drone was disarmed away from the deck, as far as this mission has observed.
         if !matches!(phase, MissionPhase::Landed { .. }) {
             progress.cycles.end(ReasonCode::NotOnDeck.into());
         }
     }
-    after_lapse(phase, progress, s);
+    after_set_point_loss(phase, progress, s);
     interrupt(&BEFORE_ORDERS, phase, progress, s, c)
         .or_else(|| command.and_then(|command| commanded(phase, progress, command, s, c)))
         .or_else(|| interrupt(&AFTER_ORDERS, phase, progress, s, c))
 }
 
-/// Transition on an operator's command.
 fn commanded(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -164,7 +163,7 @@ fn commanded(
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
             let completes = completes(phase, progress, s, c);
-            // On a sortie, before it lands, and in a take-off there is no landing that is stopped.
+            // There is no landing to stop in a take-off, nor on a sortie before its landing.
             let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
             progress.cycles.end(ReasonCode::Operator.into());
             let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);

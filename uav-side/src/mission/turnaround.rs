@@ -12,12 +12,12 @@ use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, ho
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// A charge counts as that of a drone that is ready once it has lasted so long, s: a gauge recovers after a flight.
+/// Duration of a sufficient charge after which the drone is ready, s: a gauge recovers after a flight.
 const CHARGED_S: f64 = 30.0;
-/// The autopilot is in its own mission within this time, s: three commands a second apart, and their answers.
+/// Time within which the autopilot has to start its own mission, s: three commands a second apart, and their answers.
 const HAND_OVER_S: f64 = 8.0;
 
-/// A drone whose cycles go on stands disarmed on the deck in `phase`: until it is ready, and may go.
+/// Keeps a drone with cycles disarmed on the deck, in `phase`, until it is ready and cleared.
 pub(super) fn stands(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -38,7 +38,7 @@ pub(super) fn stands(
     );
     cycles.charged = charged;
     let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
-    // Who waits in the air needs the deck more than this one its last per cents.
+    // A drone that waits in the air needs the deck more urgently than this one needs the rest of its charge.
     let gives_way = s.deck_wanted && s.battery.is_some_and(|b| b >= s.battery_for_take_off);
     if !(cycles.ready || is_charged || gives_way) {
         let unknown = BatteryUnknown.into();
@@ -73,8 +73,8 @@ const fn passes(why: ReasonCode) -> bool {
     )
 }
 
-/// A drone that stands on the deck and is not cleared any more, or is not fit for a sortie; `why`: what speaks against it now.
-/// What passes by itself is waited for.
+/// Transition of a drone on the deck that has lost its clearance, or is not fit for a sortie, for the reason `why`. If
+/// the reason passes by itself, the mission waits.
 pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Reason) -> PhaseTransition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);
@@ -89,8 +89,8 @@ pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Rea
     MissionPhase::Preparing.stay(why)
 }
 
-/// In the hold after the climb out, since `progress.started`: to the autopilot's own mission, or back to the deck where it does
-/// not begin that.
+/// In the hold after the climb-out, since `progress.started`: hands over to the autopilot's own mission, or returns to
+/// the deck if that does not start.
 pub(super) fn hands_over(
     hold: MissionPhase,
     progress: &mut MissionProgress,

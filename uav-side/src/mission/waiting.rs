@@ -1,18 +1,16 @@
-//! Value of waiting: optimal stopping of independent draws without recall gives the likelihood of a landing above which
-//! waiting does not pay.
+//! Value of waiting: optimal stopping of independent draws without recall gives the probability of a landing above
+//! which waiting does not pay.
 //!
-//! Waiting a second costs `c`, of battery and crew, as a probability. Of the likelihoods `P` of the last
-//! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
-//! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
+//! Waiting for a second costs the probability `c`, for battery and crew. The probability at a later time is modelled as
+//! a draw from the probabilities `P` of the last minute: waiting at `p` pays while `E[(P - p)+] > c`, so a landing
+//! begins at the `p*` with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Likelihoods that are known, one a second: a minute of them.
+/// Number of stored probabilities, one a second: a minute.
 const MAX_DRAWS: usize = 60;
-/// Time between two that count as draws, s.
 const DRAW_S: f64 = 1.0;
 
-/// The likelihoods of the last minute.
 #[derive(Clone, Debug, Default)]
 pub struct Waiting {
     draws: Vec<f64>,
@@ -21,7 +19,7 @@ pub struct Waiting {
 }
 
 impl Waiting {
-    /// A landing that begins at `now` would succeed with the probability `p`.
+    /// Adds the probability `p` of a landing that begins at `now`.
     pub fn update(&mut self, now: Time<DroneClock>, p: f64) {
         if self.due.is_some_and(|due| now < due) {
             return;
@@ -34,12 +32,13 @@ impl Waiting {
             self.next = (self.next + 1) % MAX_DRAWS;
         }
     }
-    /// The probability above which waiting on is not worth `cost_per_s`; 0 of no draw.
+    /// Probability above which waiting is not worth `cost_per_s`; 0 without draws.
     pub fn threshold(&self, cost_per_s: f64) -> f64 {
         let mut best = self.draws.clone();
         best.sort_by(|a, b| b.total_cmp(a));
         let spent = cost_per_s * DRAW_S * best.len() as f64;
-        // Of the k best draws: sum (P_i - p) = n c. It grows with k until the next draw lies below it.
+        // The solution for the k best draws satisfies sum (P_i - p) = n c. It increases with k until the next draw lies
+        // below it.
         let (mut sum, mut threshold) = (0.0, 0.0_f64);
         for (k, p) in best.iter().enumerate() {
             sum += p;
@@ -60,7 +59,7 @@ mod tests {
         }
         w
     }
-    /// Expected gain of waiting on from `p`.
+    /// Expected gain of waiting at `p`.
     fn gain(w: &Waiting, p: f64) -> f64 {
         w.draws.iter().map(|d| (d - p).max(0.0)).sum::<f64>() / w.draws.len() as f64
     }
@@ -72,7 +71,7 @@ mod tests {
             let p = waves.threshold(cost);
             assert!((gain(&waves, p) - cost).abs() < 1e-9, "{cost}: {p}");
         }
-        // In a calm there is nothing to wait for.
+        // In calm water waiting gains nothing.
         let calm = of([0.99; 30]);
         assert!(calm.threshold(1e-3) < 0.99);
         assert!(of([]).threshold(1e-3) < 1e-9);

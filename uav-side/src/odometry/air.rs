@@ -1,42 +1,42 @@
-//! The true wind apart from the drone's way through the air, and the drone's drag.
+//! Estimator of the true wind and of the drone's drag.
 //!
-//! Drag pushes a drone that moves at `v` in the mean wind `w` with the gust `g` by `d = -k s u` with `u = v - w - g` and
-//! `s = sqrt(|u|² + u0²)`: quadratic, and linear below `u0`, where the rotors' drag rules (Faessler et al. 2018). What the
-//! odometry shows of it at the different speeds of an approach identifies both. An extended Kalman filter over `(ln k, w,
-//! g)` takes the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust dies away with the
-//! turbulence's integral time, and is as strong as its intensity: what changes faster than gusts do is drag.
+//! A drone that moves at `v` in the mean wind `w` with the gust `g` has the drag `d = -k s u` with `u = v - w - g` and
+//! `s = sqrt(|u|² + u0²)`: quadratic, and linear below `u0`, where the rotors' drag dominates (Faessler et al. 2018).
+//! Drag at the different speeds of an approach identifies both. An extended Kalman filter over `(ln k, w, g)` processes
+//! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust decays with the turbulence's
+//! integral time and has the turbulence's intensity. Changes faster than a gust are attributed to drag.
 
 use alight_shared::landing::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, drag};
 use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
 
-/// Standard deviation of the logarithm of a drag before any is learnt.
+/// Prior standard deviation of `ln k`.
 const DRAG_LOG_SD: f64 = 0.5;
-/// No drag is further from it than four of these, and no wind is faster than this, m/s.
+/// Maximum deviation of `ln k` from its prior: four standard deviations.
 const DRAG_LOG_BOUND: f64 = 4.0 * DRAG_LOG_SD;
+/// Bound of the wind, m/s.
 const MAX_WIND_MPS: f64 = 60.0;
-/// No wind is known to be less than this before any is measured, standard deviation of each axis, m/s.
+/// Prior standard deviation of each axis of the wind, m/s.
 const UNKNOWN_MPS: f64 = 8.0;
-/// Mean winds change by this, m/s per root of a second: 1 m/s in seven minutes.
+/// Random walk of the mean wind, m/s per root of a second: 1 m/s in seven minutes.
 const CHANGE_MPS: f64 = 0.05;
 /// Time between independent gusts, s: twice the integral time at 8 to 10 m/s.
 pub(super) const INDEPENDENT_S: f64 = 10.0;
-/// The turbulence's integral time, s.
+/// Integral time of the turbulence, s.
 const GUST_S: f64 = 0.5 * INDEPENDENT_S;
-/// Error of the disturbance itself, m/s²: tilt, accelerometers, and what the drone's own manoeuvres add.
+/// Measurement noise of the disturbance, m/s²: tilt, accelerometers, and the drone's own manoeuvres.
 const MEASURED_SD_MPS2: f64 = 0.15;
-/// Time that makes a sample, s.
+/// Averaging time of a sample, s.
 const SAMPLE_S: f64 = 1.0;
 
 /// `(ln k, w_north, w_east, g_north, g_east)`.
 type State = SVector<f64, 5>;
 type Covariance = SMatrix<f64, 5, 5>;
 
-/// Wind and drag by odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct WindEstimator {
     /// None before the first sample.
     state: Option<(State, Covariance)>,
-    /// Sums of disturbance and velocity times time, and that time.
+    /// Integrals of disturbance and velocity over time, and the elapsed time.
     sum: (Vector2<f64>, Vector2<f64>, f64),
 }
 
@@ -50,18 +50,17 @@ impl Default for WindEstimator {
 }
 
 impl WindEstimator {
-    /// Goes on with `(ln k, w, g)` and its covariance.
+    /// Restores `(ln k, w, g)` and its covariance.
     pub(super) fn resume(state: Option<[f64; 5]>, covariance: [[f64; 5]; 5]) -> Self {
         WindEstimator {
             state: state.map(|x| (bounded(x.into()), covariance.into())),
             ..WindEstimator::default()
         }
     }
-    /// State and covariance for a successor.
     pub(super) fn learnt(&self) -> Option<([f64; 5], [[f64; 5]; 5])> {
         self.state.map(|(x, p)| (x.into(), p.into()))
     }
-    /// The disturbance `d` (m/s²) of a drone in free flight at the velocity `v` (m/s), for `dt` (s).
+    /// Processes the disturbance `d` (m/s²) of a drone in free flight at the velocity `v` (m/s) for `dt` (s).
     pub(super) fn update(&mut self, d: &Vector2<f64>, v: &Vector2<f64>, dt: f64) {
         let (sum_d, sum_v, time) = &mut self.sum;
         (*sum_d, *sum_v, *time) = (*sum_d + d * dt, *sum_v + v * dt, *time + dt);
@@ -77,8 +76,8 @@ impl WindEstimator {
 
     fn sample(&mut self, d: &Vector2<f64>, v: &Vector2<f64>) {
         let (x, p) = match &self.state {
-            Some((x, p)) => a_second_later(x, p),
-            None => first(d, v),
+            Some((x, p)) => predicted(x, p),
+            None => initial(d, v),
         };
         let (expected, slope) = drag(x[0].exp(), &(v - mean(&x) - gust(&x)));
         let mut h = Matrix2x5::zeros();
@@ -96,13 +95,13 @@ impl WindEstimator {
         }
     }
 
-    /// The mean wind, towards NED, m/s, and its standard deviation along the axis that is known worse.
+    /// Mean wind towards NED, m/s, and the larger of its axes' standard deviations.
     pub(super) fn wind(&self) -> Option<(Vector2<f64>, f64)> {
         let (x, p) = self.state?;
         let sd = p[(1, 1)].max(p[(2, 2)]).max(0.0).sqrt();
         Some((mean(&x), sd))
     }
-    /// Acceleration by gusts on a drone that moves at `v`, standard deviation of one axis, m/s².
+    /// Standard deviation of one axis of the gusts' acceleration on a drone that moves at `v`, m/s².
     pub(super) fn gust_sd(&self, v: &Vector2<f64>) -> Option<f64> {
         let (x, _) = self.state?;
         let (wind, sd) = self.wind()?;
@@ -111,7 +110,6 @@ impl WindEstimator {
     }
 }
 
-/// The mean wind and the gust on it, m/s.
 fn mean(x: &State) -> Vector2<f64> {
     Vector2::new(x[1], x[2])
 }
@@ -119,7 +117,6 @@ fn gust(x: &State) -> Vector2<f64> {
     Vector2::new(x[3], x[4])
 }
 
-/// Within what drag and wind may be.
 fn bounded(x: State) -> State {
     let usual = DRAG_PER_M.ln();
     let drag = x[0].clamp(usual - DRAG_LOG_BOUND, usual + DRAG_LOG_BOUND);
@@ -127,13 +124,13 @@ fn bounded(x: State) -> State {
     State::from([drag, w.x, w.y, g.x, g.y])
 }
 
-/// Variance of a gust's components in this wind, m²/s².
+/// Variance of each axis of a gust in this wind, m²/s².
 fn gust_variance(x: &State) -> f64 {
     (TURBULENCE * mean(x).norm()).powi(2)
 }
 
-/// Drag stays, the mean wind changes slowly, the gust dies away and another rises.
-fn a_second_later(x: &State, p: &Covariance) -> (State, Covariance) {
+/// Prediction over one sample: constant drag, random walk of the mean wind, first-order Gauss-Markov gust.
+fn predicted(x: &State, p: &Covariance) -> (State, Covariance) {
     let left = (-SAMPLE_S / GUST_S).exp();
     let rises = gust_variance(x) * (1.0 - left * left);
     let keep = State::from([1.0, 1.0, 1.0, left, left]);
@@ -143,8 +140,8 @@ fn a_second_later(x: &State, p: &Covariance) -> (State, Covariance) {
     (x.component_mul(&keep), kept * p * kept + noise)
 }
 
-/// The wind that the first sample means with the usual drag.
-fn first(d: &Vector2<f64>, v: &Vector2<f64>) -> (State, Covariance) {
+/// Initial state: the wind that explains the first sample with the default drag.
+fn initial(d: &Vector2<f64>, v: &Vector2<f64>) -> (State, Covariance) {
     let u = -d / (DRAG_PER_M * d.norm()).sqrt().max(DRAG_PER_M * LINEAR_MPS);
     let wind = v - u;
     let x = bounded(State::from([DRAG_PER_M.ln(), wind.x, wind.y, 0.0, 0.0]));
@@ -158,7 +155,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// An approach from hover at 7 m/s to a vessel at `way`, then 20 s above it.
+    /// Flight of three parts: hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
     fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> WindEstimator {
         let mut air = WindEstimator::default();
         for step in 0..4000 {
@@ -198,9 +195,9 @@ mod tests {
         let windy = flown(0.028, -way, Vector2::zeros())
             .gust_sd(&Vector2::zeros())
             .unwrap();
-        // The same push: 0.7 m/s².
+        // Both drones have the same disturbance of 0.7 m/s².
         assert!(calm < 0.5 * windy, "{calm}, {windy}");
-        // 2 k u sigma along the wind and half of it across, in the mean of both axes.
+        // Expected is 2 k u sigma along the wind and half of that across it, averaged over both axes.
         let expected = 0.028 * 5.0 * 0.19 * 5.0 * (0.5_f64 * 5.0).sqrt();
         assert!((windy / expected - 1.0).abs() < 0.3, "{windy}, {expected}");
     }

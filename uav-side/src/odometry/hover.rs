@@ -2,8 +2,8 @@
 
 use alight_shared::geometry::GRAVITY;
 
-/// The hover thrust `T g / f` that a thrust `T` and the specific force `f` upwards along the body's axis (m/s²)
-/// show, in the thrust's unit. None outside `calm_g` (multiples of g): shocks and free fall do not show hover.
+/// Hover thrust `T g / f`, in the unit of `thrust`, from the thrust `T` and the specific force `f` upwards along the
+/// body's axis (m/s²). None if `f` is outside `calm_g` (multiples of g), as in shocks and in free fall.
 pub(crate) fn hover_sample(thrust: f64, up: f64, calm_g: [f64; 2]) -> Option<f64> {
     let [low, high] = calm_g;
     (low * GRAVITY..=high * GRAVITY)

@@ -1,28 +1,28 @@
-//! Smooth odometry of the drone, from the autopilot's.
+//! Smooth odometry of the drone, from the autopilot's odometry and inertial sensors.
 //!
-//! An autopilot corrects position and velocity by each GNSS fix on its own: its position moves by a
-//! centimetre ten times a second, and its velocity is not the derivative of its position. Landing
-//! needs the opposite: a frame that may be off, but moves with the drone. So the inertial sensors
-//! are integrated here once more and held to the autopilot's odometry so softly that over a second
-//! only the accelerometers' noise counts. What is left is an error of velocity that changes slowly:
-//! the predictor sees it with the camera (`predictor::axis::DRIFT`) and takes it off.
+//! An autopilot corrects position and velocity separately with each GNSS fix: its position moves by a centimetre ten
+//! times a second, and its velocity is not the derivative of its position. A landing needs the opposite: a frame that
+//! may be offset but is consistent with the drone's motion. The inertial sensors are therefore integrated here a second
+//! time and coupled to the autopilot's odometry so softly that over a second only the accelerometers' noise matters. A
+//! slowly changing error of velocity remains; the predictor estimates it from the camera (`predictor::axis::DRIFT`) and
+//! removes it.
 //!
-//! The smooth frame is off from the autopilot's by some decimetres, so a set-point goes back through
-//! [`Odometry::for_autopilot`].
+//! The smooth frame differs from the autopilot's by some decimetres, so [`Odometry::for_autopilot`] converts set-points
+//! back.
 //!
-//! An autopilot's estimate jumps: when it aligns its heading, when GNSS comes back, when another sensor takes over the
-//! height; some count it, some do not. Such a jump is detected here and nowhere else. The smooth frame goes on as if
-//! nothing had happened, so that plans, holds and what the camera saw stay where they are; the jump goes into
-//! [`DroneState::datum_offset`], by which the predictor places what is known by latitude and longitude. A jump of the heading
-//! stays in the attitude, because the autopilot flies by it, and is summed in [`DroneState::heading_jumps`].
+//! An autopilot's estimate jumps when it aligns its heading, when GNSS returns, or when another sensor takes over the
+//! height; not every jump is counted. This module alone detects such jumps. The smooth frame continues across a jump,
+//! so that plans, hold positions and vision measurements stay valid; the jump is added to [`DroneState::datum_offset`],
+//! with which the predictor places points given by latitude and longitude. A heading jump is kept in the attitude,
+//! because the autopilot uses that heading, and is summed in [`DroneState::heading_jumps`].
 //!
-//! Here, too, and for all nodes is learnt what pushes the drone sideways besides its rotors: the drag that the accelerometers
-//! show across the thrust, and what moves the smooth frame besides them, their bias and the tilt's error in it; both averaged
-//! over [`DISTURBANCE_S`]. So a gust is known in 0.3 s, and a bias of 0.05 m/s² or a tilt of 0.3 deg, which would each cost
-//! 3 cm, is taken out. From it follow the true wind, the drone's drag ([`air`]), and the wind over the deck ([`wind`]).
+//! The module also estimates the lateral disturbance for all nodes: the drag that the accelerometers measure across the
+//! thrust, and the acceleration of the smooth frame that they do not measure, which is their bias and the tilt error;
+//! both are averaged over [`DISTURBANCE_S`]. A gust is known within 0.3 s, and a bias of 0.05 m/s² or a tilt error of
+//! 0.3 deg, each of which would cause 3 cm of position error, is removed. The true wind, the drone's drag ([`air`]) and
+//! the wind over the deck ([`wind`]) follow from it.
 //!
-//! Position 0.8 s ahead from a known position and velocity (simulated sensors, each axis):
-//! autopilot 4.7 cm, here 1.6 cm.
+//! Error of the position predicted by 0.8 s (simulated sensors, each axis): autopilot 4.7 cm, smooth odometry 1.6 cm.
 
 mod air;
 pub(crate) mod hover;
@@ -39,34 +39,32 @@ use nalgebra::{Vector2, Vector3};
 
 use origin::yaw_jump;
 
-/// After a longer gap the smoothing starts again from the autopilot's odometry, s.
+/// Gap of odometry after which the smoothing restarts from the autopilot's odometry, s.
 const MAX_STEP_S: f64 = 0.1;
-/// A position that is further than this from where the velocity would have brought it has jumped, m. A false alarm
-/// costs nothing: the frame goes on by the velocity for one step.
-/// Source: twenty times what a fix of GNSS moves an estimate in one step (0.3 m of noise, 2 cm).
+/// Difference between the reported position and the one propagated by the velocity above which the estimate has jumped,
+/// m. After a false alarm the frame follows the velocity for one step, which is harmless.
+/// Source: twenty times the change by a GNSS fix in one step (0.3 m of noise, 2 cm).
 const JUMP_M: f64 = 0.2;
-/// Threshold where the autopilot has counted a jump of its estimate, m.
+/// [`JUMP_M`] when the autopilot has counted a jump of its estimate, m.
 const COUNTED_JUMP_M: f64 = 0.02;
-/// By so much more in a gap of 1 s without samples, in proportion to its square, m.
+/// Increase of [`JUMP_M`] in a gap of 1 s without samples, m; it grows with the gap's square.
 const JUMP_IN_GAP_M: f64 = 0.5;
-/// After a longer gap nothing is known of jumps in it, s.
+/// Gap of odometry above which jumps within it are not detected, s.
 const MAX_GAP_S: f64 = 1.0;
-/// Further from the autopilot's position (m) or velocity (m/s) than this, one of the two is wrong:
-/// the smoothing starts again from the autopilot's odometry, in the frame that it has.
+/// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong: the smoothing
+/// restarts from the autopilot's odometry, in the present frame.
 const MAX_DIFFERENCE: f64 = 1.5;
-/// A step in which the sampled force and the autopilot's velocity differ by more than this is an impact, m/s. A fix of GNSS
-/// moves the velocity by less.
+/// Difference between the integrated force and the change of the autopilot's velocity in one step that indicates an
+/// impact, m/s. A GNSS fix changes the velocity by less.
 const IMPACT_MPS: f64 = 0.3;
-/// The accelerometers' noise is averaged over this time, s.
+/// Averaging time of the disturbance, against the accelerometers' noise, s.
 pub(crate) const DISTURBANCE_S: f64 = 0.3;
-/// No disturbance is larger, each axis, m/s²: drag of 14 m/s of wind on the default drone, which leans by 30 deg.
+/// Bound of the disturbance, each axis, m/s²: drag of 14 m/s of wind on the default drone, which tilts by 30 deg.
 const MAX_DISTURBANCE_MPS2: f64 = 6.0;
-/// Further from the autopilot's position than this, m, the smooth frame is drawn after it ...
+/// Distance from the autopilot's position above which the smooth frame drifts towards it, m.
 const LAG_M: f64 = 0.6;
-/// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, moves it 0.5 m further.
+/// Rate of that drift, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, adds 0.5 m of lag.
 const DRIFT_GAIN: f64 = 0.1;
-
-// Softer gains leave less noise over a second and a larger error of velocity, which the camera then has to find.
 
 /// Gain on the difference of velocity, 1/s.
 const VELOCITY_GAIN: f64 = 1.0;
@@ -78,13 +76,13 @@ const BIAS_GAIN: f64 = 0.3;
 const BIAS_LIMIT_MPS2: f64 = 1.0;
 
 config! {
-    /// Gains that hold the smooth odometry to the autopilot's.
+    /// Coupling of the smooth odometry to the autopilot's.
     ///
-    /// Chosen: Softer gains leave less noise over a second and a larger error of velocity, which
-    /// the camera then has to find.
+    /// Chosen: Softer gains leave less noise over a second but a larger error of velocity, which the camera then has to
+    /// correct.
     #[derive(Copy)]
     pub struct OdometryConfig {
-        /// On; else the autopilot's odometry is used as it is.
+        /// Smooth the odometry; if false, the autopilot's odometry is used unchanged.
         pub smooth: bool = true;
     }
 }
@@ -95,14 +93,14 @@ struct SmoothState {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     bias: Vector3<f64>,
-    /// The acceleration that is not the rotors', m/s².
+    /// Acceleration that the rotors do not cause, m/s².
     disturbance: Vector2<f64>,
-    /// The autopilot's last odometry.
     reported: DroneState,
 }
 
 impl SmoothState {
-    /// `dt` later (s), by the specific force and gravity, with the autopilot `ahead` (m) and `faster` (m/s).
+    /// Propagates by `dt` (s) with the specific force and gravity; the autopilot's position and velocity differ by
+    /// `ahead` (m) and `faster` (m/s).
     fn advance(
         &mut self,
         reported: &DroneState,
@@ -111,8 +109,8 @@ impl SmoothState {
         faster: &Vector3<f64>,
         dt: f64,
     ) {
-        // An impact lasts for milliseconds: a sample in it, or none, does not show its impulse. The autopilot, which
-        // integrates its sensors at their own rate, has it.
+        // An impact lasts for milliseconds, so a sample does not show its impulse, even if it falls within it. The
+        // autopilot's velocity does, because the autopilot integrates its sensors at their own rate.
         let change = reported.velocity() - self.reported.velocity();
         let impact = (force * dt - change).norm() > IMPACT_MPS;
         let force = if impact { change / dt } else { *force };
@@ -140,24 +138,22 @@ impl SmoothState {
 /// Sum of the jumps of the autopilot's estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Jumps {
-    /// [`DroneState::datum_offset`], m: what is added to the autopilot's position.
+    /// [`DroneState::datum_offset`], m: added to the autopilot's position.
     pub(crate) offset: Vector3<f64>,
     /// [`DroneState::heading_jumps`], rad.
     pub(crate) heading: f64,
 }
 
-/// The smooth odometry.
 #[derive(Clone, Debug, Default)]
 pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
     jumps: Jumps,
-    /// Offset of a beginning from the autopilot's position and velocity, its bias, and the disturbance.
+    /// Initial differences from the autopilot's position (m) and velocity (m/s), initial bias and disturbance (m/s²).
     first: [[f64; 3]; 4],
 }
 
 impl Odometry {
-    /// Begins with the autopilot's first odometry.
     pub fn new(config: &OdometryConfig) -> Self {
         Odometry {
             config: *config,
@@ -172,11 +168,10 @@ impl Odometry {
         *self = Odometry::new(&self.config);
         self.jumps.heading = heading;
     }
-    /// The jumps so far.
     pub(crate) fn jumps(&self) -> Jumps {
         self.jumps
     }
-    /// Difference from the autopilot's odometry apart from the jumps: position (m), velocity (m/s), the bias and the
+    /// Position (m) and velocity (m/s) relative to the autopilot's odometry without its jumps, the bias and the
     /// disturbance (m/s²).
     pub(crate) fn difference(&self) -> [[f64; 3]; 4] {
         self.smoothed.map_or([[0.0; 3]; 4], |h| {
@@ -186,19 +181,18 @@ impl Odometry {
             [position, velocity, h.bias, disturbance].map(Into::into)
         })
     }
-    /// Begins with such a difference, not with the autopilot's odometry: the frame stays where it was.
+    /// Starts with a predecessor's [`Self::difference`], so that the smooth frame continues.
     pub(crate) fn resume(&mut self, difference: [[f64; 3]; 4], jumps: Jumps) {
         (self.first, self.jumps) = (difference, jumps);
     }
 
-    /// The autopilot's odometry with smooth position and velocity:
-    /// `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b (v_a - v)`.
-    /// `counted`: the autopilot has counted a jump of its estimate since the last one.
+    /// The autopilot's odometry with smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`,
+    /// `p' = v + drift`, `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump of its estimate since the
+    /// last call.
     ///
-    /// An autopilot whose position drifts (GNSS) without its velocity showing it is followed by these
-    /// only in part, `k_p / (k_p + k_b)`. What is more than [`LAG_M`] is made up for slowly by `drift`;
-    /// a stiffer loop would bring the fixes' noise into every landing (6 mm of place), and none would
-    /// end in a jump, in a flare too.
+    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part, `k_p / (k_p
+    /// + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
+    /// every landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
     pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
         let smoothed = self.smoothed(reported, counted);
         let jumps = self.jumps;
@@ -209,7 +203,7 @@ impl Odometry {
                 reported.velocity(),
                 h.disturbance,
             ),
-            // Out of order: the readers reject it.
+            // The sample is out of order; its receivers reject it.
             None => return *reported,
         };
         DroneState {
@@ -222,7 +216,7 @@ impl Odometry {
         }
     }
 
-    /// Takes a jump of the autopilot's estimate since `last` into account.
+    /// Detects a jump of the autopilot's estimate since `last` and adds it to the sums.
     fn watch(&mut self, last: &DroneState, reported: &DroneState, dt: f64, counted: bool) {
         let rates = |d: &DroneState| Vector3::from(d.rates);
         let (before, now) = (last.attitude(), reported.attitude());
@@ -239,7 +233,7 @@ impl Odometry {
         }
     }
 
-    /// None: out of order.
+    /// None if `reported` is out of order.
     fn smoothed(&mut self, reported: &DroneState, counted: bool) -> Option<SmoothState> {
         let [position, velocity, bias, disturbance] = self.first.map(Vector3::from);
         let Some(mut h) = self.smoothed else {
@@ -262,7 +256,7 @@ impl Odometry {
         self.watch(&h.reported, reported, dt, counted);
         let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if dt > MAX_STEP_S || !force.norm().is_finite() {
-            // What the frames differ by stays.
+            // The offset between the frames stays the same.
             let begun = SmoothState {
                 at: reported.header.at,
                 position: reported.position() + self.jumps.offset + left,
@@ -293,9 +287,9 @@ impl Odometry {
         self.smoothed
     }
 
-    /// A set-point of the smooth frame in the autopilot's own, for a loop that the autopilot closes:
-    /// `p + p_a - p_s`, `v + v_a - v_s`. Else the drone would stay off its plan by as much as the
-    /// frames are apart, and a plan that restarts at the drone would run away from it.
+    /// Converts a set-point from the smooth frame to the autopilot's, for a loop that the autopilot closes: `p + p_a -
+    /// p_s`, `v + v_a - v_s`. Without it the drone would stay off its plan by the frames' offset, and a plan that
+    /// restarts at the drone would move away from it continuously.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
         match (set_point.kind, &self.smoothed) {
             (SetPointKind::Trajectory, Some(h)) if self.config.smooth => SetPoint {
@@ -354,13 +348,13 @@ mod tests {
             s = o.step(&state(k, 0.0, 0.0, 0.1), false);
         }
         assert!(s.velocity[0].abs() < 2e-3, "{}", s.velocity[0]);
-        // The frame stays off by b / (k_p + k_b): constant, so it does no harm.
+        // The frame keeps a constant offset of b / (k_p + k_b), which is harmless.
         assert!((s.position[0] - 0.2).abs() < 0.01, "{}", s.position[0]);
     }
 
     #[test]
     fn disturbance_by_wind_and_level_error() {
-        // Wind of 0.6 m/s² north while the attitude reads 0.01 rad too much roll: held by the true tilt.
+        // Wind of 0.6 m/s² north with an error of 0.01 rad in the reported roll; the true tilt balances the wind.
         let mut o = Odometry::new(&OdometryConfig::default());
         let roll = UnitQuaternion::from_euler_angles(0.01, 0.0, 0.0);
         let mut s = DroneState::default();
@@ -380,7 +374,7 @@ mod tests {
     #[test]
     fn disturbance_of_a_gust_after_a_second() {
         let mut o = Odometry::new(&OdometryConfig::default());
-        // At rest for a second, then pushed by 1 m/s².
+        // The drone is at rest for a second and then accelerated by 1 m/s².
         let pushed = |k: u32| {
             let t = 0.01 * f64::from(k.saturating_sub(100));
             state(k, 0.5 * t * t, t, if k > 100 { 1.0 } else { 0.0 })
@@ -391,14 +385,14 @@ mod tests {
         }
         assert!(known[99].abs() < 1e-9, "{}", known[99]);
         assert!(known[130] > 0.6 && (known[199] - 1.0).abs() < 0.05, "{known:?}");
-        // Bounded whatever is sampled.
+        // The disturbance is bounded for any sample.
         let most = (200..400).map(|k| o.step(&state(k, 0.5, 1.0, 25.0), false).disturbance[0]);
         assert!(most.fold(0.0, f64::max) <= MAX_DISTURBANCE_MPS2);
     }
 
     #[test]
     fn odometry_impact() {
-        // Onto the deck at 0.6 m/s: the sample lasts 10 ms, the impact of 168 m/s² lasted 3 ms, or fell between samples.
+        // In a contact at 0.6 m/s the impact of 168 m/s² lasts 3 ms, within a sample of 10 ms or between two samples.
         for sampled in [-168.0, 0.0] {
             let mut o = Odometry::new(&OdometryConfig::default());
             let mut s = DroneState::default();
@@ -414,7 +408,7 @@ mod tests {
 
     #[test]
     fn odometry_position_drift() {
-        // The slow error of a GNSS: 3 cm/s for two minutes, 3.6 m in all.
+        // The GNSS error grows slowly, by 3 cm/s for two minutes, to 3.6 m.
         let (mut o, mut max, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
         let mut last = 0.0;
         for k in 0..12_000_u32 {
@@ -434,14 +428,17 @@ mod tests {
             position: [1.0, 0.0, -5.0],
             ..SetPoint::default()
         };
-        // Half a degree of tilt error lays the frames 0.2 m apart.
+        // Half a degree of tilt error moves the frames 0.2 m apart.
         let (mut x, mut v, mut s) = (0.0, 0.0, DroneState::default());
         for k in 0..6000 {
             s = o.step(&state(k, x, v, 0.1), false);
             v = 0.5 * (o.for_autopilot(&wanted).position[0] - x);
             x += 0.01 * v;
         }
-        assert!((s.position[0] - x).abs() > 0.1, "nothing to make up for: {x}");
+        assert!(
+            (s.position[0] - x).abs() > 0.1,
+            "no offset between the frames: {x}"
+        );
         assert!((s.position[0] - 1.0).abs() < 0.01, "{}", s.position[0]);
         let attitude = SetPoint {
             kind: SetPointKind::Attitude,
@@ -452,8 +449,8 @@ mod tests {
 
     #[test]
     fn odometry_frame_at_jumps_and_gaps() {
-        // Northward at 1 m/s. Jumps, counted or not, large or small; a gap; the frame goes on through all of it, and the
-        // datum takes it up.
+        // The drone moves north at 1 m/s, with counted and uncounted jumps of several sizes and a gap. The frame
+        // continues across all of them, and the datum offset absorbs the jumps.
         for (jump, counted) in [
             (5.0, false),
             (0.4, false),
@@ -476,7 +473,7 @@ mod tests {
                         "{jump}: {:?}",
                         s.datum_offset
                     );
-                    // What is led there by the autopilot is led to the same place.
+                    // A set-point in the autopilot's frame leads to the same place.
                     let here = SetPoint {
                         kind: SetPointKind::Trajectory,
                         position: s.position,

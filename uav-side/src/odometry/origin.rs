@@ -1,15 +1,15 @@
-//! Jumps of the autopilot's estimate of its heading, which put everything in its frame elsewhere.
+//! Jumps of the autopilot's heading estimate, which rotate everything in its frame.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// A heading that differs by more than this from what the gyroscopes turned it to is a reset of the autopilot's estimate,
-/// rad (4 deg).
+/// Difference between the reported heading and the integrated gyroscopes that indicates a reset of the autopilot's
+/// estimate, rad (4 deg).
 const YAW_JUMP_RAD: f64 = 0.07;
-/// Samples further apart contain nothing of it, s.
+/// Longest interval between two samples in which a jump is detected, s.
 const YAW_STEP_S: f64 = 0.05;
 
-/// By how much the heading (rad, from north to east) has jumped within the last `dt` seconds: attitude (NED from body) now
-/// against the one before, turned on by the mean body rates (rad/s) of both; None: not at all.
+/// Heading jump (rad, from north to east) within the last `dt` seconds: the present attitude (NED from body) against
+/// the previous one, turned by the mean of both body rates (rad/s). None without a jump.
 pub(crate) fn yaw_jump(
     before: (&UnitQuaternion<f64>, Vector3<f64>),
     now: (&UnitQuaternion<f64>, Vector3<f64>),
@@ -17,7 +17,7 @@ pub(crate) fn yaw_jump(
 ) -> Option<f64> {
     let turned = before.0 * UnitQuaternion::from_scaled_axis((before.1 + now.1) * (0.5 * dt));
     let yaw = (now.0 * turned.inverse()).scaled_axis().z;
-    // In an impact the rates change between two samples, and their mean may be wrong by all of that.
+    // In an impact the rates change between two samples, so their mean may be wrong by the whole change.
     let limit = YAW_JUMP_RAD + (now.1 - before.1).norm() * dt;
     (dt > 0.0 && dt < YAW_STEP_S && yaw.abs() > limit).then_some(yaw)
 }

@@ -1,8 +1,9 @@
-//! The wind over the deck, as acceleration of the drone that follows the vessel: its mean and its gusts.
+//! Wind over the deck, as the acceleration of a drone that follows the vessel: mean and gusts.
 //!
-//! In the air it needs a tilt that the touchdown has to remove or to keep, and gusts push the drone before it has
-//! reacted; on the deck it pushes a drone that friction alone holds. Both are judged in acceleration, which is what the
-//! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`WindEstimator`]).
+//! In the air the wind requires a tilt that the touchdown has to remove or keep, and gusts displace the drone before it
+//! has reacted; on the deck the wind loads a drone that only friction holds. Both are assessed as accelerations, which
+//! the odometry measures. The mean includes the vessel's speed; the gusts are those of the true wind
+//! ([`WindEstimator`]).
 
 use alight_shared::msg::{DroneState, WindCheckpoint};
 use alight_shared::time::{DroneClock, Time};
@@ -10,25 +11,24 @@ use nalgebra::Vector2;
 
 use super::air::{INDEPENDENT_S, WindEstimator};
 
-/// Odometry further apart than this is no continuous flight, s.
+/// Gap of odometry above which a continuous flight ends, s.
 const MAX_GAP_S: f64 = 0.1;
-/// The wind is judged over this time, s.
+/// Averaging time of the wind, s.
 const MEMORY_S: f64 = 60.0;
-/// A drone that moves faster than this over the deck meets a wind of its own, m/s: over a vessel at 5 m/s it changes the
-/// push by half.
+/// Speed over the deck below which the drone follows it, m/s. A faster drone measures a different apparent wind: over a
+/// vessel at 5 m/s this speed changes the drag by half.
 const FOLLOWS_MPS: f64 = 1.2;
-/// A wind that is known no better than this is not published, standard deviation, m/s.
+/// Standard deviation of the wind above which it is not published, m/s.
 const KNOWN_SD_MPS: f64 = 3.0;
 
-/// Mean and gusts of the wind's acceleration.
+/// Estimator of mean and gusts of the wind's acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WindMonitor {
     air: WindEstimator,
-    /// Velocity of the drone while it follows, NED, m/s.
+    /// Velocity of the drone while it follows the deck, NED, m/s.
     way: Vector2<f64>,
-    /// Time of the newest odometry.
     at: Option<Time<DroneClock>>,
-    /// Time watched, at most the memory, s.
+    /// Observation time, at most [`MEMORY_S`], s.
     known_s: f64,
     /// NED, m/s².
     mean: Vector2<f64>,
@@ -37,7 +37,6 @@ pub(crate) struct WindMonitor {
 }
 
 impl WindMonitor {
-    /// Goes on with what the link before this one had learnt.
     pub(crate) fn resume(m: &WindCheckpoint) -> Self {
         WindMonitor {
             air: WindEstimator::resume(m.state, m.covariance),
@@ -48,7 +47,6 @@ impl WindMonitor {
             variance: m.variance,
         }
     }
-    /// Checkpoint for a successor.
     pub(crate) fn checkpoint(&self) -> WindCheckpoint {
         let (state, covariance) = self.air.learnt().unzip();
         WindCheckpoint {
@@ -61,8 +59,8 @@ impl WindMonitor {
         }
     }
 
-    /// Learns from new odometry and writes the wind into it. `deck`: horizontal velocity of the deck above which the drone
-    /// flies, NED, m/s; only while it follows that one is its wind the wind over the deck.
+    /// Processes new odometry and writes the wind into it. `deck`: horizontal velocity of the deck below the drone,
+    /// NED, m/s. The drone measures the wind over the deck only while it follows the deck.
     pub(crate) fn update(&mut self, d: &mut DroneState, deck: Option<Vector2<f64>>) {
         self.learn(d, deck);
         self.publish(d);
@@ -87,8 +85,8 @@ impl WindMonitor {
         self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
     }
 
-    /// Writes the wind into odometry. The mean disturbance is the deck's: by following it to and fro the drone makes an
-    /// apparent wind of its own.
+    /// Writes the wind into `d`. The published mean disturbance is that of a drone at the deck's mean velocity, because
+    /// a drone that follows the deck's motion has an additional apparent wind.
     fn publish(&self, d: &mut DroneState) {
         let wind = self.air.wind().filter(|(_, sd)| *sd < KNOWN_SD_MPS);
         d.wind = wind.map(|(wind, _)| wind.into());
@@ -97,9 +95,9 @@ impl WindMonitor {
         d.gust_sd = self.gust_sd();
     }
 
-    /// Standard deviation of one axis about the known mean, m/s²: `s sqrt(1 + T/t)` from that of a time t, of which gusts
-    /// longer than T know one sample; 0 before any. More than the prior's gusts are the drone's own, which follows the
-    /// deck.
+    /// Standard deviation of one axis about the mean, m/s²: `s sqrt(1 + T/t)` with the standard deviation `s` over the
+    /// time `t`, in which gusts longer than `T` occur only once; 0 before any observation. Variance above the prior's
+    /// is due to the drone's motion with the deck and is ignored.
     fn gust_sd(&self) -> f64 {
         if self.known_s <= 0.0 {
             return 0.0;
@@ -110,7 +108,7 @@ impl WindMonitor {
         (variance * (1.0 + n / t)).sqrt()
     }
 
-    /// Odometry in a wind that has long been known to be steady, m/s².
+    /// Odometry in a wind that has been steady for a long time; the wind is an acceleration, m/s².
     #[cfg(test)]
     pub(crate) fn steady(mean_mps2: f64) -> DroneState {
         let mean = Vector2::new(mean_mps2, 0.0);
@@ -134,8 +132,8 @@ mod tests {
     use alight_shared::msg::Header;
     use alight_shared::time::{Span, Time};
 
-    /// A drone that keeps its place above a deck that moves at `deck_mps`, in a push that swings by `gust` about `mean` with a
-    /// period of 8 s: what is known, and its last odometry.
+    /// Monitor and last odometry of a drone that keeps its place above a deck that moves at `deck_mps`, under a
+    /// disturbance that oscillates by `gust` about `mean` with a period of 8 s.
     fn watched(mean: f64, gust: f64, secs: f64, deck_mps: Option<f64>) -> (WindMonitor, DroneState) {
         let (mut w, mut last) = (WindMonitor::default(), DroneState::default());
         for k in 0..(secs * 100.0) as i64 {
@@ -146,7 +144,7 @@ mod tests {
                 disturbance: [push, 0.0],
                 ..DroneState::default()
             };
-            // Steady for long when the watch begins.
+            // The wind has been steady for a long time when the observation begins.
             let deck = deck_mps.filter(|_| t > 5.0);
             w.update(&mut last, deck.map(|v| Vector2::new(0.0, v)));
         }
@@ -154,24 +152,24 @@ mod tests {
     }
 
     #[test]
-    fn gusts_of_a_steady_and_of_a_gusty_wind() {
+    fn gust_sd_in_steady_and_gusty_wind() {
         let of = |mean, gust, secs| {
             let (_, d) = watched(mean, gust, secs, Some(0.0));
             (Vector2::from(d.wind_push).norm(), d.gust_sd)
         };
-        // Soon after the beginning the prior's gusts and a short mean count.
+        // After a short observation, the prior's gusts and the uncertainty of the mean dominate.
         let (mean, early) = of(2.0, 0.0, 6.0);
         assert!((mean - 2.0).abs() < 0.1 && early > 0.5, "{early}");
         let (_, steady) = of(2.0, 0.0, 45.0);
         assert!(steady < 0.5 * early, "{steady}");
-        // A sine of 1.27 has a standard deviation of 0.9, here along one axis of two.
+        // A sine of amplitude 1.27 has a standard deviation of 0.9, here along one of two axes.
         let (_, gusty) = of(2.7, 1.27, 45.0);
         assert!(gusty > 0.5, "{gusty}");
     }
 
     #[test]
     fn wind_monitor_while_following() {
-        // Above no deck, and above one that leaves.
+        // The wind is not learned without a deck, nor above a deck that moves away.
         for deck_mps in [None, Some(2.0 * FOLLOWS_MPS)] {
             let (_, d) = watched(5.0, 0.0, 45.0, deck_mps);
             assert_eq!((d.wind_push, d.gust_sd), ([0.0; 2], 0.0));

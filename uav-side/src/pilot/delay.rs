@@ -1,11 +1,12 @@
-//! The time from a set-point to its answer: prediction of the drone's state to when a command acts.
+//! Prediction of the drone's state to the time at which a command takes effect.
 //!
-//! Odometry is `d` old when it arrives, and a command acts its dead time `tau` after it was sent: the way to the autopilot,
-//! about `d` again, and what the autopilot adds. A loop that takes the old state for the present one loses
-//! `(d + tau) w` of its phase at the frequency `w`. So the state is led to the instant at which the command acts by a model of
-//! the drone under the commands that are under way, and the plan is sampled there (Smith 1957, "Closer control of loops with
-//! dead time"; the model starts from each odometry, it does not run in parallel). The dead time of attitudes and their time
-//! constants are identified in flight ([`super::response`]), that of the thrust by [`ThrustDelay`].
+//! Odometry is `d` old when it arrives, and a command takes effect its dead time `tau` after it was sent: the link to
+//! the autopilot, about `d` again, and the autopilot's own delay. A loop that uses the old state as the present one
+//! loses `(d + tau) w` of phase at the frequency `w`. So a model of the drone under the commands that are under way
+//! predicts the state to the time at which the command takes effect, and the plan is sampled there (Smith 1957, "Closer
+//! control of loops with dead time"; the model restarts from each odometry instead of running in parallel). The dead
+//! time and the time constants of the attitude are identified in flight ([`super::response`]), the dead time of the
+//! thrust by [`ThrustDelay`].
 
 use std::collections::VecDeque;
 
@@ -20,51 +21,49 @@ use super::config::DelayConfig;
 use crate::contingency::{Body, DeckBelow, NEAR_DECK_M};
 use crate::tracking::FlightEstimator;
 
-/// Commands kept: those of 0.8 s at 100 Hz, more than the longest dead time and the oldest odometry.
+/// Number of commands kept: those of 0.8 s at 100 Hz, more than the longest dead time plus the oldest odometry.
 const KEPT: usize = 80;
-/// Step of the model, s.
 const STEP_S: f64 = 0.01;
-/// Candidates of the thrust's dead time, and the step between them, s.
+/// Candidates of the thrust's dead time, and their spacing, s.
 const CANDIDATES: usize = 16;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// The thrust's dead time is learnt from what changes within this time, s, and counts for that long, s.
+/// Time constant of the means relative to which changes of thrust and force are measured, s, and forgetting time of the
+/// regression, s.
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
-/// Residual that is no evidence of another dead time: vibration in a second of samples, (m/s²)².
+/// Residual that is consistent with a dead time: vibration in a second of samples, (m/s²)².
 const RESIDUAL: f64 = 1.0;
-/// Spread of the dead time about the odometry's own way before anything is learnt, s.
+/// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// The deck's height by its forecast errs by this where a drone stands on it, m.
+/// Error of the forecast deck's height below a drone that stands on the deck, m.
 const ERRS_M: f64 = 0.3;
 
-/// Attitude (NED from body) and collective thrust (0 to 1) that were commanded; None: the autopilot closed the
-/// loop.
+/// Commanded attitude (NED from body) and collective thrust (0 to 1); None while the autopilot closes the loop.
 pub(crate) type Commanded = Option<(UnitQuaternion<f64>, f64)>;
 
-/// The commands of the last moments.
+/// Recent commands, with the time at which each was sent.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SentCommands(VecDeque<(Time<DroneClock>, Commanded)>);
 
 impl SentCommands {
-    /// What was commanded at `now`.
     pub(crate) fn push(&mut self, now: Time<DroneClock>, command: Commanded) {
         if self.0.len() >= KEPT {
             self.0.pop_front();
         }
         self.0.push_back((now, command));
     }
-    /// The thrust of what was sent by `at` after its lag (s), from the last time that the autopilot closed the loop.
-    fn acting(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
+    /// Thrust at `at`, from the commands sent by then, after the rotors' lag (s). The lag starts at the last time the
+    /// autopilot closed the loop.
+    fn lagged_thrust(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
         let count = self.0.partition_point(|(sent, _)| *sent <= at);
         let ends = self.0.iter().map(|(sent, _)| *sent).skip(1);
         let held = self.0.iter().zip(ends.map(Some).chain([None])).take(count);
-        held.fold(None, |acting, ((from, command), until)| {
+        held.fold(None, |applied, ((from, command), until)| {
             let (_, u) = (*command)?;
             let dt = (until.unwrap_or(at).min(at) - *from).secs();
-            Some(low_pass(acting, u, dt, lag_s))
+            Some(low_pass(applied, u, dt, lag_s))
         })
     }
-    /// The newest command sent by `at`.
     pub(crate) fn by(&self, at: Time<DroneClock>) -> Commanded {
         let newer = self.0.partition_point(|(sent, _)| *sent <= at);
         self.0
@@ -73,8 +72,8 @@ impl SentCommands {
     }
 }
 
-/// Dead time of the thrust: the candidate under which the changes of the commanded thrust, after the thrust's lag, explain
-/// those of the measured specific force best (least squares with forgetting).
+/// Estimator of the thrust's dead time. It chooses the candidate under which the changes of the commanded thrust, after
+/// the thrust's lag, best explain those of the measured specific force (linear regression with forgetting).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ThrustDelay {
     candidates: [ThrustCandidate; CANDIDATES],
@@ -86,15 +85,15 @@ pub(crate) struct ThrustDelay {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct ThrustCandidate {
-    acting: Option<f64>,
+    applied: Option<f64>,
     mean: f64,
     uu: f64,
     uf: f64,
 }
 
 impl ThrustDelay {
-    /// From a specific force along the thrust (m/s²) of the time `at`, in free flight, with the thrust's lag (s) and the
-    /// odometry's own way (s).
+    /// Processes a specific force along the thrust (m/s²) at the time `at` in free flight, with the thrust's lag (s)
+    /// and the odometry's age (s).
     fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
         let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
@@ -111,10 +110,10 @@ impl ThrustDelay {
                 *c = ThrustCandidate::default();
                 continue;
             };
-            let acting = low_pass(c.acting, u, dt, lag_s.max(1e-3));
-            let mean = c.acting.replace(acting).map_or(u, |_| c.mean);
-            c.mean = low_pass(mean, acting, dt, CHANGES_S);
-            let du = acting - c.mean;
+            let applied = low_pass(c.applied, u, dt, lag_s.max(1e-3));
+            let mean = c.applied.replace(applied).map_or(u, |_| c.mean);
+            c.mean = low_pass(mean, applied, dt, CHANGES_S);
+            let du = applied - c.mean;
             c.uu = keep * c.uu + du * du;
             c.uf = keep * c.uf + du * df;
         }
@@ -129,21 +128,20 @@ impl ThrustDelay {
             } else {
                 0.0
             };
-            let surprise = (CANDIDATE_STEP_S * k as f64 - one_way_s) / DEAD_TIME_SD_S;
-            self.ff - explained + RESIDUAL * surprise * surprise
+            let deviation = (CANDIDATE_STEP_S * k as f64 - one_way_s) / DEAD_TIME_SD_S;
+            self.ff - explained + RESIDUAL * deviation * deviation
         };
         let costs: [f64; CANDIDATES] = core::array::from_fn(cost);
-        self.found_s = least(&costs).map(|k| CANDIDATE_STEP_S * k);
+        self.found_s = parabola_minimum(&costs).map(|k| CANDIDATE_STEP_S * k);
     }
 
-    /// The dead time, s.
     fn get(&self, one_way_s: f64) -> f64 {
         self.found_s.unwrap_or(one_way_s)
     }
 }
 
-/// Where the parabola through the smallest of `costs` and its neighbours is least, in steps.
-pub(super) fn least(costs: &[f64]) -> Option<f64> {
+/// Minimum of the parabola through the smallest of `costs` and its neighbours, in steps.
+pub(super) fn parabola_minimum(costs: &[f64]) -> Option<f64> {
     let (best, lowest) = costs.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
     let neighbours = best
         .checked_sub(1)
@@ -160,16 +158,13 @@ pub(super) fn least(costs: &[f64]) -> Option<f64> {
     Some(best as f64 + aside.clamp(-0.5, 0.5))
 }
 
-/// The age of odometry at its arrival, the commands under way, and the thrust's dead time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Delay {
     age_s: Option<f64>,
-    /// The commands under way.
     pub(crate) sent: SentCommands,
     thrust: ThrustDelay,
 }
 
-/// How the drone answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dynamics {
     pub(crate) response: AttitudeResponse,
@@ -178,35 +173,35 @@ pub(crate) struct Dynamics {
 }
 
 impl Delay {
-    /// New odometry arrived, `age_s` old, `dt` after the last step.
+    /// Processes new odometry that is `age_s` old, `dt` after the last step.
     pub(crate) fn received(&mut self, age_s: f64, dt: f64, c: &DelayConfig) {
         let age_s = age_s.clamp(0.0, c.limit_s);
         self.age_s = Some(low_pass(self.age_s, age_s, dt, c.time_s));
     }
-    /// The odometry's way, s.
+    /// Age of the odometry at its arrival, s.
     pub(crate) fn one_way_s(&self) -> f64 {
         self.age_s.unwrap_or(0.0)
     }
-    /// Learns the thrust's dead time from odometry in free flight.
+    /// Updates the thrust's dead time from odometry in free flight.
     pub(crate) fn learn_thrust(&mut self, drone: &DroneState, lag_s: f64) {
         let one_way_s = self.one_way_s();
         let force = -drone.specific_force[2];
         self.thrust
             .learn(drone.header.at, force, &self.sent, lag_s, one_way_s);
     }
-    /// From a thrust commanded to its action, s.
+    /// Time from a thrust command to its effect, s.
     pub(crate) fn thrust_s(&self) -> f64 {
         self.thrust.get(self.one_way_s())
     }
-    /// The command whose thrust is measured by what is received at `now`.
+    /// Command whose thrust has an effect on the odometry that arrives at `now`.
     pub(crate) fn answered(&self, now: Time<DroneClock>) -> Commanded {
         self.sent
             .by(now - Span::from_secs(self.one_way_s() + self.thrust_s()))
     }
-    /// The drone `lead_s` after `now`, from its newest odometry.
+    /// State of the drone `lead_s` after `now`, predicted from its newest odometry.
     ///
-    /// `w' = (e / T - w) / T_r` with the angle `e` to the command in force, `R' = R [w]`, and
-    /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag. None where a figure is none.
+    /// `w' = (e / T - w) / T_r` with the angle `e` to the command in effect, `R' = R [w]`, and
+    /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag. None if a value is not finite.
     pub(crate) fn ahead(
         &self,
         now: Time<DroneClock>,
@@ -223,7 +218,7 @@ impl Delay {
         let (mut attitude, mut rates) = (drone.attitude(), Vector3::from(drone.rates));
         let measured_force = -drone.specific_force[2];
         let thrust_dead_s = self.thrust_s();
-        let mut thrust = self.sent.acting(
+        let mut thrust = self.sent.lagged_thrust(
             drone.header.at - Span::from_secs(thrust_dead_s),
             dynamics.thrust_s,
         );
@@ -240,7 +235,7 @@ impl Delay {
                     let angle = (attitude.inverse() * command).scaled_axis();
                     angle.component_div(&lags)
                 }
-                // Whoever flies keeps it as it is.
+                // The autopilot or another pilot flies: constant attitude.
                 None => Vector3::zeros(),
             };
             if let Some((_, u)) = self.sent.by(at - Span::from_secs(thrust_dead_s)) {
@@ -263,35 +258,36 @@ impl Delay {
 }
 
 impl Pilot {
-    /// When an attitude commanded at `now` acts.
+    /// Time at which an attitude commanded at `now` takes effect.
     pub(super) fn turns_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
         now + Span::from_secs(self.response.get().dead_time_s)
     }
-    /// When a thrust commanded at `now` acts.
+    /// Time at which a thrust commanded at `now` takes effect.
     pub(super) fn thrusts_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
         now + Span::from_secs(self.delay.thrust_s())
     }
 
-    /// The plan's stage that a command of `now` serves: its attitude and horizontal motion when the attitude acts, its
-    /// vertical motion when the thrust does.
+    /// Stage of the plan for a command sent at `now`: attitude and horizontal motion at the time at which the attitude
+    /// takes effect, and vertical motion at the time at which the thrust takes effect.
     pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
         let mut stage = plan.sample(self.turns_at(now))?;
         let vertical = plan.sample(self.thrusts_at(now))?;
         stage.position[2] = vertical.position[2];
         stage.velocity[2] = vertical.velocity[2];
-        // The thrust that acts after its lag is the one that the plan has by then.
+        // The thrust that takes effect after its lag has to match the plan at that time.
         let lag = Span::from_secs(self.config.tracking.thrust_lag_s);
-        let acting = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
-        stage.acceleration[2] = acting.acceleration[2];
+        let delayed = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
+        stage.acceleration[2] = delayed.acceleration[2];
         Some(stage)
     }
 
-    /// The drone on which a command of `now` acts, in the same parts; `body` is the drone now.
+    /// State of the drone at the times at which a command sent at `now` takes effect, combined as in [`Self::served`];
+    /// `body` is its present state.
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
         let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
-        // The model knows of no deck, which carries the drone from the contact on: one that is over it now, not one that has
-        // left it over its edge.
+        // The model contains no deck, but after a contact the deck supports the drone. This applies to a deck that is
+        // below the drone now, not to one over whose edge the drone has slid.
         let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
         if let Some(b) = self
             .below(self.thrusts_at(now), &thrust)
@@ -319,7 +315,7 @@ impl Pilot {
     }
 }
 
-/// Whether the deck is beneath this drone: within its reach, and not above the feet by more than the forecast errs by.
+/// Whether the deck is beneath this drone: within reach, and not above its feet by more than the forecast's error.
 fn is_over(b: &DeckBelow, body: &Body) -> bool {
     let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
     aside < NEAR_DECK_M && b.clearance > -ERRS_M
@@ -329,7 +325,7 @@ fn is_over(b: &DeckBelow, body: &Body) -> bool {
 mod tests {
     use super::*;
 
-    /// Of a drone whose set-points are under way for as long as its odometry.
+    /// Dynamics of a drone whose set-points and odometry have the same delay.
     const DYNAMICS: Dynamics = Dynamics {
         response: AttitudeResponse {
             dead_time_s: 0.04,
@@ -340,8 +336,8 @@ mod tests {
         thrust_s: 0.05,
     };
 
-    /// Flies the model's own drone under a rocking command, 40 ms each way, and compares what was led ahead
-    /// with what came.
+    /// Simulates the model's own drone under an oscillating command, with 40 ms of delay each way, and compares the
+    /// prediction with the later state.
     #[test]
     fn delay_prediction_after_one_dead_time() {
         let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);
@@ -381,7 +377,7 @@ mod tests {
             commands.push(command);
             delay.sent.push(at(k), Some(command));
             estimate.commanded(delay.answered(at(k)).map(|a| a.1), dt, DYNAMICS.thrust_s);
-            // The drone follows what was sent 40 ms ago.
+            // The drone follows the command that was sent 40 ms ago.
             let Some((command, thrust)) = k.checked_sub(one_way).and_then(|i| commands.get(i)) else {
                 continue;
             };
@@ -429,14 +425,14 @@ mod tests {
             let mut delay = Delay::default();
             delay.received(one_way_s, 1.0, &DelayConfig::default());
             let command = |t: f64| 0.4 + 0.08 * (3.0 * t).sin() + 0.04 * (7.0 * t).cos();
-            let mut acting = 0.4;
+            let mut applied = 0.4;
             for k in 0..600 {
                 let t = 0.01 * f64::from(k);
-                acting = low_pass(acting, command(t - dead_s), 0.01, 0.05);
+                applied = low_pass(applied, command(t - dead_s), 0.01, 0.05);
                 let level = UnitQuaternion::identity();
                 delay.sent.push(Time::from_secs(t), Some((level, command(t))));
                 let mut state = DroneState {
-                    specific_force: [0.0, 0.0, -acting * GRAVITY / 0.37],
+                    specific_force: [0.0, 0.0, -applied * GRAVITY / 0.37],
                     ..DroneState::default()
                 };
                 state.header.at = Time::from_secs(t);

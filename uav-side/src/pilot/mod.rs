@@ -1,9 +1,9 @@
-//! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when
-//! the feet are on the deck.
+//! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when the feet are on the
+//! deck.
 //!
-//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`response`] and [`delay`] what it
-//! learns in flight, [`touchdown`] the evidence of contact, [`set_points`] what each action sends. What the drone does
-//! without a plan or a mission is decided in [`crate::contingency`].
+//! [`crate::flatness`] converts between thrust and attitude, [`crate::tracking`] is the loop, [`response`] and
+//! [`delay`] identify the autopilot in flight, [`touchdown`] detects the contact, and [`set_points`] builds the
+//! set-point of each action. [`crate::contingency`] decides what the drone does without a plan or a mission.
 
 pub mod config;
 mod delay;
@@ -45,30 +45,23 @@ use touchdown::{AUTOPILOT_AGE_S, TouchdownDetector, TouchdownEvidence};
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotIn {
-    /// The planner's trajectory.
     pub plan: Option<Plan>,
-    /// The mission's state.
     pub mission: Option<MissionState>,
-    /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// The drone's odometry.
     pub drone: Option<DroneState>,
-    /// The autopilot's state.
     pub autopilot: Option<AutopilotState>,
-    /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotOut {
-    /// The set-point, every step.
     pub set_point: Option<SetPoint>,
-    /// Once, when touchdown is confirmed.
+    /// Published once, when a touchdown is confirmed.
     pub touchdown: Option<Touchdown>,
 }
 
 wiring! {
-    /// What the pilot reads and writes.
+    /// Topics that the pilot reads and writes.
     PilotPorts of Pilot: PilotIn => PilotOut {
         reads {
             newest plan: Plan,
@@ -92,7 +85,6 @@ impl PilotOut {
     }
 }
 
-/// The pilot node.
 #[derive(Clone, Debug)]
 pub struct Pilot {
     config: PilotConfig,
@@ -114,32 +106,32 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<Hold>,
-    /// Its take-off: since when, and how far it has risen; None for a pilot that began in the air.
+    /// Take-off in progress: its start, and the rise since then; None for a pilot that started in the air.
     jump: Option<(Time<DroneClock>, Option<Rise>)>,
-    /// Height at which it was disarmed last, NED z, m.
+    /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
-    /// The landing goes on without the mission or a plan.
+    /// Whether the landing continues without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
-    /// The mission took notice of the stop.
+    /// Whether the mission has reported the landing since the motors were stopped.
     landed_since_stop: bool,
     last_step: Option<Time<DroneClock>>,
 }
 
-/// Steps further apart than this count as this long: a pilot that was away must not jump, s.
+/// Longest step that is integrated, s: after an interruption the set-point must not jump.
 const MAX_STEP_S: f64 = 0.05;
-/// An autopilot without set-points for so long flies by itself, s: PX4's shortest (COM_OF_LOSS_T), less what is under way.
-const LAPSES_S: f64 = 0.3;
+/// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's shortest (COM_OF_LOSS_T), less
+/// the delay of the link.
+const SET_POINT_LOSS_S: f64 = 0.3;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
-/// A drone that stands has its feet no further from the ground than this by the rangefinder, m; and without one it is no higher
-/// than this above where it was disarmed, m: a deck that heaves.
+/// Height of the feet below which the drone may stand on the ground, m: above the ground by the rangefinder; without
+/// one, above the place where it was disarmed, because a deck heaves.
 const LOW_BY_RANGE_M: f64 = 0.3;
 const LOW_M: f64 = 1.0;
 
 impl Pilot {
-    /// A pilot of the drone described by `geometry`.
     pub fn new(config: &PilotConfig, geometry: &DroneGeometry, drone_id: u32, boot: u32) -> Self {
         let hover = (geometry.mass_kg * GRAVITY / geometry.max_thrust_n).clamp(0.05, 0.9);
         Pilot {
@@ -170,7 +162,7 @@ impl Pilot {
         }
     }
 
-    /// Takes the inputs; gives the odometry when it is new.
+    /// Stores the inputs and returns the odometry if it is new.
     fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
         let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
@@ -210,7 +202,7 @@ impl Pilot {
         drone
     }
 
-    /// Plan, forecast, hold and integral are of another frame.
+    /// Discards plan, forecast, hold and integral, which belong to another frame.
     fn forget_frame(&mut self) {
         self.plan.forget();
         self.forecast.forget();
@@ -219,7 +211,8 @@ impl Pilot {
         self.tracker.reset();
     }
 
-    /// Low enough to stand on the ground: by the rangefinder, or where none reads, as low as where it was disarmed.
+    /// Whether the drone is low enough to stand on the ground, according to the rangefinder or, without a reading,
+    /// relative to the height at which it was disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {
@@ -228,53 +221,52 @@ impl Pilot {
         }
     }
 
-    /// The deck under the drone, when forecast and odometry reach `now`.
+    /// The deck below the drone; None if forecast or odometry do not cover `now`.
     fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
 
-    /// The motors stop from now on.
     fn stop_from(&mut self, now: Time<DroneClock>) {
         self.stopped_at = Some(now);
         self.disarmed_since_stop = false;
         self.landed_since_stop = false;
     }
 
-    /// Whether the motors, once stopped, stay so. They are released only after the autopilot was disarmed and the mission is
-    /// idle again, when the mission that took notice of the stop climbs all the same (the touchdown was false), or when the
-    /// autopilot has flown by itself meanwhile, as after a step that came so late: the touchdown has to be found again.
+    /// Whether stopped motors stay stopped. They are released when the autopilot was disarmed and the mission is idle
+    /// again; when the mission, having reported the landing, climbs (a false touchdown); or when the autopilot has
+    /// flown by itself in the meantime, e.g. because a step of the pilot was late. The touchdown then has to be
+    /// detected again.
     fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
         };
-        // Its own landing ends on the deck.
+        // The autopilot's own landing ends on the deck as well, so it does not release the motors.
         let own = |a: &AutopilotState| {
             a.header.at > at && !matches!(a.mode, AutopilotMode::Offboard | AutopilotMode::Land)
         };
         let flown = self.armed(now).is_some_and(own);
-        if !self.disarmed_since_stop && (flown || late_s > LAPSES_S) {
+        if !self.disarmed_since_stop && (flown || late_s > SET_POINT_LOSS_S) {
             self.release();
             return false;
         }
         let since = mission.filter(|m| m.header.at > at);
         self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
-        let anew = since.is_some_and(|m| m.state == State::Idle || m.state.stands_for_take_off());
+        let next_flight = since.is_some_and(|m| m.state == State::Idle || m.state.stands_for_take_off());
         let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
-        if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
+        if !(next_flight && self.disarmed_since_stop || climbs && self.landed_since_stop) {
             return true;
         }
         self.release();
         false
     }
 
-    /// The motors run again, and no touchdown was found.
     fn release(&mut self) {
         self.stopped_at = None;
         self.disarmed_since_stop = false;
         self.detector.clear();
     }
 
-    /// The flight ends: the motors stop.
+    /// Stops the motors and publishes the touchdown.
     fn touch_down(&mut self, now: Time<DroneClock>, touchdown: Touchdown) -> PilotOut {
         self.stop_from(now);
         let set_point = self.stop(now);
@@ -287,7 +279,7 @@ impl Pilot {
         }
     }
 
-    /// What the next odometry answers.
+    /// Stores the command and updates the thrust that explains the next odometry.
     fn remember(&mut self, now: Time<DroneClock>, dt: f64, set_point: &SetPoint) {
         let followed = self
             .autopilot
@@ -306,7 +298,7 @@ impl Pilot {
             .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
     }
 
-    /// Learns hover thrust, response and disturbance from new odometry in free flight.
+    /// Updates hover thrust, response and disturbance from new odometry in free flight.
     fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
         let Some(d) = new else { return };
         if self.lies_on_deck() {
@@ -371,8 +363,8 @@ impl Pilot {
         }
     }
 
-    /// A landing that `mission` no longer wants, by a planner that has not answered it for several of its periods. A plan
-    /// of the same instant may have been begun before it was withdrawn.
+    /// Whether the plan belongs to a landing that `mission` has withdrawn, and the planner has not responded for
+    /// several of its periods. A plan with the same time stamp may have been started before the withdrawal.
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
@@ -380,7 +372,8 @@ impl Pilot {
             && (now - mission.since).secs() > OLD_PLAN_S
     }
 
-    /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
+    /// The last state of the mission, for a short time after its last message; afterwards the autopilot's failsafe
+    /// takes over.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
         let goes_on = |m: &&MissionState| {
@@ -391,7 +384,6 @@ impl Pilot {
         last.filter(|_| self.mission.age_s(now) <= limit).copied()
     }
 
-    /// The set-point of a step in which the motors run.
     fn fly(
         &mut self,
         now: Time<DroneClock>,
@@ -416,13 +408,13 @@ impl Pilot {
             low: self.is_low(now, body),
         };
         if known.waits() && !known.commands() {
-            // Offboard modes want a stream of set-points before they can be entered; until
-            // then the place to hold moves with whoever flies.
+            // Offboard modes require a stream of set-points before they can be entered. Until then the hold position
+            // follows the drone.
             self.hold = None;
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
-        // An autopilot that is silent for a moment does not put the drone back on the deck.
+        // A short silence of the autopilot must not send a drone that takes off back to standing on the deck.
         if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
@@ -458,7 +450,7 @@ impl Pilot {
         }
     }
 
-    /// The plan, and its stage that a command of `now` serves, while the mission wants it.
+    /// The plan and its stage for a command sent at `now`, if the mission's state calls for a plan.
     fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)
@@ -466,14 +458,13 @@ impl Pilot {
             .and_then(|p| self.served(now, p).map(|stage| (*p, stage)))
     }
 
-    /// The autopilot's state, while it is fresh and armed.
     fn armed(&self, now: Time<DroneClock>) -> Option<&AutopilotState> {
         self.autopilot
             .fresh(now, topics::AUTOPILOT.stale_after)
             .filter(|a| a.armed)
     }
 
-    /// Whether to complete the landing without a plan is softer than to climb away.
+    /// Whether completing the landing without a plan is softer than climbing away.
     fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let ends = |f| ContactOutcomes::predict(now, f, &body.position, &body.velocity, &self.geometry);
         let touched = self.detector.contact() != TouchdownContact::Clear;
@@ -519,12 +510,12 @@ impl Node for Pilot {
         let near = below.as_ref().filter(|b| b.is_near(&body, 0.0, &self.geometry));
         self.learn(now, new.as_ref(), dt, near);
         if mission.is_some_and(|m| m.settings.mode == LandingMode::Shadow) {
-            // Nobody follows the last command.
+            // The autopilot did not follow the last command.
             self.tracker.reset();
         }
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
         self.remember(now, dt, &set_point);
-        // Nothing that the message's own check would reject may leave the pilot.
+        // The pilot must not publish a set-point that the message's own check would reject.
         let passes = set_point.check().is_ok();
         PilotOut::of(if passes { set_point } else { self.no_set_point(now) })
     }

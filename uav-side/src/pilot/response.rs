@@ -1,53 +1,55 @@
-//! Response of the drone's attitude to set-points: dead time and time constants, identified in flight, and compensated.
+//! Response of the drone's attitude to set-points: identification of dead time and time constants in flight, and
+//! compensation.
 //!
-//! Autopilots turn towards a commanded attitude at a rate in proportion to the angle left, which a rate loop follows with a
-//! lag of its own; the set-point has been under way before, and waits in the autopilot:
+//! Autopilots turn towards a commanded attitude at a rate proportional to the remaining angle, which a rate loop
+//! follows with its own lag; the set-point is delayed on the link and in the autopilot:
 //!
 //! `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T`
 //!
-//! with the attitude `x`, the body rates `w`, the command `c` and, unknown, the dead time `tau`, the time constant `T` and the
-//! lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of lag `t_r` is the same
-//! equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are those of the odometry and of the set-points
-//! themselves, so neither the age of the odometry nor its rate counts as a response.
+//! with the attitude `x`, the body rates `w`, the command `c` and, unknown, the dead time `tau`, the time constant `T`
+//! and the lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of lag `t_r`
+//! is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time stamps of odometry
+//! and set-points, so neither the age nor the rate of the odometry is mistaken for a slow response.
 //!
 //! Integrated over a window the equation is linear in `1 / T` and `T_r`:
 //!
 //! `dx = (1 / T) int (c(s - tau) - x(s)) ds - T_r dw`
 //!
-//! One least squares with forgetting per axis and candidate of `tau`, from a prior; the candidate whose residuals are smallest
-//! is the dead time (Ljung 1999, System Identification, sections 10.1 and 11.2). The way of a set-point is the same for both
-//! axes, so they share it. An equation error does not mistake a swing of the loop for a slow response, as a fit without dead
-//! time did: it then amplified its commands, which fed the swing.
+//! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior; the candidate with
+//! the smallest residuals is the dead time (Ljung 1999, System Identification, sections 10.1 and 11.2). Both axes share
+//! the dead time, because the set-point takes the same link. With this equation error the fit does not mistake an
+//! oscillation of the loop for a slow response. An earlier fit without dead time did so and amplified its commands,
+//! which sustained the oscillation.
 
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::LagConfig;
-use super::delay::{SentCommands, least};
+use super::delay::{SentCommands, parabola_minimum};
 
-/// Candidates of the dead time, and the step between them, s.
+/// Candidates of the dead time, and their spacing, s.
 const CANDIDATES: usize = 21;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// Odometry is integrated over at least this long, s: the rates' noise is small against what they change by meanwhile.
+/// Shortest integration window, s: the change of the rates within it is large against their noise.
 const WINDOW_S: f64 = 0.04;
-/// Odometry further apart than this does not show what happened between, s.
+/// Gap of odometry above which the integration stops, s.
 const MAX_GAP_S: f64 = 0.08;
-/// Commands are looked up at this step, s.
+/// Sampling step of the commands, s.
 const STEP_S: f64 = 0.01;
-/// Angles beyond this are not learnt from: autopilots limit their rates and accelerations, rad.
+/// Largest angle between command and attitude that is used, rad: autopilots limit rates and accelerations.
 const MAX_ANGLE_RAD: f64 = 0.4;
-/// What the prior of `1 / T` counts for: as much as a second of 0.5 deg between command and attitude, rad² s².
+/// Information of the prior of `1 / T`: that of a second with 0.5 deg between command and attitude, rad² s².
 const PRIOR_ANGLE: f64 = 3e-6;
-/// The same of `T_r`: a second in which the rates change by 1.5 rad/s², rad²/s².
+/// Information of the prior of `T_r`: that of a second in which the rates change by 1.5 rad/s², rad²/s².
 const PRIOR_RATE: f64 = 0.1;
-/// Residual of a window that is no evidence of another dead time, rad.
+/// Residual of a window that is consistent with a dead time, rad.
 const RESIDUAL_RAD: f64 = 1e-3;
-/// Spread of the dead time about the one-way age of the odometry before anything is learnt, s.
+/// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
 /// Largest lag of a rate loop, s.
 const MAX_RATE_LAG_S: f64 = 0.2;
-/// Information in units of the prior's above which a response counts as identified.
+/// Information, in units of the prior's, above which a response is identified.
 const IDENTIFIED: f64 = 12.0;
 
 /// Normal equations of one axis and one candidate: `y = a i - T_r dw`.
@@ -74,8 +76,8 @@ impl Sums {
             *v *= keep;
         }
     }
-    /// A window that turned by `y` (rad) under the integral `i` (rad s) of the angle left while the rate changed by `dw`
-    /// (rad/s).
+    /// Adds a window in which the drone turned by `y` (rad), the integral of the remaining angle was `i` (rad s), and
+    /// the rate changed by `dw` (rad/s).
     fn add(&mut self, y: f64, i: f64, dw: f64) {
         let w = -dw;
         self.ii += i * i;
@@ -85,7 +87,7 @@ impl Sums {
         self.yw += y * w;
         self.yy += y * y;
     }
-    /// `1 / T`, `T_r` and the weighted sum of squares left, from the prior `[1 / T, T_r]`.
+    /// `1 / T`, `T_r` and the weighted sum of squared residuals, from the prior `[1 / T, T_r]`.
     fn solve(&self, prior: [f64; 2], bounds: [[f64; 2]; 2]) -> ([f64; 2], f64) {
         let (ii, ww) = (self.ii + PRIOR_ANGLE, self.ww + PRIOR_RATE);
         let (yi, yw) = (self.yi + PRIOR_ANGLE * prior[0], self.yw + PRIOR_RATE * prior[1]);
@@ -103,14 +105,13 @@ impl Sums {
     }
 }
 
-/// The window that is being integrated.
 #[derive(Clone, Copy, Debug)]
 struct Window {
     rates: Vector2<f64>,
     duration_s: f64,
     turned: Vector2<f64>,
     integrals: [Vector2<f64>; CANDIDATES],
-    /// Every command in it is known, and none was too far.
+    /// Whether every command in the window is known and none exceeds [`MAX_ANGLE_RAD`].
     usable: bool,
 }
 
@@ -126,7 +127,6 @@ impl Window {
     }
 }
 
-/// Identifies the response.
 #[derive(Clone, Debug)]
 pub(crate) struct ResponseEstimator {
     nominal_s: f64,
@@ -137,7 +137,6 @@ pub(crate) struct ResponseEstimator {
 }
 
 impl ResponseEstimator {
-    /// Starts from the nominal time constant, s.
     pub(crate) fn new(nominal_s: f64, c: &LagConfig) -> Self {
         let nominal_s = nominal_s.clamp(c.bounds_s[0], c.bounds_s[1]);
         ResponseEstimator {
@@ -154,13 +153,12 @@ impl ResponseEstimator {
         }
     }
 
-    /// The response as of now.
     pub(crate) fn get(&self) -> AttitudeResponse {
         self.response
     }
 
-    /// The command for a loop of this response that makes it turn from `is`, the attitude when the command acts, as one with
-    /// the time constant that the tracking loop is laid out for would with `wanted`.
+    /// Command for a loop with the identified response, which makes it turn towards `wanted` like a loop with the
+    /// designed time constant. `is` is the attitude at the time at which the command takes effect.
     pub(crate) fn command(
         &self,
         wanted: &UnitQuaternion<f64>,
@@ -169,16 +167,16 @@ impl ResponseEstimator {
     ) -> UnitQuaternion<f64> {
         let angle = (is.inverse() * wanted).scaled_axis();
         let [roll, pitch] = self.factors(c);
-        // Heading has a loop of its own.
+        // Heading has its own loop.
         is * UnitQuaternion::from_scaled_axis(Vector3::new(roll * angle.x, pitch * angle.y, angle.z))
     }
-    /// What angles of roll and pitch are multiplied by.
+    /// Factors by which the roll and pitch angles of a command are multiplied.
     fn factors(&self, c: &LagConfig) -> [f64; 2] {
-        // A slower loop is not driven harder: autopilots limit rates and accelerations, so that a larger step is followed
-        // later, and the loop swings.
+        // Commands for a loop slower than designed are not amplified: autopilots limit rates and accelerations, so a
+        // larger step would be followed later and the loop would oscillate.
         self.response.lag_s.map(|lag| (lag / c.design_s).min(1.0))
     }
-    /// Time constant of the loop that is compensated, the slower axis, s.
+    /// Time constant of the slower axis with compensation, s.
     pub(crate) fn compensated_s(&self, c: &LagConfig) -> f64 {
         let [roll, pitch] = self.factors(c);
         let [t_roll, t_pitch] = self.response.lag_s;
@@ -191,12 +189,12 @@ impl ResponseEstimator {
         roll.max(pitch)
     }
 
-    /// Nothing that follows continues what was received before: the drone touched, or another one flies it.
+    /// Discards the window in progress, e.g. because the drone has touched the deck or another pilot flies it.
     pub(crate) fn interrupt(&mut self) {
         (self.window, self.last) = (None, None);
     }
 
-    /// Learns from new odometry in free flight. `one_way_s`: the odometry's own way, which the dead time is expected near.
+    /// Processes new odometry in free flight. `one_way_s`: age of the odometry, the prior mean of the dead time.
     pub(crate) fn learn(&mut self, drone: &DroneState, sent: &SentCommands, one_way_s: f64, c: &LagConfig) {
         let Some(last) = self.last.replace(*drone) else {
             return;
@@ -236,13 +234,15 @@ impl ResponseEstimator {
         let bounds = [[1.0 / high, 1.0 / low], [0.0, MAX_RATE_LAG_S]];
         let cost = |k: usize| {
             let fits = self.sums[k].map(|s| s.solve(prior, bounds));
-            let surprise = (CANDIDATE_STEP_S * k as f64 - one_way_s) / DEAD_TIME_SD_S;
-            let left = fits[0].1 + fits[1].1 + (RESIDUAL_RAD * surprise).powi(2);
+            let deviation = (CANDIDATE_STEP_S * k as f64 - one_way_s) / DEAD_TIME_SD_S;
+            let left = fits[0].1 + fits[1].1 + (RESIDUAL_RAD * deviation).powi(2);
             (left, fits.map(|f| f.0))
         };
         let costs: [(f64, [[f64; 2]; 2]); CANDIDATES] = core::array::from_fn(cost);
         let left: [f64; CANDIDATES] = core::array::from_fn(|k| costs[k].0);
-        let Some(steps) = least(&left) else { return };
+        let Some(steps) = parabola_minimum(&left) else {
+            return;
+        };
         let best = (steps.round() as usize).min(CANDIDATES - 1);
         let fits = costs[best].1;
         let information = self.sums[best].map(|s| s.ii);
@@ -255,7 +255,7 @@ impl ResponseEstimator {
     }
 }
 
-/// Goes on with the window from `last` to `drone`, `dt` later (s).
+/// Extends the window from `last` to `drone`, `dt` later (s).
 fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64, sent: &SentCommands) {
     let [before, after] = [last, drone].map(|d| Vector3::from(d.rates));
     let (start, turns) = (last.attitude(), before.lerp(&after, 0.5));
@@ -285,7 +285,7 @@ mod tests {
     use crate::fixtures::header;
     use alight_shared::estimation::{low_pass, low_pass_gain};
 
-    /// A drone's two axes: PX4's loop, or ArduCopter's shaping before it.
+    /// Both axes of a drone, with PX4's loop or with ArduCopter's input shaping in front of the loop.
     struct Axes {
         attitude: UnitQuaternion<f64>,
         rates: Vector3<f64>,
@@ -312,7 +312,7 @@ mod tests {
             let wanted = match &mut self.target {
                 None => (Vector2::new(roll, pitch) - is) / self.lag_s,
                 Some((at, turning)) => {
-                    // Acceleration of ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX: 1100 deg/s².
+                    // Limit of the acceleration by ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100 deg/s².
                     let max = 19.2 * dt;
                     let wanted = (Vector2::new(roll, pitch) - *at) / self.lag_s;
                     *turning += (wanted - *turning).map(|w| w.clamp(-max, max));
@@ -344,7 +344,7 @@ mod tests {
         )
     }
 
-    /// What is identified in 6 s of commands with odometry every `odometry` steps of 10 ms.
+    /// Response identified in 6 s of commands with odometry every `odometry` steps of 10 ms.
     fn identified(dead_s: f64, axes: &mut Axes, odometry: u32) -> AttitudeResponse {
         let c = LagConfig::default();
         let (mut x, mut sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
@@ -355,9 +355,9 @@ mod tests {
                 x.learn(&state(k, t, axes), &sent, 0.005, &c);
             }
             for i in 0..5 {
-                // The command that was sent a dead time ago, held until the next.
-                let acting = (t + 0.002 * f64::from(i) - dead_s) / 0.01;
-                axes.step(&rocking(0.01 * (acting + 1e-9).floor()), 0.002);
+                // The command sent one dead time ago is held until the next one.
+                let applied = (t + 0.002 * f64::from(i) - dead_s) / 0.01;
+                axes.step(&rocking(0.01 * (applied + 1e-9).floor()), 0.002);
             }
         }
         x.get()
@@ -373,7 +373,7 @@ mod tests {
                 assert!((r.dead_time_s - dead_s).abs() < 0.05, "{what}");
                 for lag in r.lag_s {
                     assert!((lag - lag_s).abs() < 0.05, "{what}");
-                    // A slow command is answered after all three together.
+                    // The response to a slow command lags by the sum of dead time and both lags.
                     let whole = r.dead_time_s + lag + r.rate_lag_s;
                     assert!((whole - dead_s - lag_s - 0.06).abs() < 0.02, "{what}");
                 }
@@ -385,7 +385,8 @@ mod tests {
     fn response_of_a_shaped_loop() {
         let r = identified(0.01, &mut Axes::new(0.15, 0.08, true), 3);
         let [roll, pitch] = r.lag_s.map(|lag| r.dead_time_s + lag);
-        // The rates of the shaped target are fed forward: a slow command is answered after the shaping's time constant.
+        // The rates of the shaped target are fed forward, so the response to a slow command lags by the shaping's time
+        // constant alone.
         assert!(
             (0.16..0.20).contains(&roll) && (0.16..0.20).contains(&pitch),
             "{r:?}"
@@ -408,8 +409,8 @@ mod tests {
         assert!(!before.identified);
     }
 
-    /// The compensation that this one replaced: `w = e / T` without dead time, fitted to what is received when it is, and the
-    /// angle multiplied by `T / 0.2 s`, by up to 3.
+    /// An earlier compensation for comparison: `w = e / T` without dead time, fitted by arrival times, and the angle
+    /// multiplied by `T / 0.2 s`, up to 3.
     struct WithoutDeadTime {
         square: f64,
         product: f64,
@@ -440,8 +441,8 @@ mod tests {
         }
     }
 
-    /// Spread of the set-point's roll over the last 10 s of 30 (deg), and the factor that the angle is multiplied by, of a
-    /// loop of place, velocity and attitude about an ArduCopter whose place is pushed by `push` (m/s²).
+    /// Spread of the set-point's roll (deg) over the last 10 s of 30 s, and the factor on the angle, in a loop of
+    /// position, velocity and attitude around an ArduCopter on which `push` (m/s²) acts laterally.
     fn swing(old: bool, push: impl Fn(f64) -> f64) -> (f64, f64) {
         let c = LagConfig::default();
         let mut axes = Axes::new(0.15, 0.08, true);
@@ -451,22 +452,22 @@ mod tests {
             SentCommands::default(),
         );
         let (mut y, mut v, mut d) = (0.5, 0.0, state(0, 0.0, &axes));
-        let mut seen = (y, v);
+        let mut received = (y, v);
         let mut command = UnitQuaternion::identity();
         let (mut n, mut sum, mut square) = (0.0, 0.0, 0.0);
         let wire = 2;
         let mut under_way = std::collections::VecDeque::from(vec![command; wire]);
         for k in 0..3000_u32 {
             let t = 0.01 * f64::from(k);
-            // Odometry at 40 Hz.
+            // Odometry arrives at 40 Hz.
             if k % 5 == 0 || k % 5 == 3 {
                 d = state(k, t, &axes);
-                seen = (y, v);
+                received = (y, v);
                 without.learn(&d);
                 new.learn(&d, &sent, 0.01, &c);
             }
             let (roll, _, _) = d.attitude().euler_angles();
-            let wanted = -6.0 * seen.0 - 5.5 * seen.1;
+            let wanted = -6.0 * received.0 - 5.5 * received.1;
             let wanted = (wanted + 1.2 * (wanted - 9.81 * roll)) / 9.81;
             let wanted = UnitQuaternion::from_euler_angles(wanted.clamp(-0.6, 0.6), 0.0, 0.0);
             let angle = (d.attitude().inverse() * wanted).scaled_axis();
@@ -478,9 +479,9 @@ mod tests {
             without.commanded = command;
             sent.push(Time::from_secs(t), Some((command, 0.4)));
             under_way.push_back(command);
-            let acting = under_way.pop_front().unwrap();
+            let applied = under_way.pop_front().unwrap();
             for _ in 0..5 {
-                axes.step(&acting, 0.002);
+                axes.step(&applied, 0.002);
                 let (roll, _, _) = axes.attitude.euler_angles();
                 v += (9.81 * roll + push(t)) * 0.002;
                 y += v * 0.002;

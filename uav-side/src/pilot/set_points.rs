@@ -1,4 +1,4 @@
-//! The set-points of each action: stop, stand, hold, follow, complete, press.
+//! Set-points of each action: stop, stand, hold, follow, complete, press.
 
 use alight_shared::msg::{
     Header, MissionState, Motors, Phase, Plan, PlanStage, SetPoint, SetPointKind, State,
@@ -13,7 +13,7 @@ use crate::contingency::{Body, Completion, DeckBelow, Hold};
 use crate::flatness::{rates_of, upright};
 use crate::tracking::{AttitudeCommand, Authority};
 
-/// A plan older than this, five of its periods, brakes by an old forecast of the deck, s.
+/// Age of a plan above which its forecast of the deck is too old to determine the braking, s: five periods.
 pub(super) const OLD_PLAN_S: f64 = 0.1;
 
 impl Pilot {
@@ -28,14 +28,12 @@ impl Pilot {
         }
     }
 
-    /// No set-point: the autopilot's own failsafe acts.
     pub(super) fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
         self.set_point(now)
     }
 
-    /// Motors off, until the mission is idle again.
     pub(super) fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
         let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
         SetPoint {
@@ -47,8 +45,8 @@ impl Pilot {
         }
     }
 
-    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration leads by
-    /// the attitude's lag: it is what the attitude has to be by then.
+    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration is sampled one attitude lag
+    /// ahead, because the attitude has to reach it by then.
     fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
@@ -70,7 +68,6 @@ impl Pilot {
         }
     }
 
-    /// Attitude and thrust of the pilot's own loop.
     pub(super) fn attitude(
         &mut self,
         now: Time<DroneClock>,
@@ -82,16 +79,16 @@ impl Pilot {
         let presses = stage.is_none();
         let stage = stage.copied().unwrap_or_default();
         let (_, _, yaw) = a.attitude.euler_angles();
-        // Making up for the lag lengthens the turn, and must not tip the drone over.
+        // Lag compensation enlarges the turn and must not exceed the tilt limit.
         let attitude = self
             .response
             .command(&a.attitude, &body.attitude, &self.config.lag);
         let attitude = upright(&attitude, self.config.tracking.tilt_limit_rad);
-        let least = if presses {
+        let min_thrust = if presses {
             0.0
         } else {
             let turn = (attitude * Vector3::z()).angle(&(body.attitude * Vector3::z()));
-            self.least_thrust(turn)
+            self.min_thrust(turn)
         };
         SetPoint {
             kind: SetPointKind::Attitude,
@@ -101,17 +98,17 @@ impl Pilot {
             yaw,
             attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
             rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
-            thrust: a.thrust.max(least),
+            thrust: a.thrust.max(min_thrust),
             ..self.set_point(now)
         }
     }
 
-    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the attitude
-    /// loop asks for the rate `angle / T`, the rate loop below for its change within `T_r`, so for the torque
-    /// `tau = J angle / (T T_r)`; four rotors at the arm `l` in an X give it by `tau / (4 l / sqrt 2)` each. Mixers take
-    /// torque before they raise the collective (PX4 without air mode), or raise it no higher than hover (ArduCopter);
-    /// nor does this.
-    fn least_thrust(&self, angle: f64) -> f64 {
+    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the
+    /// attitude loop commands the rate `angle / T`, and to reach that rate within `T_r` the rate loop needs the torque
+    /// `tau = J angle / (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)`
+    /// each. Mixers use the reserve of the collective thrust before they raise it (PX4 without air mode), or raise it
+    /// to hover at most (ArduCopter), which is also the limit here.
+    fn min_thrust(&self, angle: f64) -> f64 {
         let (g, c) = (&self.geometry, &self.config.lag);
         let [roll, pitch, _] = g.inertia_kgm2;
         let torque = roll.max(pitch) * angle / (c.design_s * c.rate_loop_s);
@@ -119,7 +116,7 @@ impl Pilot {
         (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
     }
 
-    /// A set-point that keeps a drone on the ground there: level, with less thrust than flight needs.
+    /// Keeps a drone on the ground: level, with less thrust than flight needs.
     pub(super) fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
         self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
@@ -134,7 +131,7 @@ impl Pilot {
         }
     }
 
-    /// Stands where the drone is; away from a deck that is `near`: with it, up from it, and along the vessel's escape
+    /// Holds the position; if a deck is `near`, moves with it, climbs from it, and leaves along the vessel's escape
     /// direction.
     pub(super) fn hold(
         &mut self,
@@ -171,7 +168,7 @@ impl Pilot {
         set_point
     }
 
-    /// Presses the feet onto the deck, aligned with it, the softer the longer the contact has been suspected.
+    /// Presses the feet onto the deck and aligns with it; the thrust ramps down while contact is suspected.
     pub(super) fn press(
         &mut self,
         now: Time<DroneClock>,
@@ -192,7 +189,7 @@ impl Pilot {
         self.attitude(now, None, a, body)
     }
 
-    /// Attitude and thrust that follow `led`, what the plan's `stage` is by the time they act.
+    /// Attitude and thrust that follow `led`, the plan's `stage` at the time at which they take effect.
     fn tracked(
         &mut self,
         now: Time<DroneClock>,
@@ -212,8 +209,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan; in a landing a plan that is not renewed, and a drone that is too fast onto the deck, are braked
-    /// by the newest forecast.
+    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is not
+    /// renewed or the drone approaches the deck too fast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,
@@ -243,7 +240,7 @@ impl Pilot {
             if old && let Some(braked) = completion.renewed(&led) {
                 (led, authority.brakes) = (braked, true);
             }
-            // Before its own thrust acts a pilot follows that of the one before.
+            // A new pilot keeps its predecessor's thrust until its own is in effect.
             let acts = self.estimate.in_force().is_some();
             if let Some(most) = completion.reflex(c.thrust_lag_s).filter(|_| acts) {
                 authority.down_mps2 = most;
@@ -252,7 +249,6 @@ impl Pilot {
         self.tracked(now, stage, &led, body, authority, dt)
     }
 
-    /// Completes the landing without a plan.
     pub(super) fn complete(
         &mut self,
         now: Time<DroneClock>,

@@ -1,4 +1,4 @@
-//! Closed loop of the pilot: a drone with lags over a heaving, tilting deck.
+//! Closed-loop tests of the pilot: a drone with lags over a heaving, tilting deck.
 
 use alight_shared::msg::{DeckStage, Header, Motors};
 use nalgebra::UnitQuaternion;
@@ -9,7 +9,7 @@ use rand_distr::{Distribution, Normal};
 use super::*;
 use crate::fixtures::{airborne, forecast, mission, plan};
 
-/// Feet below the centre of mass and the rangefinder's reading on the deck, m.
+/// Distance of the feet below the centre of mass, m.
 const FEET: f64 = 0.30;
 const STEP: f64 = 0.001;
 
@@ -39,18 +39,17 @@ impl Sea {
     }
 }
 
-/// What the drone is asked to do.
 #[derive(Clone, Copy)]
 enum Task {
-    /// This clearance, from this time on less 0.5 m/s, pressing 0.3 m into the deck.
+    /// Clearance and time at the start of a descent at 0.5 m/s that ends 0.3 m below the deck's plane.
     Land(f64, f64),
-    /// Stay at this clearance over the moving deck.
+    /// Clearance over the moving deck.
     Follow(f64),
-    /// Stay at this NED height of the feet.
+    /// NED height of the feet.
     Stay(f64),
 }
 
-/// What a rangefinder reads where it should read the first at the second, the clearance, m.
+/// Reading of a simulated rangefinder, m, from the true range and the clearance, m.
 type Reads = fn(f64, f64) -> f64;
 
 struct World {
@@ -61,12 +60,12 @@ struct World {
     v: Vector3<f64>,
     q: UnitQuaternion<f64>,
     thrust: f64,
-    /// True hover thrust; the autopilot believes 2 % more, the geometry 7 % less.
+    /// True hover thrust; the autopilot's estimate is 2 % higher, the geometry's 7 % lower.
     hover: f64,
     damping: f64,
     ranges: bool,
     reads: Reads,
-    /// The autopilot reports its thrust.
+    /// Whether the autopilot reports its thrust.
     reports: bool,
     state: State,
     mode: AutopilotMode,
@@ -152,7 +151,7 @@ impl World {
         let c = (self.p - Vector3::from(d.position)).dot(&n) - FEET;
         (c, n, (self.v - Vector3::from(d.velocity)).dot(&n))
     }
-    /// 10 ms of physics; the mean specific force, m/s².
+    /// Advances the physics by 10 ms; returns the mean specific force, m/s².
     fn move_drone(&mut self) -> Vector3<f64> {
         let mut force = Vector3::zeros();
         for _ in 0..10 {
@@ -163,7 +162,7 @@ impl World {
                 self.q = self.q.slerp(&target, STEP / 0.2);
                 self.thrust += (asked - self.thrust) * STEP / 0.03;
             } else if self.last.kind == SetPointKind::Trajectory {
-                // The autopilot's own loop, ideal: it follows the set-point.
+                // The autopilot's own loop is ideal.
                 let e = Vector3::from(self.last.position) - self.p;
                 let ev = Vector3::from(self.last.velocity) - self.v;
                 let a = Vector3::from(self.last.acceleration) + e * 4.0 + ev * 3.5;
@@ -193,7 +192,7 @@ impl World {
         }
         force
     }
-    /// 10 ms: the pilot once, the physics ten times.
+    /// Advances by 10 ms: one step of the pilot, ten steps of the physics.
     fn step(&mut self) {
         let force = self.move_drone();
         self.tick += 1;
@@ -270,7 +269,8 @@ fn moderate(phase: f64) -> Sea {
     }
 }
 
-/// A landing on a moderate sea after `change`, and how long after its first contact the motors stopped, s.
+/// Landing in a moderate sea with the world modified by `change`, and the delay from the first contact to the stop of
+/// the motors, s.
 fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(0.9, 2.0), seed);
     change(&mut w);
@@ -314,7 +314,7 @@ fn touchdown_without_a_rangefinder() {
     }
 }
 
-/// From 1.5 m, since a fault begins on the way.
+/// As [`landed`], but from 1.5 m, so that a fault can begin during the descent.
 fn landed_from_above(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(1.5, 2.0), seed);
     change(&mut w);
@@ -353,7 +353,7 @@ fn touchdown_without_reports_of_the_thrust() {
             w.hardest
         );
     }
-    // Close to the deck without touching it.
+    // The drone is close to the deck without contact.
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
         let mut w = World::new(moderate(0.4), Task::Follow(clearance), 610 + k as u64);
         w.reports = false;
@@ -362,8 +362,8 @@ fn touchdown_without_reports_of_the_thrust() {
     }
 }
 
-/// Set-points begin anew low over the deck, where the autopilot has braked by itself with more thrust than the first ones
-/// have: what its rotors still give is no contact.
+/// Set-points restart low over the deck, after the autopilot has braked with more thrust than the first set-points
+/// command. The rotors' remaining thrust must not be detected as contact.
 #[test]
 fn thrust_of_before_is_no_contact() {
     for (k, reports) in [true, false].into_iter().enumerate() {
@@ -408,13 +408,13 @@ fn hard_contact_by_speed_and_impact() {
     assert!(met(2.6, 0.05, 60.0).is_some_and(|v| (v - 2.6).abs() < 1e-9));
     assert_eq!(met(0.9, 0.05, 60.0), None, "a good contact");
     assert_eq!(met(2.6, 3.0, 60.0), None, "a gust in the air");
-    assert_eq!(met(2.6, 0.05, 1.0), None, "nothing was met");
+    assert_eq!(met(2.6, 0.05, 1.0), None, "no contact force");
 }
 
-/// A drone that levels its tilt in a strong wind, low over the deck: the air carries more and more of it.
+/// A tilted drone levels off in a strong wind, low over the deck, so the air's lift increases.
 #[test]
 fn excess_of_the_air_and_of_a_deck() {
-    // Whether a contact is suspected 0.5 s after the excess (m/s²) began.
+    // Whether contact is suspected 0.5 s after the excess (m/s²) began.
     let suspected = |excess: &dyn Fn(f64) -> f64| {
         let mut d = TouchdownDetector::new(0.22);
         let mut found = false;
@@ -447,15 +447,15 @@ fn excess_of_the_air_and_of_a_deck() {
 #[test]
 fn touchdown_after_a_bounce() {
     for k in 0..6 {
-        // Restitution of about 0.6.
+        // This damping gives a restitution of about 0.6.
         let (w, stop) = landed(f64::from(k), 200 + k as u64, |w| w.damping = 80.0);
         assert!((0.0..1.0).contains(&stop), "{stop}");
         assert!(w.hardest < 1.0, "{}", w.hardest);
     }
 }
 
-/// Hovering close to the deck in the flare, without ever touching: the motors go on, and a
-/// suspicion, if any, does not bring the drone down on the deck.
+/// The drone hovers close to the deck in the flare, without contact: the motors keep running, and a suspected contact
+/// does not bring the drone down.
 #[test]
 fn motors_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
@@ -475,7 +475,7 @@ fn motors_over_a_deck_heaving_close() {
         pitch: 0.0,
         ..moderate(0.0)
     };
-    // The deck's highest point comes within 12 cm of the feet.
+    // The deck rises to 12 cm below the feet.
     let mut w = World::new(sea, Task::Stay(-1.3 - 0.6 - 0.12), 7);
     w.fly(60.0);
     assert_eq!((w.first_contact, w.stopped), (None, None));
@@ -493,16 +493,12 @@ fn motors_outside_a_landing() {
         let mut w = World::new(moderate(1.0), Task::Land(0.5, 1.0), 9);
         (w.state, w.mode) = (state, mode);
         w.fly(8.0);
-        assert!(
-            w.first_contact.is_some(),
-            "{state:?}: pressed onto the deck all the same"
-        );
+        assert!(w.first_contact.is_some(), "{state:?}: pressed onto the deck");
         assert_eq!(w.stopped, None, "{state:?} {mode:?}");
     }
 }
 
-/// Twenty minutes of hover, tracking and approach over a rough deck, with the mission permitting a
-/// touch all the time.
+/// Twenty minutes of hover, tracking and approach over a rough deck while the mission permits contact.
 #[test]
 fn motors_in_the_air() {
     for (k, clearance) in [0.6, 1.5, 7.0, 15.0].into_iter().enumerate() {

@@ -1,8 +1,9 @@
-//! The set-points of a take-off: on the deck, off it, and up.
+//! Set-points of a take-off: standing on the deck, lift-off, and climb.
 //!
-//! While a foot may still touch, the drone lies on the deck's plane: it rises along the deck's normal, and no foot leaves
-//! after the others. The thrust rises on a ramp from little to what [`Climb`] gives, so that a foot which is held shows before
-//! much torque turns the drone about it. Once the feet are clear, the drone follows the law of every climb over a deck.
+//! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so that all
+//! feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is detected before much
+//! torque turns the drone about that foot. Once the feet are clear, the drone follows the same law as every climb over
+//! a deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
@@ -12,21 +13,21 @@ use super::Pilot;
 use crate::contingency::{Body, Climb, DeckBelow};
 use crate::lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise};
 
-/// The thrust rises to that of the climb within this time, s: three times the lag of odometry, wire and rotors together.
+/// Duration of the thrust's ramp to that of the climb, s: three times the lag of odometry, link and rotors together.
 const RAMP_S: f64 = 0.3;
 
-/// The deck is seen, s: as fresh as a landing wants it.
+/// Age of a vision measurement up to which the deck is considered detected, s: the same as in a landing.
 const VISION_FRESH_S: f64 = 0.5;
 
 impl Pilot {
-    /// Whether the deck may carry the drone in a take-off: its thrust says nothing of its weight then.
+    /// Whether the deck may support the drone during a take-off: its thrust then does not correspond to its weight.
     pub(super) fn lies_on_deck(&self) -> bool {
         let rise = self.jump.and_then(|(_, rise)| rise);
         let lies = rise.is_some_and(|rise| rise.risen_m() < LIES_BELOW_M);
         lies || self.mission.get().is_some_and(|m| m.state.stands_for_take_off())
     }
 
-    /// A set-point that keeps the drone on the deck, in the deck's attitude and with less thrust than flight needs.
+    /// Keeps the drone on the deck, in the deck's attitude and with less thrust than flight needs.
     pub(super) fn idle(
         &mut self,
         now: Time<DroneClock>,
@@ -42,8 +43,9 @@ impl Pilot {
         }
     }
 
-    /// Whether a take-off in which this pilot has no part yet has left the deck by now: the feet leave within
-    /// [`LEAVES_WITHIN_S`], or the camera sees that they have. By the receivers alone the deck may be metres off.
+    /// Whether the drone has left the deck by now in a take-off that another pilot node began: [`LEAVES_WITHIN_S`] has
+    /// passed, or the camera measures that the feet are off the deck. With GNSS receivers alone the deck's height may
+    /// be wrong by metres.
     fn is_in_the_air(
         &self,
         now: Time<DroneClock>,
@@ -51,14 +53,14 @@ impl Pilot {
         below: Option<&DeckBelow>,
     ) -> bool {
         let lasts_s = (now - mission.since).secs();
-        let seen = self
+        let detected = self
             .forecast
             .get()
             .is_some_and(|f| f.vision_age_s <= VISION_FRESH_S);
-        lasts_s > LEAVES_WITHIN_S || seen && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
+        lasts_s > LEAVES_WITHIN_S || detected && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
     }
 
-    /// Off the deck. A pilot that begins in the air, as after a restart, climbs as over any deck.
+    /// Leaves the deck. A pilot node that starts in the air, e.g. after a restart, climbs as over any deck.
     pub(super) fn jump(
         &mut self,
         now: Time<DroneClock>,
@@ -76,14 +78,14 @@ impl Pilot {
         rise.update(now, body.velocity.z, below.map(|b| b.stage.velocity[2]));
         self.jump = Some((began, Some(rise)));
         if rise.risen_m() < LIES_BELOW_M {
-            let least = self.config.tracking.min_thrust_of_hover;
+            let min = self.config.tracking.min_thrust_of_hover;
             let climb = Climb::new(0.0, 0.0, &self.geometry).acceleration_mps2();
-            let most = 1.0 + climb / GRAVITY;
+            let max = 1.0 + climb / GRAVITY;
             let ramp = ((now - began).secs() / RAMP_S).clamp(0.0, 1.0);
-            let thrust = (least + ramp * (most - least)) * self.estimate.hover();
+            let thrust = (min + ramp * (max - min)) * self.estimate.hover();
             return self.lie(now, body, dt, below, thrust);
         }
-        // Its clearance by its own rise: the deck's place is not seen yet.
+        // The clearance is the drone's own rise, because the deck is not detected yet.
         let near = below.map(|b| b.with_clearance(rise.risen_m()));
         self.hold(now, body, dt, near.as_ref())
     }

@@ -1,5 +1,3 @@
-//! Parts of the pilot against their equations, safe action, random input.
-
 use alight_shared::config::parse;
 use alight_shared::msg::{DeckStage, LandedState, Motors};
 use nalgebra::UnitQuaternion;
@@ -15,7 +13,7 @@ proptest! {
     fn attitude_and_thrust_inverse(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let t = thrust_of_attitude(&q, down, GRAVITY);
-        // The vertical acceleration is the one asked for.
+        // The vertical acceleration equals the commanded one.
         prop_assert!((t.z + GRAVITY - down).abs() < 1e-9 || t.norm() < 1e-9);
         prop_assert!(attitude_of_thrust(&t, yaw).angle_to(&q) < 1e-6);
         let tilt = tilt_limited(&t, 0.3, 1.0);
@@ -41,8 +39,7 @@ proptest! {
     }
 }
 
-/// Root mean square of the tilt error of an attitude loop that follows a deck, with and without
-/// lead.
+/// RMS tilt error of an attitude loop that follows a deck, with and without lead.
 fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
     let (w, dt) = (std::f64::consts::TAU / 5.0, 0.001);
     let (mut x, mut square, mut n) = ([0.0; 2], 0.0, 0.0);
@@ -103,8 +100,6 @@ fn feedback_tilt_over_the_deck() {
     assert!(off(Authority::descent(&c)) > 3.0 * touching);
 }
 
-// Safe action.
-
 fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> PilotIn {
     let header = header(n, now);
     let stage = PlanStage {
@@ -120,7 +115,7 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
         ranges: vec![],
     }
 }
-/// One second of everything, then one of what `change` leaves; the last set-point.
+/// Runs one second with all inputs, then `secs` with the inputs that `change` leaves; returns the last set-point.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
     run(&PilotConfig::default(), state, height, secs, change)
 }
@@ -178,8 +173,8 @@ fn set_point_kind_in_all_phases() {
 fn idle_thrust_on_the_ground() {
     let drone = DroneGeometry::default();
     let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
-    // A report alone cuts no thrust: the rangefinder sees the ground, too.
-    // 0 is what a device gives that measures nothing.
+    // The autopilot's report alone does not cut the thrust: the rangefinder has to measure the ground as well. A device
+    // without a measurement reads 0.
     for (range_m, stands) in [
         (Some(feet_m), true),
         (Some(12.0), false),
@@ -198,7 +193,7 @@ fn idle_thrust_on_the_ground() {
         assert_eq!(s.kind, SetPointKind::Attitude);
         assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
     }
-    // Where it was disarmed it stands, without a rangefinder too.
+    // At the height at which it was disarmed the drone stands, even without a rangefinder.
     let mut pilot = Pilot::new(&PilotConfig::default(), &drone, 1, 1);
     let mut last = SetPoint::default();
     for k in 0..200 {
@@ -212,8 +207,8 @@ fn idle_thrust_on_the_ground() {
 }
 
 #[test]
-fn response_with_attitudes_of_a_person() {
-    // A person rocks the drone while the pilot's set-points are streamed for the hand-over.
+fn response_with_manual_attitudes() {
+    // A pilot rocks the drone by remote control while set-points are streamed for the hand-over.
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let before = pilot.response.get().lag_s;
     for k in 0..1000 {
@@ -234,7 +229,7 @@ fn attitude_beyond_the_tilt_limit() {
     let geometry = DroneGeometry::default();
     let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
     let limit = TrackingConfig::default().tilt_limit_rad;
-    // On its place and rising: what the plan asks for is little thrust.
+    // The drone is at its place and rises, so the plan requires little thrust.
     for (tilt, of_hover) in [
         (0.0, 0.25..0.6),
         (0.7, 0.7..1.1),
@@ -253,12 +248,12 @@ fn attitude_beyond_the_tilt_limit() {
     }
 }
 
-/// A drone that slid over the deck's edge sinks beside the vessel, lower than its deck: no deck carries it.
+/// A drone that slid over the deck's edge sinks next to the vessel, below its deck, which does not support it.
 #[test]
-fn hold_beneath_a_deck_that_is_beside() {
+fn hold_below_the_edge_of_a_deck() {
     let geometry = DroneGeometry::default();
     let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
-    for (aside_m, height_m, least) in [
+    for (aside_m, height_m, min_of_hover) in [
         (3.3, -0.6, 1.2),
         (1.0, -0.6, 1.2),
         (3.3, 0.05, 1.2),
@@ -268,13 +263,16 @@ fn hold_beneath_a_deck_that_is_beside() {
             let d = i.drone.as_mut().unwrap();
             (d.position[0], d.velocity[2]) = (aside_m, 0.6);
         });
-        assert!(s.thrust > least * hover, "{aside_m} m aside, {height_m} m: {s:?}");
+        assert!(
+            s.thrust > min_of_hover * hover,
+            "{aside_m} m aside, {height_m} m: {s:?}"
+        );
     }
 }
 
 #[test]
 fn withdrawn_landing_with_plans_that_go_on() {
-    // Withdrawn at 6 s; the planner has published for the last time at `until`.
+    // The landing is withdrawn at 6 s; the planner's last plan is published at `until`.
     let climbs_from = |pilot: &mut Pilot, until: f64| {
         let mut first = None;
         for k in 0..150_u32 {
@@ -301,7 +299,7 @@ fn withdrawn_landing_with_plans_that_go_on() {
         assert!((6.1..6.3).contains(&first), "{first}");
     }
     let mut other = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
-    assert_eq!(climbs_from(&mut other, 7.0), None, "a planner that answers");
+    assert_eq!(climbs_from(&mut other, 7.0), None, "the planner responds");
 }
 
 #[test]
@@ -312,7 +310,7 @@ fn stale_plan() {
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
     assert!(s.position[2] < -4.4, "{s:?}");
-    // Not before it is as high as the mission has asked for is it clear of the vessel, unless that is far away.
+    // The drone is clear of the vessel only at the mission's height, unless the vessel is far away.
     let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
     let s = after(State::Tracking, 5.0, 1.0, high);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
@@ -331,7 +329,7 @@ fn stale_plan() {
         i.drone.as_mut().unwrap().position[0] += 20.0;
     });
     assert_eq!(s.velocity, [0.0; 3]);
-    // Committed: level, sinking onto the deck.
+    // A committed drone is level and sinks onto the deck.
     let s = after(State::Flare, 0.4, 1.0, |i| i.plan = None);
     assert!((s.velocity[2] - 0.5).abs() < 1e-9);
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
@@ -355,8 +353,8 @@ fn climb_without_a_plan_from_a_rising_deck() {
     assert_eq!(last.velocity[2], -3.0);
 }
 
-/// The thrust (of hover) so long (s) after the last plan, of a drone that sinks at 2 m/s 0.6 m above a resting deck, as its
-/// plan does, or more softly, tilted by `tilt`.
+/// Thrust (of hover) `age_s` after the last plan of a drone that sinks at 2 m/s 0.6 m above a resting deck, tilted by
+/// `tilt`; the plan sinks at `planned_mps`.
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -368,7 +366,7 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
         let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
         d.velocity = [0.0, 0.0, 2.0];
         d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
-        // What the rotors give by the last command.
+        // The specific force is that of the last command's thrust.
         d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
         let stage = PlanStage {
             position: d.position,
@@ -384,19 +382,19 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
 
 #[test]
 fn braking_of_a_plan_not_renewed() {
-    // (2² - 0.5²) / 2 (0.6 - 0.1) m/s² within half of what the rotors have beyond hover.
+    // The braking is (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve over hover.
     let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
     assert!((1.3..1.5).contains(&braked), "{braked}");
-    // Tilted by 0.5 rad the same force up takes more thrust.
+    // Tilted by 0.5 rad the same vertical force needs more thrust.
     let tilted = thrust_of_old_plan(0.2, 2.0, 0.5);
     assert!(tilted > 1.05 * braked, "{tilted} {braked}");
-    // A plan that brakes harder already is followed.
+    // A plan that already brakes harder is followed.
     let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
     assert!(soft > braked, "{soft}");
 }
 
-/// The thrust (of hover) that follows a plan at its speed, so many m/s downwards and so high over a deck that accelerates upwards
-/// by `rises_mps2` (m/s²), of a drone that is tilted by `tilt` (rad) and so fast (m/s) towards where that drives it.
+/// Thrust (of hover) that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that accelerates upwards
+/// by `rises_mps2`, of a drone tilted by `tilt` (rad) that moves at `along_mps` in the tilt's direction.
 fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -427,17 +425,18 @@ fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, al
 
 #[test]
 fn braking_of_a_drone_too_fast_onto_the_deck() {
-    // v² of at most 0.35² + 2 3 (h - 0.05 v): the plan is followed.
+    // The plan is followed while v² is at most 0.35² + 2 3 (h - 0.05 v).
     for (sinks, clearance) in [(2.0, 1.0), (1.0, 0.3), (0.3, 0.1)] {
         let followed = thrust_onto_deck(sinks, clearance, 0.0, [0.0; 2]);
         assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
     }
-    // (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
+    // The braking is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
     let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
     assert!((1.35..1.55).contains(&braked), "{braked}");
-    // A deck that accelerates upwards leaves the rotors less, and is followed.
+    // A deck that accelerates upwards reduces the rotors' reserve, and is followed.
     assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
-    // A tilted drone is pushed along the deck, and brakes no further than it would meet it as fast along as onto it.
+    // A tilted drone accelerates along the deck, and brakes only until its speed along the deck would equal the one
+    // onto it.
     let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
     assert!(
         slow > braked - 0.05 && fast < braked - 0.2,
@@ -445,7 +444,8 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
     );
 }
 
-/// A second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at `rise_mps2`.
+/// Set-point a second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at
+/// `rise_mps2`.
 fn alone(state: State, rise_mps2: f64) -> SetPoint {
     after(state, 0.3, 1.0, |i| {
         (i.plan, i.mission) = (None, None);
@@ -459,7 +459,7 @@ fn alone(state: State, rise_mps2: f64) -> SetPoint {
 
 #[test]
 fn landing_without_plan_and_mission() {
-    // Also one whose mission fell silent before its flare.
+    // This includes a mission that fell silent before its flare.
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
@@ -483,7 +483,7 @@ fn set_point_without_odometry_mission_or_control() {
     assert_eq!(s.kind, SetPointKind::Attitude, "holds for a moment first");
 }
 
-/// A pilot's answers to a mission and an autopilot that change, 10 ms apart.
+/// Feeds a pilot with missions and autopilot states, 10 ms apart.
 #[derive(Default)]
 struct Answers(u32);
 
@@ -504,11 +504,11 @@ fn false_touchdown_taken_back() {
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has not received it yet, then has, then flies.
+    // The mission has first not received the touchdown, then receives it, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
-    // After a true one: once disarmed and idle.
+    // After a true touchdown the motors are released once the drone is disarmed and the mission idle.
     pilot.stop_from(Time::from_secs(5.04));
     assert_eq!(next(&mut pilot, State::Idle, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, false), Motors::Stop);
@@ -562,7 +562,7 @@ proptest! {
         ];
         for (mask, state, v, age, height, repeat) in blows {
             let state = states[usize::from(state) % states.len()];
-            // Half the cases never permit a touch; the others have no force beyond the thrust.
+            // Half the cases never permit contact; the others have no force beyond the thrust.
             let touches = state.phase() == Phase::Landing || state == State::Landed;
             let state = if !landing && touches { State::Tracking } else { state };
             for _ in 0..repeat {

@@ -1,20 +1,20 @@
 //! The touchdown detector: evidence from thrust, accelerometers, rangefinder and relative motion.
 //!
-//! What distinguishes the deck from the air is what carries the drone. In the air the specific force is what
-//! the rotors give, whatever the thrust; on the deck the feet carry the rest, and the less the
-//! rotors give the larger that *excess* becomes. So a contact is first suspected (an impact, an
-//! excess, or resting at the feet's range), the thrust is then cut to a part of hover, and the
-//! touchdown is confirmed only when the drone is still carried although its rotors do not carry it.
-//! A drone in the air begins to fall instead, shows no excess, and the suspicion is dropped.
+//! On the deck the feet support the drone, in the air only the rotors do. In the air the specific force equals the
+//! rotors' thrust; on the deck the feet add to it, and this *excess* grows as the thrust is reduced. A contact is first
+//! suspected (by an impact, an excess, or resting at the feet's range), then the thrust is cut to a fraction of hover,
+//! and the touchdown is confirmed only if the drone is still supported. A drone in the air begins to fall instead,
+//! shows no excess, and the suspicion is dropped.
 //!
-//! Air carries, too: its cushion over the deck, drag on the way down, and in wind the drag along the rotors' axis, which changes as
-//! a tilted drone aligns with the deck. That comes more slowly than a deck does, so the excess is what exceeds the mean of the
-//! last [`AIR_TIME_S`] in the air.
+//! Air adds lift as well: its cushion over the deck, drag on the way down, and in wind the drag along the rotors' axis,
+//! which changes as a tilted drone aligns with the deck. These change more slowly than a contact does, so the excess is
+//! measured relative to its mean over the last [`AIR_TIME_S`] in the air.
 //!
-//! No thrust is cut on one witness alone. An impact or an excess counts near the deck by rangefinder and forecast; resting at
-//! the feet's range counts while odometry and forecast, too, see the drone stay on the deck; and a rangefinder that has not
-//! followed the way down ([`RangeWitness`]) is none. Where the autopilot's report of its thrust has stopped, the command
-//! that it follows stands in for it, on a drone that stays on the deck for longer.
+//! No single sensor can cut the thrust. An impact or an excess is evidence only if rangefinder and forecast show that
+//! the deck is near. Resting at the feet's range is evidence only while odometry and forecast confirm that the drone
+//! stays on the deck. A rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot
+//! no longer reports its thrust, the command that it follows is used instead, and the drone has to stay on the deck for
+//! longer.
 
 use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
@@ -28,52 +28,48 @@ use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
 type DroneTime = Time<DroneClock>;
 
-/// The measurements on which a touchdown was confirmed.
+/// Measurements at the confirmation of a touchdown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {
     /// Identity; `at` is the time of confirmation.
     pub header: Header<DroneClock>,
-    /// When contact was first suspected.
+    /// Time at which contact was first suspected.
     pub suspected_at: Time<DroneClock>,
-    /// Rangefinder, m; None when it was silent.
+    /// Rangefinder reading, m; None without one.
     pub range_m: Option<f64>,
-    /// Foot plane above the deck as forecast, m.
+    /// Foot plane above the forecast deck, m.
     pub clearance_m: Option<f64>,
     /// Speed away from the deck along its normal, m/s.
     pub normal_speed_mps: Option<f64>,
-    /// Specific force that the applied thrust does not explain, m/s².
+    /// Specific force beyond the applied thrust, m/s².
     pub excess_mps2: f64,
     /// Applied thrust as a fraction of hover.
     pub thrust_of_hover: f64,
 }
 
-/// What the detector sees in one step.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TouchdownEvidence {
-    /// The mission permits touching the deck.
     pub(crate) permitted: bool,
-    /// A descent is commanded.
     pub(crate) descending: bool,
     /// Specific force along the body's up axis, m/s²; None without a new measurement.
     pub(crate) force: Option<f64>,
-    /// Greatest specific thrust of the rotors, m/s², while what the pilot commands is not in force yet: what they give is not
-    /// known. None: known by command or report.
+    /// Maximum specific thrust of the rotors, m/s², while the pilot's command is not in effect yet and the actual
+    /// thrust is unknown. None if the thrust is known by command or report.
     pub(crate) begins_within: Option<f64>,
-    /// Specific thrust that the pilot's own command applies, m/s²; None while the autopilot closes
-    /// the loop.
+    /// Specific thrust of the pilot's own command, m/s²; None while the autopilot closes the loop.
     pub(crate) own_thrust: Option<f64>,
-    /// Specific thrust that the autopilot reports, m/s²; None when there was no report lately.
+    /// Specific thrust that the autopilot reports, m/s²; None without a recent report.
     pub(crate) reported_thrust: Option<f64>,
-    /// Specific thrust that hovers, m/s² (gravity).
+    /// Specific thrust in hover, m/s² (gravity).
     pub(crate) hover_thrust: f64,
-    /// Foot plane above the deck as forecast, m.
+    /// Foot plane above the forecast deck, m.
     pub(crate) clearance: Option<f64>,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: Option<f64>,
 }
 
 impl TouchdownEvidence {
-    /// Own command or report, whichever is larger: a thrust that was not cut explains the force.
+    /// The larger of own command and report, because a thrust that was not cut also explains the force.
     fn applied_thrust(&self) -> Option<f64> {
         match (self.own_thrust, self.reported_thrust) {
             (Some(a), Some(b)) => Some(a.max(b)),
@@ -82,88 +78,84 @@ impl TouchdownEvidence {
     }
 }
 
-/// How far the detector has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TouchdownContact {
     /// In the air.
     #[default]
     Clear,
-    /// Contact suspected: pressing down with little thrust.
+    /// Contact is suspected: the drone presses down with little thrust.
     Suspected {
         since: DroneTime,
-        /// The excess has been large since.
+        /// Time since which the excess has been large.
         carried: Option<DroneTime>,
     },
-    /// On the deck.
     Confirmed,
 }
 
-// "Excess" is the specific force that the applied thrust does not explain: what carries the drone instead of its rotors.
-// Chosen for a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
+// "Excess" is the specific force beyond the applied thrust: support of the drone other than by its rotors. The
+// thresholds suit a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
 
-/// The rangefinder reads at most this much more than it does on the deck, m.
+/// Excess of the rangefinder's reading over its value on the deck up to which the feet are near the deck, m.
 const RANGE_MARGIN_M: f64 = 0.10;
-/// The rangefinder has left the deck beyond this much more, m.
+/// Excess of that reading above which the drone has left the deck, m.
 const RANGE_RELEASE_M: f64 = 0.25;
-/// Without the rangefinder: the forecast's clearance is at most this, m.
+/// Largest forecast clearance for a contact without the rangefinder, m.
 const BLIND_CLEARANCE_M: f64 = 0.20;
-/// Beyond this forecast clearance no contact is accepted, m.
+/// Forecast clearance above which no contact is accepted, m.
 const CLEARANCE_VETO_M: f64 = 0.5;
-/// Beyond this speed along the deck's normal no touchdown is confirmed, m/s.
+/// Speed along the deck's normal above which no touchdown is confirmed, m/s.
 const SPEED_VETO_MPS: f64 = 0.8;
-/// A drone that goes along the deck's normal no faster than this stays on it, m/s: the error of odometry and forecast.
+/// Speed along the deck's normal up to which the drone stays on the deck, m/s: the error of odometry and forecast.
 const STAYS_MPS: f64 = 0.25;
-/// Time constant of that speed, s: half of [`RESTING_S`].
 const STAYS_TIME_S: f64 = 0.15;
-/// Smallest sustained excess that makes contact suspected, m/s².
+/// Smallest sustained excess with which contact is suspected, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
-/// So many times that where rangefinder and forecast contradict each other: no gust and no cushion of air.
+/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast contradict each other; the product exceeds the effect
+/// of any gust or air cushion.
 const DOUBTED: f64 = 2.0;
-/// It must last this long, s.
+/// Duration of that excess after which contact is suspected, s.
 const SUSPECT_S: f64 = 0.03;
-/// Smallest single excess that makes contact suspected, m/s².
+/// Smallest excess in a single sample (an impact) with which contact is suspected, m/s².
 const IMPACT_MPS2: f64 = 6.0;
-/// So long at the feet's range while a descent is commanded makes contact suspected, s.
+/// Time at the feet's range in a commanded descent after which contact is suspected, s.
 const RESTING_S: f64 = 0.3;
-/// Thrust on suspicion, as a fraction of hover: the more the feet carry the less a wind moves them, and the harder is a second
-/// contact when it bounces.
+/// Thrust on suspicion, as a fraction of hover. More load on the feet resists the wind better, but makes the second
+/// contact of a bounce harder.
 const PRESS_OF_HOVER: f64 = 0.4;
 /// Thrust at the end of the ramp, as a fraction of hover.
-/// Source: Low enough to unload on a deck that falls at 3.8 m/s².
+/// Source: Low enough to keep load on the feet on a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
-/// Length of the ramp, s.
 const PRESS_RAMP_S: f64 = 0.2;
-/// Smallest sustained excess that confirms touchdown, m/s².
+/// Smallest sustained excess that confirms a touchdown, m/s².
 const CONFIRM_EXCESS_MPS2: f64 = 2.0;
-/// It must last this long, s.
+/// Duration of that excess that confirms a touchdown, s.
 const CONFIRM_S: f64 = 0.08;
-/// The same without the rangefinder, s.
+/// Duration that confirms a touchdown without the rangefinder, s.
 const BLIND_CONFIRM_S: f64 = 0.2;
-/// Not confirmed after this long, the suspicion is dropped, s.
+/// Time after which an unconfirmed suspicion is dropped, s.
 const GIVE_UP_S: f64 = 0.6;
-/// With the thrust cut and an excess below this, m/s², nothing carries the drone ...
+/// Excess below which the drone is unsupported while the thrust is cut, m/s².
 const FALLS_EXCESS_MPS2: f64 = 1.0;
-/// ... and after this long it is in the air, s: longer than between two touches of a soft bounce. It has become faster by
-/// 0.9 m/s, which from [`CLEARANCE_VETO_M`] it brakes again.
+/// Time without support after which the drone is in the air, s: longer than between two contacts of a soft bounce. The
+/// drone gains 0.9 m/s in this time, and can brake that from [`CLEARANCE_VETO_M`].
 const FALLS_S: f64 = 0.15;
-/// The excess has to last this long without the autopilot's report of its thrust, on a drone that stays on the deck, s: its
-/// command reaches the rotors within a fifth of that.
+/// Duration that confirms a touchdown without the autopilot's report of its thrust, for a drone that stays on the deck,
+/// s: five times the delay from its command to the rotors.
 const SILENT_CONFIRM_S: f64 = 0.4;
-/// The speed of a contact is the greatest within this time before it, s.
+/// Time before a contact over which the closing speed is maximised, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
-/// No new suspicion for this long after that, s.
+/// Pause after a dropped suspicion, s.
 const PAUSE_S: f64 = 0.2;
-/// The autopilot's report of its thrust must be no older than this to confirm, s.
+/// Largest age of the autopilot's thrust report that is used for a confirmation, s.
 pub(super) const AUTOPILOT_AGE_S: f64 = 0.5;
-/// Readings kept for the median and for resting.
 const READINGS: usize = 32;
-/// Readings whose median counts as the range.
+/// Number of readings whose median is the range.
 const MEDIAN: usize = 5;
 /// Time constant of the sustained excess, s: three samples of odometry.
 const EXCESS_TIME_S: f64 = 0.03;
-/// What the air carries is the mean over this time, s: a tilt of 20 deg is levelled in 0.4 s.
+/// Averaging time of the air's lift, s: a tilt of 20 deg is levelled in 0.4 s.
 const AIR_TIME_S: f64 = 0.3;
-/// Air carries no more, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
+/// Limit of the air's lift, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
 const MAX_AIR_MPS2: f64 = 2.0;
 
 #[derive(Clone, Debug)]
@@ -172,27 +164,27 @@ pub(crate) struct TouchdownDetector {
     feet_range: f64,
     contact: TouchdownContact,
     readings: [(DroneTime, f64); READINGS],
-    /// Where the next reading goes.
+    /// Index of the next reading.
     next: usize,
     excess: f64,
     sure_excess: f64,
-    /// What the air carries, m/s².
+    /// Lift of the air, m/s².
     air: f64,
     loaded: Option<DroneTime>,
     pause_until: DroneTime,
     witness: RangeWitness,
-    /// Speed away from the deck along its normal, smoothed, m/s; None: not known.
+    /// Speed away from the deck along its normal, low-passed, m/s; None if unknown.
     along: Option<f64>,
-    /// Nothing has carried the drone since, with the thrust cut.
+    /// Time since which the drone has been unsupported with the thrust cut.
     falls: Option<DroneTime>,
-    /// Greatest speed towards the deck lately, and when that was.
+    /// Largest speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
     closing: (DroneTime, f64),
-    /// The hardest of the hard contacts, m/s.
+    /// Speed of the hardest hard contact, m/s.
     hard_mps: Option<f64>,
 }
 
 impl TouchdownDetector {
-    /// For feet that the rangefinder sees at `feet_range` (m).
+    /// `feet_range`: reading of the rangefinder with the feet on the deck, m.
     pub(crate) fn new(feet_range: f64) -> Self {
         TouchdownDetector {
             feet_range,
@@ -211,24 +203,21 @@ impl TouchdownDetector {
             hard_mps: None,
         }
     }
-    /// The hardest contact since [`Self::forget_contacts`], when it was hard, m/s.
+    /// Speed of the hardest hard contact since [`Self::forget_contacts`], m/s.
     pub(crate) fn hard_mps(&self) -> Option<f64> {
         self.hard_mps
     }
-    /// Another flight begins.
     pub(crate) fn forget_contacts(&mut self) {
         self.hard_mps = None;
     }
-    /// How far it has come.
     pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
-    /// In the air again, e.g. after a new take-off.
+    /// Resets the detector to the state in the air, e.g. for a new take-off.
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);
     }
-    /// Takes a reading of the rangefinder.
     pub(crate) fn range(&mut self, at: DroneTime, range_m: f64) {
         if range_m < self.feet_range - BELOW_FEET_M {
             return;
@@ -239,7 +228,7 @@ impl TouchdownDetector {
         }
         self.next = (self.next + 1) % READINGS;
     }
-    /// Median of the newest readings, m; None when they are too old, or have not followed the drone.
+    /// Median of the newest readings, m; None if they are too old or have not followed the drone.
     pub(crate) fn median(&self, now: DroneTime) -> Option<f64> {
         if self.witness.contradicts() {
             return None;
@@ -248,8 +237,8 @@ impl TouchdownDetector {
         let fresh = newest.filter(|(at, _)| now - *at <= topics::RANGE.stale_after);
         median(fresh.map(|(_, r)| r))
     }
-    /// All readings of the last `resting_s` average to the feet's range, none is far from it, and the drone stays there by
-    /// odometry and forecast, too.
+    /// Whether the readings of the last [`RESTING_S`] average to the feet's range, none of them is far from it, and
+    /// odometry and forecast also show that the drone stays on the deck.
     fn resting(&self, now: DroneTime) -> bool {
         if self.witness.contradicts() || !self.stays() {
             return false;
@@ -270,21 +259,19 @@ impl TouchdownDetector {
         n >= 8 && oldest > 0.8 * RESTING_S && (sum / f64::from(n)).abs() < 0.4 * RANGE_MARGIN_M
     }
 
-    /// The drone stays on the deck by odometry and forecast.
     fn stays(&self) -> bool {
         self.along.is_some_and(|v| v.abs() <= STAYS_MPS)
     }
-    /// Takes the speed along the deck's normal.
     fn watch(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) {
         self.witness.moves(dt, e.normal_speed);
         self.along = e.normal_speed.map(|v| low_pass(self.along, v, dt, STAYS_TIME_S));
         let closing = e.normal_speed.map_or(0.0, |v| -v);
-        let (at, greatest) = self.closing;
-        if closing >= greatest || (now - at).secs() > BEFORE_CONTACT_S {
+        let (at, fastest) = self.closing;
+        if closing >= fastest || (now - at).secs() > BEFORE_CONTACT_S {
             self.closing = (now, closing);
         }
     }
-    /// A contact that is noticed by its impact near the deck, when it is hard.
+    /// Records the speed of a hard contact, which is detected by an impact near the deck.
     fn notice(&mut self, impact: f64, e: &TouchdownEvidence) {
         let near = e.clearance.is_some_and(|v| v.abs() <= CLEARANCE_VETO_M);
         let (_, closing) = self.closing;
@@ -293,12 +280,12 @@ impl TouchdownDetector {
         }
     }
 
-    /// Takes what carries the drone; gives this step's excess.
+    /// Updates the excess and the air's lift; returns this step's excess.
     fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
-        if let Some(greatest) = e.begins_within {
-            // Only what no thrust explains is a contact.
+        if let Some(max_thrust) = e.begins_within {
+            // Only a force above the maximum thrust indicates a contact.
             (self.excess, self.sure_excess, self.air) = (0.0, 0.0, 0.0);
-            return e.force.map_or(0.0, |force| force - greatest);
+            return e.force.map_or(0.0, |force| force - max_thrust);
         }
         let (Some(force), Some(thrust), Some(sure)) =
             (e.force, e.own_thrust.or(e.reported_thrust), e.applied_thrust())
@@ -306,7 +293,7 @@ impl TouchdownDetector {
             return 0.0;
         };
         let impact = force - thrust;
-        // A single impact must not fill the memory of the sustained excess.
+        // A single impact must not saturate the sustained excess.
         let bound = |v: f64| (v - self.air).clamp(-10.0, 10.0);
         self.excess = low_pass(self.excess, bound(impact), dt, EXCESS_TIME_S);
         self.sure_excess = low_pass(self.sure_excess, bound(force - sure), dt, EXCESS_TIME_S);
@@ -317,7 +304,7 @@ impl TouchdownDetector {
         impact
     }
 
-    /// One step; gives the evidence at the moment of confirmation.
+    /// Processes one step; returns the touchdown in the step that confirms it.
     pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) -> Option<Touchdown> {
         if self.contact == TouchdownContact::Confirmed {
             return None;
@@ -329,15 +316,15 @@ impl TouchdownDetector {
             self.clear();
             return None;
         }
-        // One that contradicts the forecast's height is out-voted by what carries the drone, which then has to be plain.
+        // If the rangefinder contradicts the forecast's height, the excess decides, but has to be larger.
         let apart = |r: &f64| disagree(r - self.feet_range, e.clearance);
         let read = self.median(now);
         let range = read.filter(|r| !apart(r));
         match self.contact {
             TouchdownContact::Clear => {
                 let contradicted = read.is_some() && range.is_none();
-                let least = SUSPECT_EXCESS_MPS2 * if contradicted { DOUBTED } else { 1.0 };
-                self.suspect(now, impact, least, range, e);
+                let min_excess = SUSPECT_EXCESS_MPS2 * if contradicted { DOUBTED } else { 1.0 };
+                self.suspect(now, impact, min_excess, range, e);
                 None
             }
             TouchdownContact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e),
@@ -345,12 +332,12 @@ impl TouchdownDetector {
         }
     }
 
-    /// An impact, an excess of `least`, or resting at the feet's range makes contact suspected.
+    /// Suspects a contact after an impact, an excess above `min_excess`, or resting at the feet's range.
     fn suspect(
         &mut self,
         now: DroneTime,
         impact: f64,
-        least: f64,
+        min_excess: f64,
         range: Option<f64>,
         e: &TouchdownEvidence,
     ) {
@@ -358,7 +345,7 @@ impl TouchdownDetector {
             self.loaded = None;
             return;
         }
-        self.loaded = (self.excess > least).then(|| self.loaded.unwrap_or(now));
+        self.loaded = (self.excess > min_excess).then(|| self.loaded.unwrap_or(now));
         let carried = self.loaded.is_some_and(|t| (now - t).secs() >= SUSPECT_S);
         let rests = e.descending && self.resting(now);
         if carried || impact > IMPACT_MPS2 || rests {
@@ -369,8 +356,8 @@ impl TouchdownDetector {
         }
     }
 
-    /// Touchdown, when the drone is carried for long enough although its thrust is cut; else the suspicion is dropped after a
-    /// while.
+    /// Confirms a touchdown if the drone is supported for long enough with its thrust cut; otherwise drops the
+    /// suspicion after [`GIVE_UP_S`].
     fn confirm(
         &mut self,
         now: DroneTime,
@@ -413,13 +400,13 @@ impl TouchdownDetector {
         })
     }
 
-    /// No faster along the deck's normal than a drone on it.
+    /// Whether the speed along the deck's normal is low enough for a touchdown.
     fn is_slow(e: &TouchdownEvidence) -> bool {
         e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
-    /// The feet are about on the deck: by the rangefinder, or by the forecast when it is silent;
-    /// the forecast can veto.
+    /// Whether the feet are near the deck, according to the rangefinder or, without a reading, the forecast. The
+    /// forecast can veto the rangefinder.
     fn near(&self, range: Option<f64>, e: &TouchdownEvidence, margin: f64) -> bool {
         let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {

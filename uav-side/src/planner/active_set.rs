@@ -1,10 +1,10 @@
-//! One chain's problem with its limits, exactly: the dual active-set method of Goldfarb and Idnani
-//! (1983), from the optimum without limits that [`super::condensed`] has.
+//! Exact solver of one chain's limited problem: the dual active-set method of Goldfarb and Idnani (1983), started from
+//! the unconstrained optimum of [`super::condensed`].
 //!
-//! Rows join the working set one by one, the most violated first, and leave it when their multiplier
-//! comes to zero. What the set does to the increments needs only the rows' images through the factor
-//! of H, and the Cholesky factor of the images' products. Soft rows reach into a slack of their stage
-//! ([`super::qp`] has the same costs); a slack is at its own bound of zero until a soft row joins.
+//! Constraints join the working set one by one, the most violated first, and leave it when their multiplier reaches
+//! zero. The effect of the set on the increments needs only the images of its rows through the factor of H, and the
+//! Cholesky factor of the inner products of these images. Soft constraints involve a slack of their stage
+//! ([`super::qp`] has the same costs); a slack stays at its bound of zero until a soft row joins.
 
 use alight_shared::msg::Solve;
 
@@ -12,38 +12,38 @@ use super::condensed::Condensed;
 use super::model::DiscreteModel;
 use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
 
-/// Changes of the working set, at most: a landing's problems need up to 15, of 1500 drawn ones with limits everywhere the
-/// worst 386.
+/// Maximum number of changes of the working set: problems of a landing need up to 15, and the worst of 1500 random ones
+/// with limits everywhere needed 386.
 const MAX_CHANGES: u32 = 500;
-/// A row whose image is within this fraction of those of the working set depends on them.
+/// Relative distance of a row's image from the span of the working set below which the row is dependent.
 const DEPENDENT: f64 = 1e-11;
-/// Smallest quadratic cost of slack, as a share of the linear one: the method needs a curvature.
+/// Smallest quadratic cost of slack, relative to the linear one: the method needs a positive curvature.
 const MIN_CURVATURE: f64 = 1e-6;
 
-/// What a row bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Bounded {
     Input,
     Slew,
     State(usize),
-    /// The first state, by ceiling or floor.
+    /// The first state, bounded by a ceiling or a floor.
     Place,
-    /// A slack from below, by zero.
+    /// A slack, bounded below by zero.
     Slack,
 }
 
-/// One row: `sign * what <= bound + unit * slack`.
+/// A constraint row: `sign * what <= bound + unit * slack`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
     stage: usize,
     what: Bounded,
     sign: f64,
-    /// Which slack, where there is one.
+    /// Index of the slack; None for a hard row.
     slack: Option<usize>,
     unit: f64,
 }
 
-/// Cost of a slack of half the objective, and whether a soft row has joined that reaches into it.
+/// Slack with its cost in half the objective; `open` is set once a soft row that involves it has joined the working
+/// set.
 #[derive(Clone, Copy, Debug)]
 struct Slack {
     linear: f64,
@@ -52,23 +52,24 @@ struct Slack {
     value: f64,
 }
 
-/// The chain's exact solver: all that it needs is laid down once.
+/// Exact solver of a chain, with all memory allocated once.
 #[derive(Clone, Debug)]
 pub(super) struct ActiveSet<const N: usize> {
     model: DiscreteModel<N, 1>,
     limits: ChainLimits<N>,
     stages: usize,
     at: ChainLayout<N>,
-    /// Of the stages, motion and place in turn.
+    /// Slacks of all stages, alternating between motion and place.
     slacks: Vec<Slack>,
-    /// The working set, its multipliers, and its images one after another.
+    /// Working set, its multipliers, and the images of its rows, concatenated.
     rows: Vec<Row>,
     multipliers: Vec<f64>,
     images: Vec<f64>,
-    /// Lower Cholesky factor of the images' products, with so many columns as the set may have rows.
+    /// Lower Cholesky factor of the images' products, `capacity` columns wide.
     factor: Vec<f64>,
     capacity: usize,
-    /// The row that joins: its image, its row of the factor, and how the multipliers go with its own.
+    /// Data of the row that joins the set: its image, its row of the factor, and the change of the other multipliers
+    /// per unit of its own multiplier.
     image: Vec<f64>,
     joining: Vec<f64>,
     change: Vec<f64>,
@@ -84,7 +85,7 @@ impl<const N: usize> ActiveSet<N> {
             open: false,
             value: 0.0,
         };
-        // Of independent rows there are no more than increments and slacks.
+        // The number of independent rows is at most that of increments and slacks.
         let capacity = 3 * stages;
         ActiveSet {
             model,
@@ -104,7 +105,7 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Solves `instance`, whose optimum without limits `free` has found, and writes the inputs. Also returns the
+    /// Solves `instance` from the unconstrained optimum of `free` and writes the inputs. Also returns the number of
     /// changes of the working set.
     pub fn solve(
         &mut self,
@@ -136,7 +137,6 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Inputs and slacks of the multipliers.
     fn primal(&mut self, free: &Condensed<N>, previous_input: f64, inputs: &mut [f64]) {
         self.work.copy_from_slice(free.half());
         for slack in self.slacks.iter_mut().filter(|s| s.open) {
@@ -160,11 +160,11 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// The row outside the set that is violated most, and by how much. What an early input does decides what later rows are
-    /// violated, so early ones count more: that saves some changes.
+    /// The most violated row outside the set, and its violation. An early input decides which later rows are violated,
+    /// so early rows have a larger weight, which reduces the number of changes.
     fn most_violated(&self, instance: &QpInstance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
-        let mut look = |row: Row, value: f64, bound: f64| {
+        let mut consider = |row: Row, value: f64, bound: f64| {
             let over = row.sign * value - bound - row.unit * row.slack.map_or(0.0, |i| self.slacks[i].value);
             if over > TOLERANCE {
                 let of = over / row.unit.abs().max(bound.abs()).max(TOLERANCE) / (row.stage as f64 + 1.0);
@@ -183,11 +183,11 @@ impl<const N: usize> ActiveSet<N> {
                 slack: None,
                 unit: 0.0,
             };
-            look(row(Bounded::Input, 1.0), *u, limits.input[1]);
-            look(row(Bounded::Input, -1.0), *u, -limits.input[0]);
+            consider(row(Bounded::Input, 1.0), *u, limits.input[1]);
+            consider(row(Bounded::Input, -1.0), *u, -limits.input[0]);
             let (slack, place) = (2 * stage, 2 * stage + self.at.place);
             for sign in [1.0, -1.0] {
-                look(row(Bounded::Slew, sign), u - before, limits.slew);
+                consider(row(Bounded::Slew, sign), u - before, limits.slew);
                 for (i, limit) in limits.state.iter().enumerate() {
                     if let Some(limit) = limit {
                         let row = Row {
@@ -195,7 +195,7 @@ impl<const N: usize> ActiveSet<N> {
                             unit: *limit,
                             ..row(Bounded::State(i), sign)
                         };
-                        look(row, x[i], *limit);
+                        consider(row, x[i], *limit);
                     }
                 }
             }
@@ -211,22 +211,23 @@ impl<const N: usize> ActiveSet<N> {
                         unit: self.at.unit_m,
                         ..row(Bounded::Place, sign)
                     };
-                    look(row, x[0], sign * bound);
+                    consider(row, x[0], sign * bound);
                 }
             }
             for i in [slack, slack + 1] {
                 if self.slacks[i].open {
-                    look(Row::of_slack(i), 0.0, 0.0);
+                    consider(Row::of_slack(i), 0.0, 0.0);
                 }
             }
         }
         worst
     }
 
-    /// The row joins the set, and those leave it whose multipliers come to zero by that. False if there were too many changes.
+    /// Adds the row to the set and removes the rows whose multipliers reach zero as a result. Returns false after too
+    /// many changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
-            // At its bound up to now, with the multiplier that its linear cost gives it.
+            // The slack was at its bound so far, with its linear cost as multiplier.
             self.slacks[i].open = true;
             self.image.fill(0.0);
             self.joining.clear();
@@ -264,7 +265,7 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// The image of a row through the factor of H.
+    /// Writes the image of a row through the factor of H.
     fn write_image(&mut self, free: &Condensed<N>, row: &Row) {
         self.image.fill(0.0);
         let held = self.image.iter_mut().take(row.stage + 1);
@@ -279,8 +280,9 @@ impl<const N: usize> ActiveSet<N> {
         free.image(&mut self.image);
     }
 
-    /// How the multipliers change with that of the row that joins, so that the set's rows stay where they are; gives how
-    /// its own violation falls with it, None if the set's rows leave it no freedom.
+    /// Computes the change of the set's multipliers per unit of the joining row's multiplier that keeps the rows of the
+    /// set at their bounds. Returns the rate at which the joining row's violation decreases; None if the set leaves no
+    /// freedom.
     fn direction(&mut self, row: &Row) -> Option<f64> {
         self.joining.clear();
         let images = self.images.chunks_exact(self.stages);
@@ -305,7 +307,7 @@ impl<const N: usize> ActiveSet<N> {
         (slope > DEPENDENT * own).then_some(slope)
     }
 
-    /// Appends a row whose image and row of the factor are written. False if there is no room.
+    /// Appends a row whose image and factor row have been written. Returns false if the set is full.
     fn push(&mut self, row: Row, multiplier: f64, pivot: f64) -> bool {
         let n = self.rows.len();
         if n >= self.capacity {
@@ -320,7 +322,7 @@ impl<const N: usize> ActiveSet<N> {
         true
     }
 
-    /// Takes a row out of the set; plane rotations make its factor triangular again.
+    /// Removes a row from the set; plane rotations restore the triangular factor.
     fn remove(&mut self, out: usize) {
         self.rows.remove(out);
         self.multipliers.remove(out);
@@ -352,7 +354,7 @@ impl Row {
             unit: 1.0,
         }
     }
-    /// What a slack that two rows share adds to the product of their images.
+    /// Contribution of a shared slack to the product of two rows' images.
     fn product(&self, other: &Row, slacks: &[Slack]) -> f64 {
         let shared = self.slack.filter(|_| self.slack == other.slack);
         shared.map_or(0.0, |i| self.unit * other.unit / slacks[i].quadratic)
@@ -375,7 +377,6 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
-        /// Both solvers of a limited problem agree.
         #[test]
         fn active_set_against_interior_point(
             place in -5.0..5.0_f64, speed in -6.0..6.0_f64, tilt in -0.6..0.6_f64, previous in -0.3..0.3_f64,

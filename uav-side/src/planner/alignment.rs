@@ -1,6 +1,6 @@
-//! The law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights grow
-//! with the clearance of the foot plane. Only the flare has the deck's attitude as its reference, so only there
-//! does aligning make sense.
+//! The law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights that
+//! increase as the foot plane approaches the deck. Alignment applies to the flare alone, because only its reference has
+//! the deck's attitude.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::time::{DroneClock, Time};
@@ -12,7 +12,7 @@ use super::mpc_faa::Problem;
 use super::reference::{PlanReference, ReferenceGenerator};
 use super::weights::{Faa, FaaDistance};
 
-/// The weights' growth for this drone.
+/// Schedule of the weights over the clearance of this drone's feet.
 #[derive(Clone, Debug)]
 pub struct FaaAlignment {
     faa: Faa,
@@ -20,7 +20,6 @@ pub struct FaaAlignment {
 }
 
 impl FaaAlignment {
-    /// The growth `faa` over the clearance of this drone's feet.
     pub fn new(faa: &Faa, drone: &DroneGeometry) -> Self {
         FaaAlignment {
             faa: *faa,

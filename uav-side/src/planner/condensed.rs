@@ -1,7 +1,6 @@
-//! The exact fast path: one chain's problem condensed to its input increments (Procházka et al.
-//! 2024, eq. 6-7) and solved by Cholesky as if there were no limits. If the result keeps all
-//! limits it is the optimum of the limited problem too, because that one only removes choices or
-//! adds a non-negative cost of slack.
+//! Exact fast path: one chain's problem, condensed to its input increments (Procházka et al. 2024, eq. 6-7) and solved
+//! by Cholesky without limits. If the result satisfies all limits, it is also the optimum of the limited problem, which
+//! only removes choices or adds a non-negative cost of slack.
 
 use nalgebra::SVector;
 
@@ -10,34 +9,33 @@ use super::model::DiscreteModel;
 /// Reference and weights of one stage of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageCost<const N: usize> {
-    /// Reference of the state.
     pub reference: SVector<f64, N>,
     /// Diagonal of Q.
     pub weight: SVector<f64, N>,
 }
 
-/// Factorised condensed problem of a chain of `N` states over a run-time number of stages.
+/// Factorised condensed problem of a chain with `N` states over a run-time number of stages.
 #[derive(Clone, Debug)]
 pub struct Condensed<const N: usize> {
     model: DiscreteModel<N, 1>,
     stages: usize,
     increment_weight: f64,
-    /// `response[i]`: state `i` steps after a unit input was switched on and held.
+    /// `response[i]`: state `i` steps after a unit input was switched on.
     response: Vec<SVector<f64, N>>,
-    /// Weights the factor was made for.
+    /// Weights of the present factor.
     factored_for: Vec<SVector<f64, N>>,
     /// Transposed Cholesky factor of H, upper, row-major.
     factor: Vec<f64>,
-    /// Weighted responses at one stage, by component: loops over them are loops over stages.
+    /// Weighted responses at one stage, by component, so that the inner loops run over stages.
     weighted: [Vec<f64>; N],
-    /// Half the solution: the factor's inverse on the negative gradient.
+    /// Half the solution: the factor's inverse applied to the negative gradient.
     half: Vec<f64>,
     /// Right-hand side, then the solution.
     work: Vec<f64>,
 }
 
 impl<const N: usize> Condensed<N> {
-    /// Prepares for `stages` steps of `model` with cost `increment_weight` on squared increments.
+    /// Prepares `stages` steps of `model` with the cost `increment_weight` on squared increments.
     pub fn new(model: DiscreteModel<N, 1>, stages: usize, increment_weight: f64) -> Self {
         let mut response = vec![SVector::zeros(); stages + 1];
         for i in 0..stages {
@@ -56,9 +54,9 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// Writes the inputs (not increments) that minimise
-    /// `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`, `k = 1..stages`, without limits.
-    /// False if the problem is not positive definite (weights that are not finite).
+    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`, `k =
+    /// 1..stages`, without limits. Returns false if the problem is not positive definite, e.g. because weights are not
+    /// finite.
     pub fn solve(
         &mut self,
         x0: &SVector<f64, N>,
@@ -70,7 +68,7 @@ impl<const N: usize> Condensed<N> {
         if cost.len() != n || inputs.len() != n || !self.factorise(cost) {
             return false;
         }
-        // Gradient: free response with the previous input held.
+        // The gradient follows from the free response, with the previous input held.
         let mut free = *x0;
         self.half.fill(0.0);
         for k in 0..n {
@@ -92,8 +90,8 @@ impl<const N: usize> Condensed<N> {
         inputs.iter().all(|u| u.is_finite())
     }
 
-    /// Takes over the factor of a chain whose responses are these but for the signs of their components, which H has
-    /// squared: at the same weights it is this one's.
+    /// Copies the factor of a chain with the same weights whose responses differ only in the signs of their components.
+    /// In H these signs are squared, so both chains have the same factor.
     pub(super) fn adopt_factor(&mut self, other: &Self) {
         if self.factored_for != other.factored_for {
             self.factored_for.clone_from(&other.factored_for);
@@ -101,7 +99,7 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// `H = R I + sum_k S_k' Q_k S_k`, factorised again only when a weight changed.
+    /// Factorises `H = R I + sum_k S_k' Q_k S_k`, if a weight has changed.
     fn factorise(&mut self, cost: &[StageCost<N>]) -> bool {
         let n = self.stages;
         let same =
@@ -149,19 +147,18 @@ impl<const N: usize> Condensed<N> {
         true
     }
 
-    /// `response[i]`: state `i` steps after a unit input was switched on and held.
     pub(super) fn response(&self) -> &[SVector<f64, N>] {
         &self.response
     }
-    /// Half the last solution: what [`Condensed::increments`] makes the increments of.
+    /// Half of the last solution, the input of [`Condensed::increments`].
     pub(super) fn half(&self) -> &[f64] {
         &self.half
     }
-    /// The factor's inverse on a row of increments, in place.
+    /// Applies the factor's inverse to a row of increments, in place.
     pub(super) fn image(&self, row: &mut [f64]) {
         forward(&self.factor, row);
     }
-    /// The increments of half a solution, in place.
+    /// Converts half a solution to increments, in place.
     pub(super) fn increments(&self, half: &mut [f64]) {
         backward(&self.factor, half);
     }

@@ -9,19 +9,18 @@ use alight_shared::msg::PLAN_STAGES;
 use super::rendezvous::config::RendezvousConfig;
 use super::weights::{Faa, Weights};
 
-/// Which planner flies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlannerKind {
     /// The paper's MPC with Forcing Attitude Alignment.
     MpcFaa,
-    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    /// Alight's own: position, velocity and attitude match the deck's at a chosen time.
     #[default]
     Alight,
 }
 
 impl PlannerKind {
-    /// The name on the command line and in tables.
+    /// Name on the command line and in tables.
     pub const fn name(self) -> &'static str {
         match self {
             PlannerKind::MpcFaa => "mpc-faa",
@@ -31,23 +30,23 @@ impl PlannerKind {
 }
 
 config! {
-    /// Rotor limits and how they are divided among the four virtual inputs.
+    /// Rotor limits and their division among the four virtual inputs.
     ///
-    /// Defaults: The paper bounds inputs and slew but publishes no value: all ours. Lowest speed
-    /// from ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time
-    /// constants of a motor; half of that made a third of a landing's problems limited. Tilt input
-    /// 0.3: 12 rad/s² with the default drone, more than an autopilot's attitude loop follows.
+    /// Defaults: The paper bounds inputs and slew but publishes no values; these are Alight's. Lowest speed from
+    /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants of a motor;
+    /// with half of that value a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the
+    /// default drone, more than an autopilot's attitude loop follows.
     #[derive(Copy)]
     pub struct RotorLimits {
         /// Minimum squared speed of a rotor, relative to hover.
         pub lowest: f64 = 0.065, in 0.0..=0.5;
         /// Change of a rotor's squared speed per second, relative to hover.
         pub slew_per_s: f64 = 10.0, in 0.5..=100.0;
-        /// Magnitude that roll and pitch may each have, virtual input.
+        /// Maximum magnitude of roll and pitch each, virtual input.
         pub tilt_input: f64 = 0.3, in 0.01..=0.4;
-        /// Magnitude that yaw may have, virtual input. Thrust has what then remains.
+        /// Maximum magnitude of yaw, virtual input. Thrust gets the remainder.
         pub yaw_input: f64 = 0.25, in 0.01..=0.4;
-        /// Fractions of the slew for thrust, roll, pitch (the same) and yaw; 2 x tilt + the others <= 1.
+        /// Fractions of the slew for thrust, for roll and pitch each, and for yaw; thrust + 2 x tilt + yaw at most 1.
         pub slew_fractions: [f64; 3] = [0.4, 0.25, 0.1], in 0.01..=0.9;
     }
     check |this, at| {
@@ -62,11 +61,10 @@ config! {
 }
 
 impl RotorLimits {
-    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in
-    /// `[lowest, highest]` in any mix: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and
-    /// yaw shrink together where a weak drone would have no thrust left for itself. Tilt is about
-    /// the axes of NED, not of the body: turning by the heading keeps `|nu1| + |nu2|` within
-    /// `2 tilt`, because the box's corner has that same sum.
+    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in `[lowest, highest]` in
+    /// any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink together if a weak
+    /// drone would otherwise have no thrust left. Tilt is about the axes of NED, not of the body. A rotation by the
+    /// heading keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner has the same sum.
     pub fn bounds(&self, drone: &DroneGeometry) -> RotorBounds {
         let down = 2.0 * (1.0 - self.lowest);
         let up = 2.0 * (drone.max_thrust_n / (drone.mass_kg * GRAVITY) - 1.0);
@@ -79,7 +77,7 @@ impl RotorLimits {
             yaw: shrink * self.yaw_input,
         }
     }
-    /// Bounds of the change per step of thrust, roll, pitch and yaw inputs: fractions of the rotors'.
+    /// Bounds of the change per step of the thrust, roll, pitch and yaw inputs, as fractions of the rotors'.
     pub fn slew(&self, step_s: f64) -> [f64; 4] {
         let all = 2.0 * self.slew_per_s * step_s;
         let [thrust, tilt, yaw] = self.slew_fractions;
@@ -87,22 +85,19 @@ impl RotorLimits {
     }
 }
 
-/// Hard bounds of the virtual inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotorBounds {
-    /// Thrust, lower and upper.
+    /// Lower and upper bound of the thrust.
     pub thrust: [f64; 2],
-    /// Magnitude of roll and pitch each.
     pub tilt: f64,
-    /// Magnitude of yaw.
     pub yaw: f64,
 }
 
 config! {
     /// Soft limits of the states.
     ///
-    /// Defaults: Procházka 2024, Table 4; the costs of slack are ours: large against a metre of
-    /// position error (30), small against FAA's largest weight (50000 per rad²).
+    /// Defaults: Procházka 2024, Table 4. The costs of slack are Alight's: large against a metre of position error
+    /// (30), small against FAA's largest weight (50000 per rad²).
     #[derive(Copy)]
     pub struct StateLimits {
         /// Roll and pitch, deg.
@@ -113,18 +108,18 @@ config! {
         pub vertical_mps: f64 = 4.0, in 0.5..=15.0;
         /// Euler rates, rad/s.
         pub rates_rps: f64 = 2.0, in 0.2..=10.0;
-        /// Linear cost of passing a limit by its own size.
+        /// Linear cost of exceeding a limit by 100 %.
         pub slack_linear: f64 = 1e4, in 1.0..=1e7;
-        /// Quadratic cost of the same.
+        /// Quadratic cost of exceeding a limit by 100 %.
         pub slack_quadratic: f64 = 1e4, in 0.0..=1e7;
     }
 }
 
 config! {
-    /// Shaping of the references' approach to their target: a point that moves towards it.
+    /// Pace at which references approach their target.
     ///
-    /// Chosen: inside the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2
-    /// vertical); yaw to what the rotors' small drag moment can do.
+    /// Chosen: within the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2 vertical); yaw within
+    /// the rotors' small drag moment.
     #[derive(Copy)]
     pub struct Shaping {
         /// Horizontal speed relative to the target, m/s.
@@ -139,18 +134,18 @@ config! {
         pub yaw_rps: f64 = 0.8, in 0.05..=4.0;
         /// Yaw acceleration, rad/s².
         pub yaw_rps2: f64 = 0.25, in 0.02..=10.0;
-        /// Time constant of the last part, s.
+        /// Time constant of the final exponential part, s.
         pub settle_s: f64 = 0.8, in 0.1..=5.0;
     }
 }
 
 config! {
-    /// When the plan starts from the measured state instead of the previous plan.
+    /// Differences above which the plan restarts from the measured state instead of the previous plan.
     ///
-    /// Chosen: well above what a tracker leaves in gusts, below what would look like a jump.
+    /// Chosen: well above a tracker's errors in gusts, below a visible jump.
     #[derive(Copy)]
     pub struct Reset {
-        /// Horizontal distance of the measured state, m.
+        /// Horizontal distance, m.
         pub horizontal_m: f64 = 1.0, in 0.05..=100.0;
         /// Horizontal speed difference, m/s.
         pub horizontal_mps: f64 = 1.5, in 0.05..=100.0;
@@ -162,9 +157,10 @@ config! {
         pub yaw_deg: f64 = 30.0, in 1.0..=180.0;
         /// Age of the last plan, s.
         pub age_s: f64 = 0.5, in 0.05..=10.0;
-        /// In a landing the drone may be lower than the plan by this; the plan begins no higher above it, m.
+        /// Largest height of the start of a landing's plan above the drone, m.
         pub ahead_m: f64 = 0.0, in 0.0..=100.0;
-        /// ... and may sink faster by this; the plan begins sinking no slower, m/s.
+        /// Largest difference by which the plan may sink more slowly than the drone at the plan's start, in a landing,
+        /// m/s.
         pub ahead_mps: f64 = 0.1, in 0.0..=100.0;
     }
 }
@@ -172,11 +168,11 @@ config! {
 config! {
     /// The planner.
     ///
-    /// Defaults: Horizon, rates, R and the landing weights: Procházka 2024, section III and Table
-    /// 4. Weights of NAVIGATION and FOLLOW are not published (the velocity weights are raised while
-    /// following): ours, as is all the rest.
+    /// Defaults: Horizon, rates, R and the landing weights: Procházka 2024, section III and Table 4. The weights of
+    /// NAVIGATION and FOLLOW are not published (the velocity weights are raised while following); these and all other
+    /// values are Alight's.
     pub struct PlannerConfig {
-        /// Which one.
+        /// Kind of the planner.
         pub kind: PlannerKind = PlannerKind::Alight;
         /// Stages of the horizon.
         pub stages: usize = 20;
@@ -208,17 +204,17 @@ config! {
         pub landing: Weights;
         /// Change of the weights near the deck (`mpc-faa` only).
         pub faa: Faa;
-        /// Instant, way down and weights of the rendezvous (`alight` only).
+        /// Touchdown time, descent profile and weights of the rendezvous (`alight` only).
         pub rendezvous: RendezvousConfig;
         /// Rotor limits, hard.
         pub rotors: RotorLimits;
         /// State limits, soft.
         pub limits: StateLimits;
-        /// Approach to a reference.
+        /// Pace of the approach to a reference.
         pub shaping: Shaping;
-        /// When to start from the measured state.
+        /// Limits above which a plan restarts from the measured state.
         pub reset: Reset;
-        /// After contact the reference goes on into the deck down to here, m.
+        /// Depth below the deck's plane at which the reference ends after contact, m.
         pub press_m: f64 = 0.3, in 0.0..=1.0;
     }
     check |this, at| {
@@ -263,7 +259,7 @@ mod tests {
                     max = max.max(u);
                 }
             }
-            // Exactly used up, not passed.
+            // The limits are reached exactly, not exceeded.
             assert!((min - limits.lowest).abs() < 1e-12 && (max - highest).abs() < 1e-12);
         }
         let slew = limits.slew(0.1);

@@ -1,5 +1,5 @@
-//! The reference governor: a reference point that approaches a target at bounded speed and acceleration,
-//! so that the optimisation is never asked for a step of 40 m.
+//! The reference governor: a reference point that approaches a target at bounded speed and acceleration, so that the
+//! optimisation never faces a step of 40 m.
 
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::SVector;
@@ -11,40 +11,36 @@ pub struct Pace {
     pub speed: f64,
     /// Acceleration, unit/s².
     pub acceleration: f64,
-    /// Time constant of the last part, s.
+    /// Time constant of the final exponential part, s.
     pub settle_s: f64,
 }
 
-/// A place with its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GovernedMotion<const D: usize> {
     pub place: SVector<f64, D>,
-    /// Rate of the value, 1/s.
     pub velocity: SVector<f64, D>,
 }
 
 impl<const D: usize> GovernedMotion<D> {
-    /// From the components of place and velocity.
     pub fn new(place: [f64; D], velocity: [f64; D]) -> Self {
         GovernedMotion {
             place: place.into(),
             velocity: velocity.into(),
         }
     }
-    /// Relative to another.
     fn relative_to(&self, other: &Self) -> Self {
         GovernedMotion {
             place: self.place - other.place,
             velocity: self.velocity - other.velocity,
         }
     }
-    /// Lets a gap close: constant deceleration far away, exponentially near, speed and acceleration
-    /// bounded; continuous in velocity.
+    /// Closes the gap over `time_s`: constant deceleration at first, exponential near the end, with bounded speed and
+    /// acceleration and a continuous velocity.
     pub fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
         const BRAKING: f64 = 1.15;
         const CLOSED: f64 = 1e-9;
-        // A closed gap stays closed.
+        // A gap that is closed stays closed.
         if self.place.norm() <= CLOSED && self.velocity.iter().all(|v| *v == 0.0) {
             return;
         }
@@ -73,12 +69,12 @@ impl<const D: usize> GovernedMotion<D> {
     }
 }
 
-/// A reference point that moves towards a moving target and then stays on it.
+/// A reference point that moves to a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
     /// Position relative to the target.
     pub gap: GovernedMotion<D>,
-    /// Origin from which the gap was last measured: when, which kind of target, the target.
+    /// Last update: time, kind of target, and target.
     from: Option<(Time<DroneClock>, bool, GovernedMotion<D>)>,
 }
 
@@ -92,9 +88,9 @@ impl<const D: usize> Default for ReferenceGovernor<D> {
 }
 
 impl<const D: usize> ReferenceGovernor<D> {
-    /// Brings the gap to `now` against this target. A target of another kind, or one that jumped by
-    /// more than `limits[0]`, leaves the reference where it was; a reference further than `limits[1]`
-    /// from the plan's own start is brought back to it.
+    /// Propagates the gap to `now` against this target. If the target is of another kind or has jumped by more than
+    /// `limits[0]`, the reference stays where it was. If it is further than `limits[1]` from the plan's start, it
+    /// restarts at that start.
     pub fn update(
         &mut self,
         now: Time<DroneClock>,
@@ -151,7 +147,7 @@ mod tests {
             time += 0.02;
             assert!(time < 20.0);
         }
-        // At least the time of the limits alone: 50 m at 5 m/s and one ramp.
+        // The time is at least that of the limits: 50 m at 5 m/s and one ramp.
         assert!(time > 11.0, "{time}");
     }
 
@@ -165,10 +161,10 @@ mod tests {
             governor.gap.place[0]
         };
         gap(0, 2.0, 2.0);
-        // A revision of 0.2 m is followed, one of 10 m is approached.
+        // A jump of 0.2 m is followed, one of 10 m is approached.
         assert!(gap(20, 2.2, 2.0).abs() < 1e-12);
         assert!((gap(40, 12.2, 2.2) + 10.0).abs() < 1e-9);
-        // Too far from the plan's start: restarts there.
+        // Too far from the plan's start: the reference restarts there.
         assert!((gap(60, 12.2, -60.0) + 72.2).abs() < 1e-9);
     }
 }

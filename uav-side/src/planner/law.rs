@@ -1,5 +1,5 @@
-//! Planner-specific steps. All else is common: the start of a plan, the references of each mission state, the
-//! model, its solver and the message.
+//! Interface of a planner's law. The start of a plan, the references of each mission state, the model, its solver and
+//! the message are common to all laws.
 
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Time};
@@ -10,19 +10,19 @@ use super::mpc_faa::Problem;
 use super::reference::{PlanReference, ReferenceGenerator};
 pub use super::view::View;
 
-/// Start of the plans of a landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {
-    /// The first one at the measured state.
+    /// Whether the first plan of a landing starts from the measured state.
     pub measured: bool,
-    /// Each one no higher above the drone, and sinking no slower, than the limits of
-    /// [`super::config::Reset`] allow; in place and velocity it yields to the drone's with this time constant, s.
+    /// Time constant with which the position and velocity of each later plan approach the drone's, s; the plan also
+    /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None if plans
+    /// continue regardless of the drone.
     pub not_behind: Option<f64>,
 }
 
-/// The law of a planner. The defaults are those of the paper's planner without attitude alignment.
+/// Law of a planner. The default methods are those of the paper's planner without attitude alignment.
 pub trait Law: core::fmt::Debug + Send {
-    /// Learns from odometry when it is new, from the newest forecast, and from the last plan's reference.
+    /// Processes new odometry, the newest forecast, and the last plan's reference.
     fn observe(
         &mut self,
         _drone: Option<&DroneState>,
@@ -30,16 +30,15 @@ pub trait Law: core::fmt::Debug + Send {
         _last: &PlanReference,
     ) {
     }
-    /// The wind that plans allow for, as its acceleration, m/s². Where there is one, a state's tilt is the
-    /// acceleration that it causes in this wind, else the tilt of the body.
+    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state stands for the
+    /// acceleration that results in this wind; otherwise it is the tilt of the body.
     fn wind(&self) -> Vector2<f64> {
         Vector2::zeros()
     }
-    /// Start of the plans of a landing.
     fn landing_start(&self) -> LandingStart {
         LandingStart::default()
     }
-    /// Whether a plan of the law's own restarts, at the common planner's start.
+    /// Whether the law's own plan ([`Law::own_plan`]) has to restart at the common planner's start.
     fn begins(
         &self,
         _now: Time<DroneClock>,
@@ -49,8 +48,8 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> bool {
         false
     }
-    /// A plan by a model and solver of the law's own, restarting at `start` (state, and vertical
-    /// acceleration in NED, m/s²) if one is given.
+    /// A plan by the law's own model and solver, restarted at `start` (state, and vertical acceleration in NED, m/s²)
+    /// if given.
     fn own_plan(
         &mut self,
         _now: Time<DroneClock>,
@@ -60,9 +59,9 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<Plan> {
         None
     }
-    /// Replaces permission and deck by those that the law plans with; the plan begins at `start`.
+    /// Replaces permission and deck in the view by those that the law plans with; the plan starts at `start`.
     fn limit(&mut self, _now: Time<DroneClock>, _start: &ModelState, _view: &mut View) {}
-    /// Replaces references and weights; gives the time to the contact if one is planned, s.
+    /// Replaces references and weights; returns the time to contact if one is planned, s.
     fn refine(
         &mut self,
         _now: Time<DroneClock>,
@@ -73,8 +72,8 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<f64> {
         None
     }
-    /// Upward axis of the body in NED for a planned state and vertical acceleration (NED, m/s²), and the factor by
-    /// which rates of tilt grow.
+    /// Upward axis of the body in NED for a planned state and vertical acceleration (NED, m/s²), and the factor on the
+    /// rates of tilt.
     fn attitude(&self, state: &ModelState, _vertical: f64) -> (Vector3<f64>, f64) {
         (up_of(state[state::PHI], state[state::THETA]), 1.0)
     }

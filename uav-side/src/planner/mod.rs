@@ -1,15 +1,15 @@
 //! Planner: a trajectory over a receding horizon.
 //!
-//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
-//! (what it follows in each mission state), [`law`] (what the planners differ in), [`alignment`] and
-//! [`rendezvous`] (the laws of `mpc-faa` and `alight`), [`condensed`], `active_set` and [`qp`] (how it is
-//! solved), `start` (where a plan begins), this file (when, and what becomes of it).
+//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`] (the reference of
+//! each mission state), [`law`] (the planners' differences), [`alignment`] and [`rendezvous`] (the laws of `mpc-faa`
+//! and `alight`), [`condensed`], `active_set` and [`qp`] (the solvers), `start` (the start of a plan), this file
+//! (schedule and messages).
 //!
-//! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
-//! tracker closes the loop, and a lagging drone does not bend its own plan. It starts from the
-//! measured state when there is no plan, when the last is old, when the drone is further from it
-//! than [`config::Reset`] allows, and when the autopilot's position estimate jumped. In a landing of
-//! `alight` it starts no higher above the drone, and sinking no slower, than that is.
+//! A plan starts from the previous plan sampled now, not from the measured state: the pilot's tracker closes the loop,
+//! and a lagging drone does not change its own plan. A plan starts from the measured state if there is no previous
+//! plan, if the previous plan is old, if the drone is further from it than [`config::Reset`] allows, or if the
+//! autopilot's position estimate jumped. In a landing with `alight` the plan starts no higher above the drone than
+//! `Reset` allows, and with a sink rate no lower than `Reset` allows.
 
 mod active_set;
 pub mod alignment;
@@ -57,16 +57,13 @@ use start::SolvedPlan;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerIn {
-    /// The predicted deck.
     pub forecast: Option<DeckForecast>,
-    /// Mission's state, with what it permits.
     pub mission: Option<MissionState>,
     pub drone: Option<DroneState>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerOut {
-    /// A new plan, starting now.
     pub plan: Option<Plan>,
 }
 
@@ -92,7 +89,7 @@ pub struct Planner {
     law: Box<dyn Law>,
     mpc: Mpc,
     generator: ReferenceGenerator,
-    /// Time to the chosen instant of contact in the last plan, s.
+    /// Time to contact in the last plan, s.
     time_to_contact_s: Option<f64>,
     problem: Problem,
     reference: PlanReference,
@@ -102,12 +99,13 @@ pub struct Planner {
     forecast: Latest<DeckForecast>,
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
-    /// Starts from the measured state.
+    /// Number of starts from the measured state.
     resets: u32,
 }
 
 impl Planner {
-    /// A planner of the configured kind for this drone and deck. `boot` distinguishes this start from others.
+    /// A planner of the configured kind for this drone and deck. `boot` distinguishes this process from its
+    /// predecessors.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
         let law: Box<dyn Law> = match config.kind {
             PlannerKind::MpcFaa => Box::new(FaaAlignment::new(&config.faa, drone)),
@@ -115,7 +113,7 @@ impl Planner {
         };
         Planner::with_law(law, config, drone, deck, boot)
     }
-    /// A planner that lands by a law from elsewhere, whatever kind is configured.
+    /// A planner with the given law instead of the configured one.
     pub fn with_law(
         law: Box<dyn Law>,
         config: &PlannerConfig,
@@ -144,7 +142,7 @@ impl Planner {
         }
     }
 
-    /// The last problem, for benchmarks.
+    /// The most recent problem, for benchmarks.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
@@ -173,7 +171,7 @@ impl Planner {
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
-        // Half a tick of the fastest world early is on time.
+        // A step is on time if it is early by at most half a tick of the highest rate.
         const EARLY_S: f64 = 0.004;
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
@@ -181,8 +179,8 @@ impl Planner {
         }
     }
 
-    /// `alight` begins a landing where the drone is: what the autopilot's own position loop has left
-    /// open, 0.5 m or more, would take the pilot longer to close than the landing lasts.
+    /// Drops the previous plan when `alight` begins a landing: the autopilot's own position loop may have left an error
+    /// of 0.5 m or more, and the pilot would need longer to close it than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
         if begins && self.law.landing_start().measured {
@@ -190,7 +188,8 @@ impl Planner {
         }
     }
 
-    /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
+    /// State and input at the plan's start: those of the last plan at `now`, or the measured ones. None without
+    /// odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(ModelState, [f64; INPUTS])> {
         let c = &self.config;
         let drone = *self.drone.fresh(now, topics::DRONE_STATE.stale_after)?;
@@ -248,7 +247,7 @@ impl Planner {
                 kept.start = state;
                 core::mem::swap(&mut kept.solution, &mut self.scratch);
             }
-            // The previous plan goes on until it is too old; then planning restarts from the measured state.
+            // The previous plan continues until it is too old; then planning restarts from the measured state.
             Solve::Infeasible => {}
         }
         let solved = self.solved.as_ref()?;
@@ -260,7 +259,7 @@ impl Planner {
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan of a law that has its own model and solver.
+    /// Plan of a law with its own model and solver.
     fn own_plan(
         &mut self,
         now: Time<DroneClock>,
@@ -274,14 +273,14 @@ impl Planner {
         let law = &mut self.law;
         let mut plan = law.own_plan(now, mission, forecast, start)?;
         plan.header = Header::new(0, 0, self.boot, self.sequence, now);
-        // When it ends, the common planner begins from the measured state.
+        // The common planner then starts from the measured state.
         self.solved = None;
         self.generator.restart();
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan as a message from `now` on: at half steps where they fit, so that the pilot's
-    /// interpolation is fine.
+    /// The plan as a message from `now` on. If they fit, half steps are included, so that the pilot interpolates
+    /// finely.
     fn message(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
@@ -292,7 +291,7 @@ impl Planner {
             ..Plan::default()
         };
         let mut keep = |state: &ModelState, input: &[f64; INPUTS]| {
-            // Capacity is checked by the configuration: n < PLAN_STAGES.
+            // The configuration guarantees n < PLAN_STAGES.
             let _ = plan.stages.push(self.stage(state, input));
         };
         if solved.at == now {
@@ -316,10 +315,10 @@ impl Planner {
         plan
     }
 
-    /// A state as a stage of the message: tilt turned into the body's heading.
+    /// Converts a state to a stage of the message, with the tilt in the body's heading.
     fn stage(&self, s: &ModelState, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
-        let (up, growth) = self.law.attitude(s, down);
+        let (up, rate_factor) = self.law.attitude(s, down);
         let (phi, theta) = tilt_of(&up, s[state::PSI]);
         let (sin, cos) = s[state::PSI].sin_cos();
         PlanStage {
@@ -328,14 +327,16 @@ impl Planner {
             acceleration: [-GRAVITY * s[state::THETA], GRAVITY * s[state::PHI], down],
             euler: [phi, theta, wrap_angle(s[state::PSI])],
             euler_rates: [
-                growth * (cos * s[state::PHI_DOT] + sin * s[state::THETA_DOT]) + s[state::PSI_DOT] * theta,
-                growth * (-sin * s[state::PHI_DOT] + cos * s[state::THETA_DOT]) - s[state::PSI_DOT] * phi,
+                rate_factor * (cos * s[state::PHI_DOT] + sin * s[state::THETA_DOT])
+                    + s[state::PSI_DOT] * theta,
+                rate_factor * (-sin * s[state::PHI_DOT] + cos * s[state::THETA_DOT])
+                    - s[state::PSI_DOT] * phi,
                 s[state::PSI_DOT],
             ],
         }
     }
 
-    /// When the feet reach the deck's plane in this plan, if it ends in contact.
+    /// Time at which the feet reach the deck's plane in this plan, if it ends in contact.
     fn touchdown(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Option<Time<DroneClock>> {
         if !self.reference.touch {
             return None;
@@ -374,7 +375,7 @@ impl Node for Planner {
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
-        // Without a mission the pilot has flown on its own: no plan of before is what the drone does now.
+        // Without a mission the pilot has flown on its own, so the previous plan is void.
         let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
         match phase {

@@ -1,38 +1,37 @@
-//! The paper's prediction model: the multirotor linearised about hover, and its exact
-//! discretisation (Procházka et al. 2024, eq. 4-5).
+//! The paper's prediction model: the multirotor linearised about hover, and its exact discretisation (Procházka et al.
+//! 2024, eq. 4-5).
 //!
-//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles,
-//! input `u` = squared rotor speeds divided by their value at hover. The paper writes ENU; in NED
-//! the signs of z and of the torques change, nothing else.
+//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` = squared
+//! rotor speeds divided by their value at hover. The paper uses ENU; in NED only the signs of z and of the torques
+//! change.
 //!
-//! About hover the model splits into four chains that share nothing but the rotors:
-//! x-pitch, y-roll (four integrators each), z and yaw (two each). [`MIXER`] is orthonormal, so that
-//! the paper's cost `R` on the increments of the four rotors is the same cost on the increments of
-//! the four virtual inputs, and four small problems replace the large one exactly.
+//! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four integrators
+//! each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the increments of the four rotors
+//! equals the same cost on the increments of the four virtual inputs. Four small problems are therefore exactly
+//! equivalent to the large one.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{DeckStage, DroneState};
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// States of the full model, in the paper's order.
 pub const STATES: usize = 12;
-/// Rotors, and virtual inputs.
+/// Number of rotors, and of virtual inputs.
 pub const INPUTS: usize = 4;
 
 /// The full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
 pub type ModelState = [f64; STATES];
 
-/// Components of the state.
+/// Indices into the state.
 pub mod state {
     use super::ModelState;
     use nalgebra::Vector3;
 
-    /// Position, m.
+    /// Position north, m.
     pub const NORTH: usize = 0;
-    /// Position, m.
+    /// Position east, m.
     pub const EAST: usize = 1;
-    /// Position, m.
+    /// Position down, m.
     pub const DOWN: usize = 2;
     /// Tilt about north, rad.
     pub const PHI: usize = 3;
@@ -40,28 +39,27 @@ pub mod state {
     pub const THETA: usize = 4;
     /// Heading, rad.
     pub const PSI: usize = 5;
-    /// Velocity, m/s.
+    /// Velocity north, m/s.
     pub const V_NORTH: usize = 6;
-    /// Velocity, m/s.
+    /// Velocity east, m/s.
     pub const V_EAST: usize = 7;
-    /// Velocity, m/s.
+    /// Velocity down, m/s.
     pub const V_DOWN: usize = 8;
-    /// Rate, rad/s.
+    /// Rate of [`PHI`], rad/s.
     pub const PHI_DOT: usize = 9;
-    /// Rate, rad/s.
+    /// Rate of [`THETA`], rad/s.
     pub const THETA_DOT: usize = 10;
-    /// Rate, rad/s.
+    /// Rate of [`PSI`], rad/s.
     pub const PSI_DOT: usize = 11;
 
-    /// Position, m.
+    /// Position, NED, m.
     pub fn position(x: &ModelState) -> Vector3<f64> {
         Vector3::new(x[NORTH], x[EAST], x[DOWN])
     }
 }
 
-/// Virtual inputs from rotor inputs (deviations from hover): rows thrust, roll, pitch, yaw, with
-/// the signs of the paper's eq. 5 in FRD. Half of it is orthonormal and it is its own transpose's
-/// inverse, so `u = MIXER' nu`.
+/// Virtual inputs from rotor inputs (deviations from hover): rows thrust, roll, pitch, yaw, with the signs of the
+/// paper's eq. 5 in FRD. The matrix is orthonormal, so `u = MIXER' nu`.
 pub const MIXER: [[f64; 4]; 4] = [
     [0.5, 0.5, 0.5, 0.5],
     [-0.5, -0.5, 0.5, 0.5],
@@ -78,13 +76,13 @@ pub struct HoverModel {
     pub roll: f64,
     /// Pitch acceleration per unit, rad/s²: `m g l / (2 Iyy)`.
     pub pitch: f64,
-    /// Yaw acceleration per unit, rad/s²: `m g c / (2 Izz)`, c the moment per force.
+    /// Yaw acceleration per unit, rad/s²: `m g c / (2 Izz)` with the moment per force `c`.
     pub yaw: f64,
 }
 
 impl HoverModel {
-    /// The model of a drone. The paper's lever `l` of all four rotors about each axis is the arm
-    /// of an X frame divided by the root of two.
+    /// The model of a drone. The paper's lever `l` of all four rotors about each axis is the arm length of an X frame
+    /// divided by the root of two.
     pub fn new(drone: &DroneGeometry) -> Self {
         let half_weight = 0.5 * drone.mass_kg * GRAVITY;
         let lever = drone.arm_m * core::f64::consts::FRAC_1_SQRT_2;
@@ -103,7 +101,7 @@ impl HoverModel {
         for i in 0..6 {
             a[(i, i + 6)] = 1.0;
         }
-        // A nose-down pitch is negative and accelerates forward; a starboard-down roll to the right.
+        // A nose-down pitch is negative and accelerates forward; a starboard-down roll accelerates to the right.
         a[(state::V_NORTH, state::THETA)] = -GRAVITY;
         a[(state::V_EAST, state::PHI)] = GRAVITY;
         let mut b = SMatrix::zeros();
@@ -116,19 +114,19 @@ impl HoverModel {
         (a, b)
     }
 
-    /// The x-pitch chain: `[px, vx, theta, thetadot]`, input 2.
+    /// Chain of x and pitch: `[px, vx, theta, thetadot]`, input 2.
     pub fn x_chain(&self) -> Chain<4> {
         Chain::tilt(-GRAVITY, self.pitch)
     }
-    /// The y-roll chain: `[py, vy, phi, phidot]`, input 1.
+    /// Chain of y and roll: `[py, vy, phi, phidot]`, input 1.
     pub fn y_chain(&self) -> Chain<4> {
         Chain::tilt(GRAVITY, self.roll)
     }
-    /// The vertical chain: `[pz, vz]`, input 0.
+    /// Vertical chain: `[pz, vz]`, input 0.
     pub fn z_chain(&self) -> Chain<2> {
         Chain::double(self.vertical)
     }
-    /// The yaw chain: `[psi, psidot]`, input 3.
+    /// Yaw chain: `[psi, psidot]`, input 3.
     pub fn yaw_chain(&self) -> Chain<2> {
         Chain::double(self.yaw)
     }
@@ -165,18 +163,16 @@ impl Chain<2> {
     }
 }
 impl<const N: usize> Chain<N> {
-    /// Zero-order hold over `step_s`, exact.
+    /// Exact zero-order hold over `step_s`.
     pub fn discrete(&self, step_s: f64) -> DiscreteModel<N, 1> {
         discretise(&self.a, &self.b, step_s)
     }
 }
 
-/// `x+ = A x + B u`, input held over the step.
+/// Discrete-time model `x+ = A x + B u` with the input held over the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiscreteModel<const N: usize, const M: usize> {
-    /// Transition matrix.
     pub a: SMatrix<f64, N, N>,
-    /// Input matrix.
     pub b: SMatrix<f64, N, M>,
 }
 
@@ -186,8 +182,8 @@ impl<const N: usize> DiscreteModel<N, 1> {
     }
 }
 
-/// Exact zero-order-hold discretisation: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`.
-/// `A` of hover is nilpotent (`A^4 = 0`): the series ends, no approximation.
+/// Exact zero-order-hold discretisation: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`. The hover model's
+/// `A` is nilpotent (`A^4 = 0`), so the series is finite.
 pub fn discretise<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SMatrix<f64, N, M>,
@@ -207,8 +203,8 @@ pub fn discretise<const N: usize, const M: usize>(
     }
 }
 
-/// Tilt (phi, theta) about the axes of a frame turned by `heading` of a body whose upward axis is
-/// `up` in NED: `R = Ry(theta) Rx(phi)` takes the frame's -z there.
+/// Tilt (phi, theta) of a body with the upward axis `up` (NED), about the axes of a frame turned by `heading`:
+/// `R = Ry(theta) Rx(phi)` turns the frame's -z to `up`.
 pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
     let (s, c) = heading.sin_cos();
     let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
@@ -226,8 +222,7 @@ pub fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
     d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
 }
 
-/// Height of the foot plane of a body at `p` with upward axis `up` over the deck plane, along the
-/// deck's normal, m.
+/// Height of the foot plane of a body at `p` with upward axis `up` above the deck's plane, along the deck's normal, m.
 pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
     deck.height_of(&(p - up * feet_below_m))
 }
@@ -261,15 +256,15 @@ mod tests {
     use nalgebra::{Rotation3, Vector4};
 
     fn drone() -> DroneGeometry {
-        // Three different inertias, so that no exchange of axes goes unnoticed.
+        // Three different inertias, so that swapped axes are noticed.
         DroneGeometry {
             inertia_kgm2: [0.08, 0.11, 0.19],
             ..DroneGeometry::default()
         }
     }
 
-    /// The nonlinear rigid body of eq. 4-5: thrust along -z of the body, torques from the rotors'
-    /// positions and reaction moments, Euler's equation; rotors numbered as in [`MIXER`].
+    /// Nonlinear rigid body of eq. 4-5: thrust along -z of the body, torques from the rotors' positions and reaction
+    /// moments, Euler's equation; rotors numbered as in [`MIXER`].
     fn rigid_body(d: &DroneGeometry, x: &SVector<f64, 12>, u: &Vector4<f64>) -> SVector<f64, 12> {
         let l = d.arm_m / 2f64.sqrt();
         let rotors = [[-l, l], [l, l], [l, -l], [-l, -l]];
@@ -376,7 +371,7 @@ mod tests {
     fn tilt_of_and_up_of_inverse() {
         let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
         assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
-        // Heading east, a tilt to the north is a roll to port.
+        // At a heading of east, a tilt to the north is a roll to port.
         let (phi, theta) = tilt_of(&up_of(0.0, -0.1), core::f64::consts::FRAC_PI_2);
         assert!((phi + 0.1).abs() < 1e-12 && theta.abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! The paper's planner, section III of Procházka et al. 2024, equation by equation:
+//! The paper's planner, section III of Procházka et al. 2024:
 //!
 //! - eq. 4-5: the model, linear about hover ([`super::model`]);
 //! - eq. 6: minimise over the increments of the inputs
@@ -6,12 +6,12 @@
 //! - Q with Forcing Attitude Alignment ([`super::weights`]);
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
-//! Solved chain by chain: exactly without limits first ([`super::condensed`]), and only a chain
-//! whose optimum passes a limit goes to Clarabel ([`super::qp`]) in the paper's planner. Ours, and
-//! what Clarabel leaves open, goes on from there with the limits (`active_set`).
+//! Each chain is first solved exactly without limits ([`super::condensed`]). In the paper's planner a chain whose
+//! optimum exceeds a limit goes to Clarabel ([`super::qp`]). In Alight's planner, and for problems that Clarabel does
+//! not solve, the active-set solver continues with the limits (`active_set`).
 //!
-//! Axes: NED, and tilt is measured about north and east whatever the heading (`phi`, `theta` of
-//! the body turned back by its yaw). Then the hover model at yaw 0 is right at every heading.
+//! Axes: NED. Tilt is measured about north and east at any heading (`phi`, `theta` of the body turned back by its yaw),
+//! so the hover model at yaw 0 is correct at every heading.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Solve;
@@ -23,40 +23,38 @@ use super::config::{PlannerConfig, PlannerKind};
 use super::model::{Chain, DiscreteModel, HoverModel, INPUTS, ModelState, state};
 use super::qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, SparseForm};
 
-/// One problem: where the drone is, where it should be, how much that matters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
-    /// State now, paper's order.
+    /// Present state, in the paper's order.
     pub state: ModelState,
-    /// Virtual input applied now: thrust, roll, pitch, yaw, as deviation from hover.
+    /// Virtual input applied now: thrust, roll, pitch, yaw, as deviations from hover.
     pub input: [f64; INPUTS],
-    /// References of the stages 1..=N.
+    /// References of stages 1..=N.
     pub reference: Vec<ModelState>,
-    /// Q's diagonal at the stages 1..=N.
+    /// Diagonal of Q at stages 1..=N.
     pub weight: Vec<ModelState>,
-    /// Soft upper bound of z (NED: the lowest height) at the stages 1..=N, m.
+    /// Soft upper bound of z (NED: the lowest height) at stages 1..=N, m.
     pub ceiling: Vec<f64>,
-    /// Soft bounds of x and y; empty: none.
     pub sides: Vec<Side>,
 }
 
-/// A stage's place lies beyond a plane: `n . (x, y, z) >= b`.
+/// Half-space in which a stage's position has to lie: `n . (x, y, z) >= b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    /// From 0, as in [`Problem::reference`].
+    /// Index of the stage from 0, as in [`Problem::reference`].
     pub stage: usize,
-    /// Towards where the drone stays.
+    /// Normal `n`, towards the drone's side.
     pub normal: [f64; 3],
-    /// m.
+    /// Offset `b`, m.
     pub offset: f64,
 }
 
 impl Side {
-    /// The level axis that the normal is nearer to.
+    /// The horizontal axis closest to the normal.
     fn axis(&self) -> usize {
         usize::from(self.normal[1].abs() > self.normal[0].abs())
     }
-    /// Bounds this axis, given where the other two will be then.
+    /// Narrows the bounds of this axis, given the planned values of the other two.
     fn bound(&self, axis: usize, states: &[ModelState], [low, high]: &mut [Vec<f64>; 2]) {
         let (n, across) = (self.normal[axis], self.normal[1 - axis]);
         let (Some(state), Some(low), Some(high)) = (
@@ -76,32 +74,30 @@ impl Side {
 }
 
 impl Problem {
-    /// Weight of tilt at the first stage.
+    /// Weight of the tilt at the first stage.
     pub fn alignment(&self) -> f64 {
         self.weight.first().map_or(0.0, |w| w[3])
     }
 }
 
-/// What a solve found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {
-    /// How it ended, the worst of the chains.
+    /// Worst result among the chains.
     pub solve: Solve,
     /// Iterations of the solver over all chains; 0 on the fast path.
     pub iterations: u32,
-    /// Virtual inputs held over each stage.
+    /// Virtual inputs, held over each stage.
     pub inputs: Vec<[f64; INPUTS]>,
-    /// States at the ends of the stages.
+    /// States at the end of each stage.
     pub states: Vec<ModelState>,
 }
 
-/// Position of each chain's states in the paper's state, and of its input.
+/// Indices of each chain's states in the paper's state, and of its input.
 const X: ([usize; 4], usize) = ([0, 6, 4, 10], 2);
 const Y: ([usize; 4], usize) = ([1, 7, 3, 9], 1);
 const Z: ([usize; 2], usize) = ([2, 8], 0);
 const YAW: ([usize; 2], usize) = ([5, 11], 3);
 
-/// The planner's solver, one per horizon.
 #[derive(Debug)]
 pub struct Mpc {
     stages: usize,
@@ -109,15 +105,14 @@ pub struct Mpc {
     model: HoverModel,
     x: ChainMpc<4>,
     y: ChainMpc<4>,
-    /// The chains of x and y beside volumes: with bounds of the place.
-    beside: [ChainMpc<4>; 2],
+    /// Chains of x and y with bounds of the position, for volumes around the deck.
+    bounded: [ChainMpc<4>; 2],
     z: ChainMpc<2>,
     yaw: ChainMpc<2>,
     half: Roller,
 }
 
 impl Mpc {
-    /// Lays down all four problems.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
         let model = heading_free(drone);
         let bounds = config.rotors.bounds(drone);
@@ -152,7 +147,7 @@ impl Mpc {
             model,
             x: ChainMpc::new(model.x_chain(), X, tilting(slew_pitch, false), config),
             y: ChainMpc::new(model.y_chain(), Y, tilting(slew_roll, false), config),
-            beside: [
+            bounded: [
                 ChainMpc::new(model.x_chain(), X, tilting(slew_pitch, true), config),
                 ChainMpc::new(model.y_chain(), Y, tilting(slew_roll, true), config),
             ],
@@ -162,7 +157,6 @@ impl Mpc {
         }
     }
 
-    /// Stages of the horizon.
     pub fn stages(&self) -> usize {
         self.stages
     }
@@ -170,17 +164,17 @@ impl Mpc {
     pub fn step_s(&self) -> f64 {
         self.step_s
     }
-    /// The model in use: the larger of the two tilt inertias about both axes.
+    /// The model in use, with the larger of both tilt inertias about both axes.
     pub fn model(&self) -> &HoverModel {
         &self.model
     }
-    /// The limits of the chains x, y, z, yaw.
+    /// Limits of the chains x, y, z, yaw.
     pub fn limits(&self) -> (ChainLimits<4>, ChainLimits<4>, ChainLimits<2>, ChainLimits<2>) {
         (self.x.limits, self.y.limits, self.z.limits, self.yaw.limits)
     }
 
-    /// Solves. `ceiling(k, x, y)` bounds z at stage k+1 given where the drone will be then; it is
-    /// written into the problem.
+    /// Solves `problem`. `ceiling(k, x, y)` is the bound of z at stage k+1 at the planned position; it is written into
+    /// the problem.
     pub fn solve(
         &mut self,
         problem: &mut Problem,
@@ -205,7 +199,7 @@ impl Mpc {
         self.y.fast.adopt_factor(&self.x.fast);
         self.y.solve(problem, [&[], &[]], solution);
         if !problem.sides.is_empty() {
-            self.stay_beside(problem, solution);
+            self.keep_clear(problem, solution);
         }
         for k in 0..n {
             problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);
@@ -214,9 +208,9 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y beside the volumes: each gives way to where the other and z go, and once more when the other has gone
-    /// elsewhere by that.
-    fn stay_beside(&mut self, problem: &Problem, solution: &mut Solution) {
+    /// Keeps x and y clear of the volumes: each axis is solved with the other axis and z fixed, and once more if the
+    /// other axis has moved as a result.
+    fn keep_clear(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
         let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));
         let bounded = due;
@@ -229,25 +223,25 @@ impl Mpc {
                 side.bound(axis, &solution.states, &mut bounds);
             }
             let [low, high] = &bounds;
-            let chain = &mut self.beside[axis];
+            let chain = &mut self.bounded[axis];
             chain.fast.adopt_factor(&self.x.fast);
             chain.solve(problem, [low, high], solution);
             due[1 - axis] = bounded[1 - axis];
         }
     }
 
-    /// Rolls half a step on, exactly.
+    /// State half a step later, by the exact discretisation.
     pub fn half_step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         self.half.step(state, input)
     }
-    /// Rolls any time on, exactly.
+    /// State `time_s` later, by the exact discretisation.
     pub fn roll(&self, state: &ModelState, input: &[f64; INPUTS], time_s: f64) -> ModelState {
         Roller::new(&self.model, time_s).step(state, input)
     }
 }
 
-/// The hover model for axes that do not turn with the body: both tilts get the larger inertia, so
-/// that the limits of torque hold at every heading.
+/// Hover model for axes that do not turn with the body: both tilts get the larger inertia, so that the torque limits
+/// hold at every heading.
 pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
     let model = HoverModel::new(drone);
     let weaker = model.roll.min(model.pitch);
@@ -258,7 +252,7 @@ pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
     }
 }
 
-/// All four chains over one length of time.
+/// All four chains discretised over one duration.
 #[derive(Clone, Copy, Debug)]
 struct Roller {
     x: DiscreteModel<4, 1>,
@@ -299,7 +293,6 @@ fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mu
     }
 }
 
-/// One chain: fast path, then the solvers with limits.
 #[derive(Debug)]
 struct ChainMpc<const N: usize> {
     index: [usize; N],
@@ -308,7 +301,7 @@ struct ChainMpc<const N: usize> {
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
-    /// The paper's planner has it.
+    /// Present only in the paper's planner.
     interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,
@@ -348,7 +341,7 @@ impl<const N: usize> ChainMpc<N> {
     }
 
     fn solve(&mut self, problem: &Problem, [floor, ceiling]: [&[f64]; 2], solution: &mut Solution) {
-        // Positions relative to here, so that a place far from the origin costs no digits.
+        // Positions are relative to the present one, which keeps precision far from the origin.
         let origin = problem.state[self.index[0]];
         let local = |full: &ModelState| {
             let mut x = gather(&self.index, full);
@@ -368,7 +361,7 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        // A list that is too short, or none, bounds nothing.
+        // A missing entry means that there is no bound.
         let local_bound = |given: Option<&f64>, none: f64| {
             given.map_or(none, |g| (g - origin).clamp(-NO_CEILING, NO_CEILING))
         };

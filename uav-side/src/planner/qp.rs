@@ -1,12 +1,11 @@
-//! One chain's problem with its limits: sparse multiple shooting into Clarabel, the structure laid
-//! down once and only numbers replaced at each solve.
+//! One chain's problem with its limits: sparse multiple shooting for Clarabel, with a structure that is built once and
+//! values that are replaced at each solve.
 //!
-//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, one slack `s_k` shared by the
-//! stage's state limits and measured in fractions of each limit. Inputs and their increments are hard
-//! limits, states soft with a linear and a quadratic cost of slack: 2.5 % of closed-loop problems
-//! have no solution with hard state limits (our measurement). A chain whose place is bounded on both
-//! sides has a slack of its own for the place: with a shared one, a drone on the wrong side of a bound
-//! had tilt and speed without a limit.
+//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's state limits
+//! and measured in fractions of each limit. Inputs and their increments have hard limits, states soft ones with a
+//! linear and a quadratic cost of slack: with hard state limits 2.5 % of closed-loop problems have no solution
+//! (measured with Alight). A chain whose position is bounded on both sides has a separate slack for the position: with
+//! a shared one, tilt and speed of a drone on the wrong side of a bound were not limited.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -19,48 +18,47 @@ use alight_shared::msg::Solve;
 use super::condensed::StageCost;
 use super::model::DiscreteModel;
 
-/// Limits of one chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChainLimits<const N: usize> {
     /// Hard bounds of the virtual input (deviation from hover).
     pub input: [f64; 2],
-    /// Hard bound of its change per stage.
+    /// Hard bound of the input's change per stage.
     pub slew: f64,
     /// Soft bound of each state's magnitude.
     pub state: [Option<f64>; N],
-    /// The first state has a soft upper bound of its own at each stage (height over the water).
+    /// Whether the first state has a separate soft upper bound at each stage (height over the water).
     pub ceiling: bool,
-    /// ... and a soft lower bound.
+    /// Whether the first state has a separate soft lower bound at each stage.
     pub floor: bool,
 }
 
-/// Cost of one unit of slack (a whole limit's worth), linear and quadratic.
+/// Cost of one unit of slack (the size of a limit), linear and quadratic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlackCost {
     pub linear: f64,
     pub quadratic: f64,
 }
 
-/// Stands in for a ceiling that is not there, m: far beyond what a horizon can reach.
+/// Value of a missing ceiling, m: far beyond the reach of a horizon.
 pub const NO_CEILING: f64 = 1.0e3;
-/// What one unit of slack buys at the ceiling, m: going below the minimum altitude is dear.
+/// Size of one unit of slack at the ceiling, m; it is small, so that violating the minimum altitude is expensive.
 pub const CEILING_SLACK_M: f64 = 0.1;
-/// ... and where the place has a slack of its own, m.
+/// Size of one unit of the position's separate slack, m.
 const PLACE_SLACK_M: f64 = 1.0;
-/// There the slack of speed, tilt and rate costs so many times as much.
+/// Cost of the slack of speed, tilt and rate as a multiple of that of the position's separate slack.
 const MOTION_OVER_PLACE: f64 = 100.0;
-/// How far a limit may be passed before the unconstrained optimum counts as violating it, in the
-/// limit's own unit: the solver's feasibility tolerance.
+/// Violation of a limit that is tolerated in the unconstrained optimum, in the limit's own unit: the solver's
+/// feasibility tolerance.
 pub(super) const TOLERANCE: f64 = 1e-9;
-/// Iterations of the interior point method; it needs 7 to 15.
+/// Maximum number of interior-point iterations; 7 to 15 are needed.
 const MAX_ITERATIONS: u32 = 40;
 
 impl<const N: usize> ChainLimits<N> {
-    /// Variables of a stage: input, state, slack, and the place's own slack.
+    /// Number of variables of a stage: input, state, slack, and the position's separate slack.
     fn width(&self) -> usize {
         N + 2 + usize::from(self.floor)
     }
-    /// Clips a solver's last digits to the hard limits; an input that is not finite stays.
+    /// Clips rounding errors of a solver to the hard limits; an input that is not finite is kept.
     pub(super) fn clip(&self, previous_input: f64, inputs: &mut [f64]) {
         let (mut before, slew) = (previous_input, self.slew);
         for u in inputs.iter_mut().filter(|u| u.is_finite()) {
@@ -70,7 +68,7 @@ impl<const N: usize> ChainLimits<N> {
             before = *u;
         }
     }
-    /// True when no limit is passed by inputs and states (`states[k]` follows `inputs[k]`).
+    /// Whether inputs and states satisfy all limits (`states[k]` follows `inputs[k]`).
     pub fn hold(
         &self,
         previous_input: f64,
@@ -96,7 +94,7 @@ impl<const N: usize> ChainLimits<N> {
             if self.ceiling && !ceiling.get(k).is_none_or(|top| x[0] <= top + TOLERANCE) {
                 return false;
             }
-            if self.floor && !floor.get(k).is_none_or(|least| x[0] >= least - TOLERANCE) {
+            if self.floor && !floor.get(k).is_none_or(|low| x[0] >= low - TOLERANCE) {
                 return false;
             }
         }
@@ -104,7 +102,6 @@ impl<const N: usize> ChainLimits<N> {
     }
 }
 
-/// The numbers of one problem.
 #[derive(Clone, Copy, Debug)]
 pub struct QpInstance<'a, const N: usize> {
     pub state: SVector<f64, N>,
@@ -112,21 +109,22 @@ pub struct QpInstance<'a, const N: usize> {
     pub previous_input: f64,
     /// References and weights, one per stage.
     pub cost: &'a [StageCost<N>],
-    /// Upper bound of the first state per stage ([`NO_CEILING`] for none); read if the chain has one.
+    /// Upper bound of the first state per stage ([`NO_CEILING`] for none), if the chain has one.
     pub ceiling: &'a [f64],
-    /// Its lower bound likewise.
+    /// Lower bound of the first state per stage, if the chain has one.
     pub floor: &'a [f64],
 }
 
-/// Where the variables of each stage are: input, state, slack of the motion, and one of the place where it has a floor.
+/// Indices of the variables of each stage: input, state, slack of the motion, and slack of the position if it has a
+/// floor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChainLayout<const N: usize> {
     width: usize,
-    /// 1 where the place has a slack of its own.
+    /// 1 if the position has a separate slack, otherwise 0.
     pub place: usize,
-    /// Cost of the motion's slack over that of the place.
+    /// Cost of the motion's slack relative to the position's.
     pub motion_cost: f64,
-    /// What a unit of the place's slack is, m.
+    /// Size of one unit of the position's slack, m.
     pub unit_m: f64,
 }
 
@@ -157,8 +155,8 @@ impl<const N: usize> ChainLayout<N> {
         self.slack(k) + self.place
     }
 
-    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks diagonal; and where
-    /// each stage's `Q` begins in its values.
+    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks diagonal.
+    /// Also returns the index at which each stage's `Q` begins in its values.
     fn quadratic(
         &self,
         stages: usize,
@@ -200,7 +198,6 @@ impl<const N: usize> ChainLayout<N> {
     }
 }
 
-/// Rows of `A` as triplets, and `b`.
 #[derive(Default)]
 struct Constraints {
     rows: Vec<usize>,
@@ -215,7 +212,7 @@ impl Constraints {
         self.cols.push(col);
         self.values.push(value);
     }
-    /// A row `entries . v <= bound`.
+    /// Appends the row `entries . v <= bound`.
     fn row<const M: usize>(&mut self, entries: [(usize, f64); M], bound: f64) {
         for (col, value) in entries {
             self.set(self.b.len(), col, value);
@@ -223,7 +220,7 @@ impl Constraints {
         self.b.push(bound);
     }
 
-    /// `x_k+1 - A x_k - B u_k = 0`; the first stage's state now is on the right-hand side.
+    /// Appends `x_k+1 - A x_k - B u_k = 0`; the present state is on the right-hand side.
     fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &DiscreteModel<N, 1>, stages: usize) {
         for k in 0..stages {
             for i in 0..N {
@@ -237,7 +234,7 @@ impl Constraints {
         }
     }
 
-    /// The limits of stage `k`: input, slew, slacks, place, states; gives their first row.
+    /// Appends the limits of stage `k`: input, slew, slacks, position, states; returns the index of their first row.
     fn limits<const N: usize>(&mut self, at: &ChainLayout<N>, limits: &ChainLimits<N>, k: usize) -> usize {
         let first = self.b.len();
         let u = at.input(k);
@@ -281,22 +278,18 @@ pub struct SparseForm<const N: usize> {
     model: DiscreteModel<N, 1>,
     /// Quadratic cost, upper triangle.
     pub p: CscMatrix<f64>,
-    /// Linear cost.
     pub q: Vec<f64>,
     /// Constraints: dynamics first, then inequalities.
     pub a: CscMatrix<f64>,
-    /// Right-hand side.
     pub b: Vec<f64>,
-    /// Rows of the dynamics.
     pub equalities: usize,
-    /// Where the diagonal of `P` for each stage's first state begins in the stored values.
+    /// Index of the diagonal of `P` for each stage's first state in the stored values.
     weight_at: Vec<usize>,
-    /// First inequality row of each stage.
+    /// Index of the first inequality row of each stage.
     row_at: Vec<usize>,
 }
 
 impl<const N: usize> SparseForm<N> {
-    /// Lays down the structure.
     pub fn new(
         model: DiscreteModel<N, 1>,
         stages: usize,
@@ -346,7 +339,6 @@ impl<const N: usize> SparseForm<N> {
         }
     }
 
-    /// Replaces the numbers by those of `instance`.
     pub fn fill(&mut self, instance: &QpInstance<'_, N>) {
         let width = self.limits.width();
         for (k, cost) in instance.cost.iter().take(self.stages).enumerate() {
@@ -354,7 +346,7 @@ impl<const N: usize> SparseForm<N> {
                 self.p.nzval[self.weight_at[k] + i] = 2.0 * cost.weight[i];
                 self.q[k * width + 1 + i] = -2.0 * cost.weight[i] * cost.reference[i];
             }
-            // After two input, two slew and the slacks' rows.
+            // Skips two rows of the input, two of the slew, and the slacks' rows.
             let row = self.row_at[k] + 5 + usize::from(self.limits.floor);
             if self.limits.ceiling {
                 self.b[row] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
@@ -379,10 +371,9 @@ impl<const N: usize> SparseForm<N> {
     }
 }
 
-/// The chain's interior point solver.
 pub struct ChainSolver<const N: usize> {
     form: SparseForm<N>,
-    /// None if Clarabel rejected the structure, which a checked configuration cannot cause.
+    /// None if Clarabel rejected the structure, which a validated configuration excludes.
     solver: Option<DefaultSolver<f64>>,
 }
 
@@ -394,7 +385,7 @@ fn settings() -> DefaultSettings<f64> {
         direct_solve_method: "qdldl".into(),
         max_threads: 1,
         iterative_refinement_enable: false,
-        // A tenth of the default: at 1e-8 inputs of equal cost differed by 0.4 % of their range.
+        // The tolerance is a tenth of the default: with 1e-8, inputs of equal cost differed by 0.4 % of their range.
         tol_gap_abs: 1e-9,
         tol_gap_rel: 1e-9,
         max_step_fraction: 0.999,
@@ -403,14 +394,13 @@ fn settings() -> DefaultSettings<f64> {
 }
 
 impl<const N: usize> ChainSolver<N> {
-    /// Lays down the structure of `form`.
     pub fn new(form: SparseForm<N>) -> Self {
         let solver = DefaultSolver::new(&form.p, &form.q, &form.a, &form.b, &form.cones(), settings()).ok();
         ChainSolver { form, solver }
     }
 
-    /// Solves `instance` and writes the inputs, which keep the hard limits exactly whatever the
-    /// solver's tolerance. Also returns the iterations used.
+    /// Solves `instance` and writes the inputs, which satisfy the hard limits exactly at any tolerance of the solver.
+    /// Also returns the number of iterations.
     pub fn solve(&mut self, instance: &QpInstance<'_, N>, inputs: &mut [f64]) -> (Solve, u32) {
         self.form.fill(instance);
         let form = &self.form;

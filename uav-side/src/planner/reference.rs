@@ -1,6 +1,5 @@
-//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted
-//! deck with a height profile of the planner's own, and a reference governor that approaches far
-//! targets at bearable speed.
+//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted deck with a height
+//! profile, and a reference governor for far targets.
 
 mod bounds;
 
@@ -19,9 +18,9 @@ use super::weights::Weights;
 use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
 use crate::surroundings::{Passage, way_round};
 
-/// An aborted descent is braked by this, m/s².
+/// Deceleration of an aborted descent, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
-/// Nearer than this the heading towards the vessel is undefined, m.
+/// Distance to the vessel below which the heading towards it is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
 
 /// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 for other places.
@@ -30,28 +29,28 @@ fn station_turns_radps(view: &View) -> f64 {
     forecast.map_or(0.0, |f| f.mean_heading_rate)
 }
 
-/// The deck that the references are made for, and what they want of it.
+/// Deck of the references, and requirements of the plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanReference {
-    /// The plan ends in contact with the deck.
+    /// Whether the plan ends in contact with the deck.
     pub touch: bool,
-    /// Clearance of the foot plane above the deck now, m; infinite when no deck is known.
+    /// Present clearance of the foot plane above the deck, m; infinite while no deck is known.
     pub clearance_m: f64,
-    /// Weight of tilt at the first stage.
+    /// Weight of the tilt at the first stage.
     pub alignment: f64,
-    /// The deck now and at each stage; empty when it is not known.
+    /// The deck now and at each stage; empty if unknown.
     pub deck: Vec<DeckStage>,
     /// Lowest height over the water outside the deck's outline, m.
     pub minimum_altitude_m: f64,
-    /// Lowest clearance of the feet over the deck in a plan, m; None: none.
+    /// Lowest clearance of the feet over the deck in a plan, m; None without a limit.
     pub lowest_clearance_m: Option<f64>,
-    /// Mean height of the deck, NED z, m; 0 while no deck is known.
+    /// Mean height of the deck, NED z, m; 0 if unknown.
     pub mean_z: f64,
-    /// Volumes around the deck, and where the plan passes each of them.
+    /// Volumes around the deck, with the side on which the plan passes each.
     pub(super) passages: Vec<Passage>,
 }
 
-/// Builds references; remembers its governors.
+/// Generator of references; keeps the state of its governors.
 #[derive(Clone, Debug, Default)]
 pub struct ReferenceGenerator {
     config: PlannerConfig,
@@ -60,13 +59,12 @@ pub struct ReferenceGenerator {
     horizontal: ReferenceGovernor<2>,
     vertical: ReferenceGovernor<1>,
     yaw: ReferenceGovernor<1>,
-    /// Place to stay at when the deck is not known but should be: position and heading.
+    /// Position and heading to hold while the deck is unexpectedly unknown.
     frozen: Option<[f64; 4]>,
-    /// Within the approach sector.
+    /// Whether the drone is within the approach sector.
     admitted: bool,
 }
 
-/// Input of the references of one plan.
 struct Request<'a> {
     now: Time<DroneClock>,
     view: &'a View,
@@ -79,7 +77,7 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Whether the plan begins so near above the deck that the deck could reach it.
+    /// Whether the plan starts at a height at which the deck could reach the drone.
     fn near_deck(&self) -> bool {
         let aside = |d: &DeckStage| {
             (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
@@ -94,7 +92,6 @@ impl Request<'_> {
 }
 
 impl ReferenceGenerator {
-    /// A generator without a past.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry) -> Self {
         ReferenceGenerator {
             config: config.clone(),
@@ -109,7 +106,7 @@ impl ReferenceGenerator {
         -self.deck.centre_m[2]
     }
 
-    /// Forgets the governors: the plan restarts from the measured state.
+    /// Resets the governors, so that the plan restarts from the measured state.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();
@@ -117,8 +114,7 @@ impl ReferenceGenerator {
         self.frozen = None;
     }
 
-    /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state`
-    /// is where the plan starts.
+    /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state` is the plan's start.
     pub fn write(
         &mut self,
         now: Time<DroneClock>,
@@ -168,7 +164,7 @@ impl ReferenceGenerator {
         reference.alignment = problem.alignment();
     }
 
-    /// Goal that the mission's state asks for, with its weights and the place to hold.
+    /// Goal of the mission's state, with its weights and the place to hold.
     fn goal(
         &mut self,
         mission: &MissionState,
@@ -197,13 +193,13 @@ impl ReferenceGenerator {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
-        // Towards a vessel that is not received.
+        // The drone flies towards a vessel that is not received.
         let goal = match (mission.state, mean_z) {
             (Mode::Search, None) => Goal::Hold,
             (_, Some(_) | None) => goal,
         };
         if goal != Goal::Hold && mean_z.is_none() {
-            // The deck should be known and is not: stay here.
+            // The deck is unexpectedly unknown, so the drone holds its position.
             let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);
             return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
         }
@@ -217,15 +213,15 @@ impl ReferenceGenerator {
         (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
-    /// Place above the deck for a drone that is not there yet, from its centre, m: on the way round the vessel
-    /// into the approach sector.
+    /// Next waypoint on the way round the vessel into the approach sector, from the deck's centre, m; None if the drone
+    /// is already in the sector.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
         let from = Vector2::new(
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        // A station is as high as an approach, and the mission leads round the vessel to it.
+        // A station is at the height of an approach, and the mission gives the waypoints round the vessel.
         let stays = q.view.mission.station.is_some();
         if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
@@ -234,7 +230,7 @@ impl ReferenceGenerator {
         way_round(around, &self.drone, heading, &from, &mut self.admitted)
     }
 
-    /// Horizontal velocity over the deck's in which the drone leaves, m/s.
+    /// Horizontal velocity relative to the deck with which the drone leaves, m/s.
     fn escape(&self, q: &Request<'_>) -> Vector2<f64> {
         let (Some(f), Some(deck), Goal::Leave) = (&q.view.forecast, q.reference.deck.first(), q.goal) else {
             return Vector2::zeros();
@@ -249,11 +245,11 @@ impl ReferenceGenerator {
         let (round, out) = (self.way_round(q), self.escape(q));
         let aside = round.unwrap_or_else(|| q.view.mission.waiting_offset.unwrap_or_default().into());
         let turns_radps = station_turns_radps(q.view);
-        // The target at stage k (0 = now), and tilt with its rate.
+        // Target at stage k (0 is now), and its tilt with the rate of tilt.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (GovernedMotion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
-                // Where it is over the deck, wherever the deck goes, and out along the escape direction.
+                // The drone keeps its place in the deck's frame, and moves out along the escape direction.
                 let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
                 let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
@@ -271,7 +267,7 @@ impl ReferenceGenerator {
                 )
             }
             (Goal::Touch, Some(d)) => {
-                // The full pose: the foot plane's centre over the deck's centre.
+                // The target is a full pose, with the centre of the foot plane over the deck's centre.
                 let (n, w) = (d.normal(), angular_velocity(d));
                 let turn = w.cross(&n) * feet;
                 let (phi, theta) = tilt_of(&n, 0.0);
@@ -293,7 +289,7 @@ impl ReferenceGenerator {
             [q.start[state::V_NORTH], q.start[state::V_EAST]],
         );
         let follows = q.goal.follows_deck();
-        // A place that goes round the vessel ahead of the drone is approached, not followed.
+        // A waypoint that moves round the vessel ahead of the drone is approached, not followed.
         let jump_m = if round.is_some() { 0.0 } else { 0.5 };
         if q.goal == Goal::Leave {
             self.horizontal = ReferenceGovernor::default();
@@ -331,7 +327,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Away from the deck that is near, up to the height `z`.
+    /// References that climb from a deck that is near, up to the height `z`.
     fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         self.vertical = ReferenceGovernor::default();
         let mut climb = Climb::new(q.start[state::DOWN], q.start[state::V_DOWN], &self.drone);
@@ -341,11 +337,10 @@ impl ReferenceGenerator {
         }
     }
 
-    /// To the height `z` at bearable speed.
     fn approach_height(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         let s = self.config.shaping;
-        // A person may abort a descent at any height over a deck that comes up: the sink is
-        // braked as hard as a descent brakes, only the climb is gentle.
+        // A pilot may abort a descent at any height over a rising deck: the sink is braked as hard as in a descent,
+        // only the climb is gentle.
         let sinks = matches!(q.goal, Goal::Hold | Goal::Leave)
             && q.start[state::V_DOWN] > 0.3
             && q.start[state::DOWN] > z - 1.0;
@@ -372,7 +367,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Down at constant speed relative to the predicted deck, from the clearance there is now.
+    /// References that sink at constant speed relative to the predicted deck, from the present clearance.
     fn sink(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let (feet, step_s, mission) = (self.drone.feet_below_m, self.config.step_s, &q.view.mission);
         self.vertical = ReferenceGovernor::default();
@@ -431,7 +426,7 @@ impl ReferenceGenerator {
             settle_s,
         };
         let (psi, rate) = target(0);
-        // The target nearest to the plan's own heading: the shortest way round.
+        // The target heading closest to the plan's, so that the drone turns the short way.
         let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
         let start = GovernedMotion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(
@@ -455,15 +450,14 @@ impl ReferenceGenerator {
 /// Goal of the trajectory in a mission state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
-    /// Stay at a place.
     Hold,
-    /// Up from the deck, in place over it.
+    /// Climb from the deck, keeping the place over it.
     Leave,
-    /// Over the deck at a height above its mean.
+    /// Stay over the deck at a height above its mean.
     Above,
-    /// Down towards the deck, level.
+    /// Sink towards the deck, level.
     Sink,
-    /// Onto the deck, aligned with it.
+    /// Land on the deck, aligned with it.
     Touch,
 }
 
@@ -476,11 +470,11 @@ impl Goal {
     }
 }
 
-/// Height over the deck against time: constant speed down to contact, then on into the deck for a
-/// little and gently to rest, so that contact is pressed home.
+/// Height over the deck against time: constant speed down to contact, then below the deck's plane with an exponential
+/// decay, which keeps pressure on the contact.
 #[derive(Clone, Copy, Debug)]
 struct Profile {
-    /// Clearance now; below contact, what it would be had the sinking not slowed.
+    /// Present clearance; below contact, the clearance that would result if the descent had not slowed down.
     unslowed_m: f64,
     speed_mps: f64,
     press_m: f64,
@@ -500,7 +494,7 @@ impl Profile {
             press_m,
         }
     }
-    /// Clearance (m) and speed downwards relative to the deck (m/s) after `time_s`.
+    /// Clearance (m) and sink rate relative to the deck (m/s) after `time_s`.
     fn at(&self, time_s: f64) -> (f64, f64) {
         let s = self.unslowed_m - self.speed_mps * time_s;
         if s >= 0.0 {
@@ -511,8 +505,8 @@ impl Profile {
     }
 }
 
-/// The deck now and at each stage. After the forecast's end it moves on at constant velocity with
-/// its last attitude; empty if the forecast does not cover `now`.
+/// The deck now and at each stage. After the forecast's end the deck continues at constant velocity with its last
+/// attitude; empty if the forecast does not cover `now`.
 fn sample_deck(
     now: Time<DroneClock>,
     forecast: &DeckForecast,
@@ -525,7 +519,7 @@ fn sample_deck(
     };
     let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
     for k in 0..=stages {
-        // A forecast stamped just ahead of now begins with its first stage.
+        // A forecast stamped just ahead of now starts with its first stage.
         let t = (now + Span::from_secs(step_s * k as f64)).max(forecast.header.at);
         let beyond = (t - end).secs();
         if beyond > 0.0 {
@@ -560,7 +554,7 @@ mod tests {
             before = (c, v);
         }
         assert!(before.0 > -0.3 && before.0 < -0.29 && before.1 < 0.01);
-        // Restarted from where it is below contact, it is the same profile.
+        // A profile that restarts below contact is the same.
         let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
         assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
         assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());

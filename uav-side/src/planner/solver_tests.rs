@@ -1,5 +1,3 @@
-//! The planner's solver against a dense one, and sides that it has to keep.
-
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::SVector;
 
@@ -10,7 +8,7 @@ use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
 use super::tests::naive;
 use super::*;
 
-/// Every tenth problem of a landing that begins 5 m aside, and whether the solver was needed.
+/// Every tenth problem of a landing that starts 5 m from the deck's centre, and whether the solver was needed.
 fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     let (mut all, mut count) = (Vec::new(), 0);
     let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
@@ -23,7 +21,7 @@ fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     all
 }
 
-/// Costs of 20 stages whose weight of the tilt grows.
+/// Costs of 20 stages with an increasing weight of the tilt.
 fn weights_that_grow() -> Vec<StageCost<4>> {
     let cost = |k: u8| StageCost {
         reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
@@ -52,7 +50,7 @@ fn condensed_solution_against_dense_optimum() {
 
 #[test]
 fn qp_solution_against_dense_optimum() {
-    // Half the slew and less tilt than usual, so that limits are met often.
+    // Half the slew and less tilt than the default, so that limits are often reached.
     let mut c = PlannerConfig::default();
     c.rotors.slew_per_s = 4.0;
     c.limits.tilt_deg = 10.0;
@@ -67,7 +65,7 @@ fn qp_solution_against_dense_optimum() {
         mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
         assert_eq!(solution.solve, Solve::Optimal);
         let mut data = naive_data(&c, &mpc, &problem);
-        // Inputs late in the horizon hardly matter to the cost: only a tight gap pins them down.
+        // Late inputs hardly affect the cost, so only a tight gap determines them.
         data.tolerance = 1e-12;
         let dense = naive::constrained(&data).expect("solved");
         worst = worst.max(largest_difference(&solution.inputs, &dense));
@@ -76,7 +74,7 @@ fn qp_solution_against_dense_optimum() {
         compared += 1;
     }
     assert!(compared > 20, "{compared}");
-    // Of a range of 0.6 in tilt; our gap is 1e-9.
+    // The tilt input has a range of 0.6, and the solver's gap is 1e-9.
     assert!(worst < 2e-3, "{worst}");
 }
 
@@ -95,13 +93,12 @@ fn factor_of_one_tilt_for_the_other() {
     assert_eq!(own, adopted);
 }
 
-/// The largest difference of two series of inputs.
 fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
     let pairs = a.iter().flatten().zip(b.iter().flatten());
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// A volume's side turns with the deck and heaves, so that a drone is on its wrong side without having moved.
+/// A volume's side turns and heaves with the deck, so that a drone may be on the wrong side without having moved.
 #[test]
 fn planner_on_the_wrong_side_of_a_volume() {
     let config = PlannerConfig::default();

@@ -12,7 +12,7 @@ use super::law::LandingStart;
 use super::model::{INPUTS, ModelState, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 
-/// A plan as the solver left it: exact at any time, not only at its stages.
+/// A plan as returned by the solver, exact at any time.
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {
     pub at: Time<DroneClock>,
@@ -21,8 +21,8 @@ pub(super) struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// State and input at a time, exactly: whole stages from the solver's states, the rest rolled. Before its start
-    /// the start, after its end constant velocity and level.
+    /// State and input at `t`, exactly: whole stages from the solver's states, the remainder by the discretised model.
+    /// Before the plan's start this is the start; after its end the drone continues at constant velocity and level.
     pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (ModelState, [f64; INPUTS]) {
         let step = mpc.step_s();
         let x = (t - self.at).secs().max(0.0) / step;
@@ -56,16 +56,15 @@ impl SolvedPlan {
     }
 }
 
-/// Where a plan begins.
 pub(super) struct PlanStart {
     pub state: ModelState,
     pub input: [f64; INPUTS],
-    /// At the measured state: nothing of the previous plan goes on.
+    /// Whether the plan starts from the measured state, independent of the previous plan.
     pub measured: bool,
 }
 
-/// The start of the next plan of `previous` for a drone of this odometry in this wind (m/s²). In a `landing` that asks
-/// for it, no higher above the drone and sinking no slower than `reset` allows, and nearer to its place.
+/// Start of the plan after `previous`, for a drone with this odometry in this wind (m/s²). With `landing`, the start is
+/// no higher above the drone and sinks no slower than `reset` allows, and it is shifted towards the drone's position.
 pub(super) fn start(
     now: Time<DroneClock>,
     drone: &DroneState,
@@ -94,8 +93,8 @@ pub(super) fn start(
                 ..
             }) = landing
             {
-                // A drone that is lower than its plan meets the deck sooner and faster than the plan believes.
-                // One that is higher keeps the plan: the gap is what presses it down.
+                // A drone below its plan would meet the deck sooner and faster than planned. A drone above it keeps the
+                // plan, because the gap drives it down.
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
@@ -111,7 +110,7 @@ pub(super) fn start(
             };
         }
     }
-    // Limits are soft except those of the inputs, and hover is inside these.
+    // All limits are soft except the inputs', and hover is within these.
     PlanStart {
         state: measured,
         input: [0.0; INPUTS],

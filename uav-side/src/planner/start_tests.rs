@@ -1,13 +1,13 @@
-//! Start of a plan of the landing: with the drone when that is ahead, with the plan when it is behind; aside of it,
-//! between the two.
+//! Start of a landing's plan: at the drone if the drone is ahead of the plan, at the plan if the drone is behind, and
+//! between both if the drone is off to the side.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use super::tests::approach::{ABOVE, Approach, MODERATE};
 use super::*;
 
-/// A descent of two seconds, then one odometry with the drone off its plan by `place` in place (m) and by `faster` in
-/// velocity (m/s) on this axis. Gives how far off the last plan the next one begins.
+/// A descent of two seconds, then one odometry sample in which the drone is off its plan by `place` (m) and `faster`
+/// (m/s) on this axis. Returns the offset of the next plan's start from the last plan.
 fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
     let config = PlannerConfig {
         kind,
@@ -63,7 +63,7 @@ fn plan_start_with_a_drone_ahead_or_behind() {
 
 #[test]
 fn plan_start_with_a_drone_aside() {
-    // Plans come at 50 Hz: 1 - exp(-0.02 / 0.3) of the gap each.
+    // Plans at 50 Hz: each closes 1 - exp(-0.02 / 0.3) of the gap.
     for axis in [0, 1] {
         let [place, velocity] = begins(PlannerKind::Alight, axis, 0.3, -0.6);
         assert!(

@@ -1,5 +1,3 @@
-//! The planner in a closed loop, and bad input.
-
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckStage, Header, State as Mode};
 use alight_shared::surroundings::{KeepOut, Surroundings};
@@ -100,7 +98,7 @@ fn mpc_faa_with_both_published_horizons() {
     assert!(contact.tilt.to_degrees() < 2.0, "{contact:?}");
 }
 
-/// One planner and its follower, for tests that drive it directly.
+/// Planner and follower for tests that run them directly.
 struct Bench {
     planner: Planner,
     follower: PlanFollower,
@@ -135,13 +133,13 @@ impl Bench {
         self.follower.end_tick(plan);
         plan
     }
-    /// So many of them; the last plan.
+    /// Runs `count` ticks; returns the last plan.
     fn ticks(&mut self, count: usize, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         (0..count).filter_map(|_| self.tick(mission, sea)).last()
     }
 }
 
-/// A mission above the deck or down to it.
+/// Mission state that keeps the drone above the deck or takes it down to the deck.
 fn landing(state: Mode) -> MissionState {
     MissionState {
         state,
@@ -186,7 +184,7 @@ fn planner_to_a_far_target() {
     assert!((5.0..8.3).contains(&speed), "{speed}");
     assert!(tilt.to_degrees() < 30.0 && rate < 1.0, "{tilt} {rate}");
     assert!(overshoot.abs() < 0.05 && b.follower.drone.velocity().norm() < 0.05);
-    // The short way round from 0 to 3 rad is through 1.5, and it gets there.
+    // The short way from 0 to 3 rad is through 1.5, and the turn completes.
     assert!((wrap_angle(b.follower.drone.euler().z - 3.0)).abs() < 0.02);
     assert_eq!(b.planner.resets, 1);
 }
@@ -205,7 +203,7 @@ fn planner_rates() {
             height_m: 7.0,
             ..hold(ABOVE)
         };
-        // A second of 100 ticks.
+        // One second at 100 Hz.
         let plans = (0..100).filter(|_| b.tick(mission, Some(&MODERATE)).is_some());
         assert_eq!(plans.count(), rate_hz, "{state:?}");
     }
@@ -237,7 +235,7 @@ fn planner_tracking_without_heave() {
 
 #[test]
 fn planner_leaving_a_deck_under_way() {
-    // A deck that drives at 7 m/s and has begun to rise at 2 m/s; half a metre above it, sinking onto it.
+    // A deck under way at 7 m/s that has begun to rise at 2 m/s; the drone is half a metre above it and sinks.
     let deck = |t: f64| DeckStage {
         position: [7.0 * t, 0.0, -1.3 - 2.0 * t],
         velocity: [7.0, 0.0, -2.0],
@@ -294,7 +292,7 @@ fn planner_escape_direction_and_sector() {
     };
     let r = aside(&b);
     assert!(r.x < -4.0 && r.y.abs() < 0.5, "astern: {r:?}");
-    // Back over the deck by the bow only.
+    // The way back over the deck leads round the bow.
     b.around.sector = [-0.5, 1.0];
     let mut came = None;
     for _ in 0..3000 {
@@ -311,7 +309,7 @@ fn planner_escape_direction_and_sector() {
 
 #[test]
 fn planner_minimum_altitude() {
-    // Commanded to land 6 m off the deck: it may descend only to the minimum altitude over the water.
+    // Commanded to land 6 m off the deck, it may descend only to the minimum altitude over the water.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
     let mission = MissionState {
@@ -328,7 +326,7 @@ fn planner_minimum_altitude() {
             for (i, s) in plan.stages.iter().enumerate() {
                 let t = plan.header.at + plan.step * i as i64;
                 let d = MODERATE.deck(t.secs()).position;
-                // Outside the outline widened by half a metre.
+                // This place is outside the outline widened by half a metre.
                 if (s.position[0] - d[0]).hypot(s.position[1] - d[1]) > 2.3 {
                     lowest = lowest.min(-s.position[2]);
                 }
@@ -343,7 +341,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     b.ticks(50, hold([0.0, 0.0, -10.0]), None);
     assert_eq!(b.planner.resets, 1);
-    // Pushed aside by 2 m.
+    // The drone is displaced by 2 m.
     b.follower.plan = None;
     b.follower.drone.position = [2.0, 0.0, -10.0];
     let plan = (0..10)
@@ -351,7 +349,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
         .expect("plans");
     assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
     assert_eq!(b.planner.resets, 2);
-    // Half a metre is the tracker's business.
+    // The tracker has to close a gap of half a metre.
     b.follower.plan = None;
     b.follower.drone.position[0] = plan.stages[1].position[0] + 0.5;
     b.tick(hold([0.0, 0.0, -10.0]), None);
@@ -374,13 +372,13 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
 
 #[test]
 fn planner_without_a_forecast() {
-    // Alight sinks at 2.5 m/s when the forecast ends, and has further to come back.
+    // Alight sinks at 2.5 m/s when the forecast ends, and needs longer to return.
     [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)]
         .into_iter()
         .for_each(stays_without_forecast);
 }
 
-fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
+fn stays_without_forecast((kind, ticks): (PlannerKind, usize)) {
     let mut b = Bench::of(kind, ABOVE);
     b.ticks(300, landing(Mode::Tracking), Some(&MODERATE));
     b.ticks(100, landing(Mode::Descent), Some(&MODERATE));
@@ -392,7 +390,7 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
         }
         b.follower.drone.position()
     };
-    let stopped = stays(settled - 60);
+    let stopped = stays(ticks - 60);
     let moved = (stays(399) - stopped).norm();
     let still = b.follower.drone.velocity().norm() < 0.02;
     assert!(moved < 0.1 && still, "{moved} {kind:?}");
@@ -438,13 +436,13 @@ proptest! {
     fn rotor_limits_with_any_problem(
         state in prop::array::uniform12(-3.0..3.0_f64),
         target in prop::array::uniform12(-20.0..20.0_f64),
-        growth in 0.0..1.0_f64,
+        clearance_m in 0.0..1.0_f64,
         previous in prop::array::uniform4(-0.2..0.2_f64),
     ) {
         let c = PlannerConfig::default();
         let drone = DroneGeometry::default();
         let mut mpc = Mpc::new(&c, &drone);
-        let weight = c.faa.apply(&c.landing.diagonal(), growth);
+        let weight = c.faa.apply(&c.landing.diagonal(), clearance_m);
         let mut problem = Problem {
             state,
             input: previous,
@@ -513,7 +511,7 @@ proptest! {
                 prop_assert!(plan.check().is_ok());
                 prop_assert_eq!(plan.header.at, now);
                 prop_assert!(plan.stages.len() >= 20);
-                // Thrust stays inside what the rotors give, whatever was asked.
+                // Thrust stays within the rotors' limits.
                 let up = GRAVITY * (drone_geometry.max_thrust_n / (drone_geometry.mass_kg * GRAVITY) - 1.0);
                 for s in plan.stages.iter() {
                     prop_assert!(s.acceleration[2] <= GRAVITY + 1e-6 && s.acceleration[2] >= -up - 1e-6);
@@ -526,8 +524,8 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
 
-    /// A drone that begins outside a volume next to a rocking deck is asked to follow the deck, to land, to leave or to
-    /// hold a place anywhere, even within the volume.
+    /// A drone that starts outside a volume next to a rocking deck has to follow the deck, land, leave, or hold a place
+    /// anywhere, even within the volume.
     #[test]
     fn planner_clear_of_volumes(
         low in prop::array::uniform2(-5.0..4.0_f64), size in prop::array::uniform3(0.2..3.0_f64),
@@ -561,7 +559,7 @@ proptest! {
             let Some(plan) = b.tick(mission, Some(&MODERATE)) else { continue };
             let deck = MODERATE.deck(plan.header.at.secs());
             let Some(s) = plan.stages.first() else { continue };
-            // Bounds are soft; the 0.5 m that drone and forecast may err by end at the drone's own outline.
+            // Bounds are soft: the volume includes a margin of 0.5 m for the errors of drone and forecast.
             let gap = q(&deck, s.position);
             prop_assert!(gap > -0.5, "{gap:.2} {s:?}, from {from:?}");
         }

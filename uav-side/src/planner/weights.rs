@@ -1,5 +1,5 @@
-//! State weights that grow as the deck comes near: Forcing Attitude Alignment (FAA) of Procházka et
-//! al. 2024, section III and Table 4.
+//! State weights that increase near the deck: Forcing Attitude Alignment (FAA) of Procházka et al. 2024, section III
+//! and Table 4.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ use super::model::{ModelState, STATES, state};
 config! {
     /// Diagonal of Q far from the deck, by the paper's groups of states.
     ///
-    /// Defaults: Landing: Procházka 2024, Table 4, with the exponentials gone.
+    /// Defaults: Landing: Procházka 2024, Table 4, without the exponentials.
     #[derive(Copy)]
     pub struct Weights {
         /// Position x, y, 1/m².
@@ -34,7 +34,7 @@ config! {
 }
 
 impl Weights {
-    /// Q's diagonal in the paper's order of states.
+    /// Diagonal of Q in the paper's order of states.
     pub const fn diagonal(&self) -> ModelState {
         let (p, v, w) = (self.horizontal, self.horizontal_velocity, self.rates);
         [
@@ -58,9 +58,9 @@ impl Weights {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Growth {
-    /// Added at contact, in the weight's own unit.
+    /// Addition at contact, in the weight's own unit.
     pub gain: f64,
-    /// Decay with clearance, 1/m.
+    /// Decay with the clearance, 1/m.
     pub decay_per_m: f64,
 }
 
@@ -83,24 +83,24 @@ impl Check for Growth {
     }
 }
 
-/// Which clearance `d` the weights of a stage see.
+/// Clearance `d` on which the weights of a stage depend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaaDistance {
-    /// The clearance now, for all stages (the paper).
+    /// Present clearance, for all stages (the paper).
     #[default]
     Current,
-    /// The clearance that the reference has at each stage.
+    /// Clearance of the reference at each stage.
     PerStage,
 }
 
 config! {
-    /// Weights that grow near the deck.
+    /// Weights that increase near the deck.
     ///
     /// Defaults: Procházka 2024, Table 4.
     #[derive(Copy)]
     pub struct Faa {
-        /// Which clearance counts.
+        /// Clearance on which the weights depend.
         pub distance: FaaDistance = FaaDistance::Current;
         /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
         pub tilt: Growth = Growth {
@@ -121,8 +121,7 @@ config! {
 }
 
 impl Faa {
-    /// Q's diagonal at clearance `d` of the foot plane above the deck, m; below the deck counts
-    /// as contact.
+    /// Diagonal of Q at the clearance `d` of the foot plane above the deck, m; below the deck it is that of contact.
     pub fn apply(&self, far: &ModelState, clearance_m: f64) -> ModelState {
         let d = clearance_m.max(0.0);
         let mut q = *far;
@@ -147,7 +146,7 @@ mod tests {
             far,
             [30.0, 30.0, 40.0, 1.0, 1.0, 50.0, 1.0, 1.0, 3000.0, 1.0, 1.0, 1.0]
         );
-        // The attitude weight at the clearances listed in the reference: 3, 47, 339, 2490, 18395.
+        // The reference lists the attitude weight at these clearances: 3, 47, 339, 2490, 18395.
         for (d, expected) in [
             (1.0, 3.27),
             (0.7, 46.6),

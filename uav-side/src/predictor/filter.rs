@@ -3,6 +3,8 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::AidSource;
+use alight_shared::msg::PredictorCheckpoint;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector2};
 
@@ -66,8 +68,8 @@ pub struct Filter {
     common_tilt: f64,
     entries: VecDeque<Entry>,
     spare: Vec<Box<FilterState>>,
-    /// Consecutive rejections: radio, vision.
-    rejected: [u32; 2],
+    /// By [`ObservationKind`].
+    sources: [AidSource<DroneClock>; ObservationKind::COUNT],
     /// The radio is received.
     radio_available: bool,
     /// Degrees of freedom that were ever measured by the camera or the rangefinder.
@@ -102,7 +104,7 @@ impl Filter {
             common_tilt,
             entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
             spare: Vec::new(),
-            rejected: [0; 2],
+            sources: Default::default(),
             radio_available: true,
             observed: [false; AXES],
             by_relative: false,
@@ -148,6 +150,10 @@ impl Filter {
     /// The state after the newest observation.
     pub fn last(&self) -> Option<&FilterState> {
         self.entries.back().map(|e| &*e.after)
+    }
+    /// Record of the observations of this kind.
+    pub fn source(&self, kind: ObservationKind) -> &AidSource<DroneClock> {
+        &self.sources[kind as usize]
     }
     /// Time of the newest observation.
     pub fn newest(&self) -> Option<Time<DroneClock>> {
@@ -217,12 +223,14 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
-    /// Vision's slow error less the radio's was known before the filters began.
-    pub fn know_offset(&mut self, offset: &[f64; AXES], variance: &[f64; AXES]) {
+    /// Vision's slow error less the radio's was known before the filters began, with this variance now.
+    pub fn resume(&mut self, m: &PredictorCheckpoint, variance: &[f64; AXES]) {
         self.observed = [true; AXES];
+        self.sources[ObservationKind::Tag as usize].fused_at = m.tag_at;
+        self.sources[ObservationKind::Uvdar as usize].fused_at = Some(m.vision_at);
         let Some(e) = self.keep_newest() else { return };
         for (i, a) in e.after.iter_mut().enumerate() {
-            a.update(MeasurementRow::Offset, offset[i], variance[i]);
+            a.update(MeasurementRow::Offset, m.offset[i], variance[i]);
         }
     }
     /// The place in the drone's frame was measured wrong, by `apart_m`: each axis is as uncertain as that now, and the camera's rotation,
@@ -311,7 +319,7 @@ impl Filter {
                 self.spare.push(e.after);
             }
         }
-        self.reset_after_rejections(o.kind, gated);
+        self.record(o, gated);
         if gated == 0 {
             Fused::All
         } else {
@@ -436,20 +444,21 @@ impl Filter {
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be
     /// wrong become uncertain.
-    fn reset_after_rejections(&mut self, kind: ObservationKind, gated: u32) {
-        let (channel, slow) = match kind {
-            ObservationKind::Estimate => (0, super::axis::RADIO),
-            ObservationKind::Tag | ObservationKind::Uvdar => (1, VISION),
+    fn record(&mut self, o: &DeckObservation, gated: u32) {
+        let source = &mut self.sources[o.kind as usize];
+        source.record(o.at, 0.0, gated == 0);
+        let slow = match o.kind {
             ObservationKind::Range | ObservationKind::Relative => return,
+            ObservationKind::Estimate => super::axis::RADIO,
+            ObservationKind::Tag | ObservationKind::Uvdar => VISION,
         };
-        let Some(count) = self.rejected.get_mut(channel) else {
-            return;
-        };
-        *count = if gated > 0 { *count + 1 } else { 0 };
-        if *count < MAX_CONSECUTIVE_REJECTIONS {
+        if gated < GROUPS.len() as u32 {
+            source.fused_at = source.fused_at.max(Some(o.at));
+        }
+        if source.rejections < MAX_CONSECUTIVE_REJECTIONS {
             return;
         }
-        *count = 0;
+        source.rejections = 0;
         let reset_sd = [2.0, 2.0, 2.0, 0.1, 0.1, 0.5];
         if let Some(e) = self.entries.back_mut() {
             for (i, a) in e.after.iter_mut().enumerate() {

@@ -36,6 +36,7 @@ use super::own::OwnModel;
 use super::relative::RelativeTrust;
 use super::track::DroneTrack;
 use super::waves::{AXES, Waves};
+use ObservationKind::{Estimate, Range, Tag};
 use alight_shared::checkpoint::Recovery;
 
 /// Input that arrived since the last step.
@@ -103,6 +104,7 @@ wiring! {
 
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
+const CAMERA: [ObservationKind; 2] = ObservationKind::CAMERA;
 /// Before the first state of the link, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
@@ -121,11 +123,7 @@ pub struct Predictor {
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
-    radio_at: Option<Time<DroneClock>>,
     radio_sequence: Option<(u32, u32)>,
-    vision_at: Option<Time<DroneClock>>,
-    tag_at: Option<Time<DroneClock>>,
-    range_at: Option<Time<DroneClock>>,
     /// When tags that are another vessel's were detected last, and how far from the radio's place they may be and are, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     relative: RelativeTrust,
@@ -165,11 +163,7 @@ impl Predictor {
             track: DroneTrack::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
-            radio_at: None,
             radio_sequence: None,
-            vision_at: None,
-            tag_at: None,
-            range_at: None,
             elsewhere: None,
             relative: RelativeTrust::default(),
             height: HeightAgreement::default(),
@@ -211,6 +205,17 @@ impl Predictor {
             return Err(RejectionReason::Future);
         }
         Ok(())
+    }
+
+    /// Time of the newest fused observation of these kinds.
+    fn fused_at(&self, kinds: &[ObservationKind]) -> Option<Time<DroneClock>> {
+        let filter = self.filter.as_ref()?;
+        kinds.iter().filter_map(|k| filter.source(*k).fused_at).max()
+    }
+    /// Time since then, s; infinite where there is none.
+    fn age_s(&self, now: Time<DroneClock>, kinds: &[ObservationKind]) -> f64 {
+        self.fused_at(kinds)
+            .map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
     }
 
     fn fuse(&mut self, o: &DeckObservation) -> Result<(), RejectionReason> {
@@ -268,8 +273,7 @@ impl Predictor {
     fn forget_frame(&mut self) {
         self.track = DroneTrack::default();
         (self.filter, self.own) = (None, None);
-        (self.radio_at, self.radio_sequence) = (None, None);
-        (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
+        (self.radio_sequence, self.elsewhere) = (None, None);
         self.relative.forget_frame();
         self.height = HeightAgreement::default();
         self.level = MeanDeckLevel::default();
@@ -280,7 +284,8 @@ impl Predictor {
         Self::admit(now, m)?;
         let at = m.header.at;
         let period = Span::from_secs(self.config.range_period_s);
-        if self.range_at.is_some_and(|t| at - t < period) {
+        let newest = self.filter.as_ref().and_then(|f| f.source(Range).measured_at);
+        if newest.is_some_and(|t| at - t < period) {
             return Ok(());
         }
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
@@ -299,15 +304,11 @@ impl Predictor {
             .relative
             .state(at)
             .map_or(f64::INFINITY, |r| r.stands_in_age_s());
-        let sees = by_relative_s < self.config.fresh_s
-            || self
-                .vision_at
-                .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
+        let sees = by_relative_s.min(self.age_s(at, &CAMERA)) < self.config.fresh_s;
         let [_, _, height, ..] = measurement::innovations(&axes, &modes, lever_arm, &o);
         if let Some(innovation) = height.filter(|_| sees) {
             self.height.take(at, axes[2].normalised(&innovation));
         }
-        self.range_at = Some(at);
         self.fuse(&o)
     }
 
@@ -320,7 +321,7 @@ impl Predictor {
         if !recovery.poll(now, self.boot, given) {
             return;
         }
-        let Some(m) = recovery.checkpoint().filter(|_| self.vision_at.is_none()) else {
+        let Some(m) = recovery.checkpoint().filter(|_| self.fused_at(&CAMERA).is_none()) else {
             self.recovery = None;
             return;
         };
@@ -332,8 +333,7 @@ impl Predictor {
         self.recovery = None;
         if checkpoint::is_valid(now, drone, vessel_boot, &m) {
             let noise = AxisNoise::all(&self.config);
-            filter.know_offset(&m.offset, &checkpoint::variances(now, &noise, &m));
-            (self.vision_at, self.tag_at) = (Some(m.vision_at), m.tag_at);
+            filter.resume(&m, &checkpoint::variances(now, &noise, &m));
         }
     }
 
@@ -350,8 +350,8 @@ impl Predictor {
                 ..*forecast
             },
             vessel_boot: self.radio_sequence?.0,
-            vision_at: self.vision_at?,
-            tag_at: self.tag_at,
+            vision_at: self.fused_at(&CAMERA)?,
+            tag_at: self.fused_at(&[Tag]),
             offset: offset.map(|(value, _)| value),
             offset_sd: offset.map(|(_, variance)| variance.sqrt()),
             datum: drone.datum,
@@ -383,15 +383,13 @@ impl Predictor {
             let admitted = self.drone(now, d);
             self.count(admitted);
         }
+        let vision_suffices = self.age_s(now, &[Tag]) < self.config.radio_after_vision_s;
         let c = &self.config;
         let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
         let rolled_s = self.waves.reach_s().max(c.fresh_s);
         if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > rolled_s) {
             f.hold_modes(&mut self.waves);
         }
-        let vision_suffices = self
-            .tag_at
-            .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
         let use_wave_model = c.use_wave_model;
         if let Some(p) = &input.prediction {
             let admitted = Self::admit(now, p);
@@ -422,15 +420,14 @@ impl Predictor {
     /// While the radio is silent the drone identifies the vessel's motion itself; the modes that came last are held until
     /// its own are there.
     fn identify(&mut self, now: Time<DroneClock>) {
-        let silent = |at: Option<Time<DroneClock>>, s: f64| at.is_none_or(|t| (now - t).secs() > s);
-        if !silent(self.radio_at, self.config.fresh_s) {
+        if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
             self.own = None;
             return;
         }
         let own = self.own.get_or_insert_with(|| OwnModel::new(&self.config));
         let newer = own.step(now, self.waves.lever_arm());
         let reach_s = self.waves.reach_s().max(self.config.fresh_s);
-        let ours = newer && silent(self.slopes.map(|(at, _)| at), reach_s);
+        let ours = newer && self.slopes.is_none_or(|(at, _)| (now - at).secs() > reach_s);
         if ours && let Some((at, identified)) = own.publish(&mut self.waves) {
             self.follow_modes(at, identified);
         }
@@ -453,8 +450,7 @@ impl Predictor {
     }
 
     fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
-        let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
-        let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
+        let [radio_age_s, vision_age_s] = [self.age_s(now, &[Estimate]), self.age_s(now, &CAMERA)];
         let unknown = !(radio_age_s.min(vision_age_s) < self.config.silence_s);
         if unknown || radio_age_s.min(vision_age_s) > SILENT_S && self.known_by_beacon(now).is_some() {
             let ages = [radio_age_s, vision_age_s];
@@ -507,7 +503,7 @@ impl Predictor {
             source,
             radio_age_s,
             vision_age_s,
-            tag_age_s: age(self.tag_at),
+            tag_age_s: self.age_s(now, &[Tag]),
             beacon: self.known_by_beacon(now).map(|b| [b.sd_m, b.age_s]),
             relative: self.relative.state(now),
             decks_in_sight: self.decks.undecided(now),

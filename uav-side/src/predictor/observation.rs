@@ -31,6 +31,11 @@ pub enum ObservationKind {
     Relative,
 }
 
+impl ObservationKind {
+    pub(super) const COUNT: usize = 5;
+    pub(super) const CAMERA: [ObservationKind; 2] = [ObservationKind::Tag, ObservationKind::Uvdar];
+}
+
 /// A value and its variance.
 pub type Measured = Option<(f64, f64)>;
 

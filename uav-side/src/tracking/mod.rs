@@ -1,9 +1,9 @@
 //! The tracking loop: plan and odometry in, attitude and thrust out.
 //!
-//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, turned into a thrust vector and by flatness into an
-//! attitude. The plan's own attitude enters with the autopilot's lag compensated, the feedback as
-//! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
-//! plan's attitude at the contact, a few centimetres off the plan's place.
+//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, converted to a thrust vector and by flatness to an
+//! attitude. The plan's attitude is fed forward with the autopilot's lag compensated; the feedback is not compensated,
+//! and its authority over the tilt fades towards the deck: at contact the plan's attitude matters more than a few
+//! centimetres of position.
 
 mod config;
 mod estimate;
@@ -17,10 +17,9 @@ use crate::flatness::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_atti
 pub use config::TrackingConfig;
 pub(crate) use estimate::FlightEstimator;
 
-/// The time constant of the attitude for which the default gains are laid out, s.
+/// Time constant of the attitude for which the default gains are designed, s.
 pub(crate) const DESIGN_LAG_S: f64 = 0.2;
 
-/// Attitude and thrust to command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AttitudeCommand {
     /// Rotation NED from body.
@@ -31,25 +30,24 @@ pub(crate) struct AttitudeCommand {
     pub(crate) thrust: f64,
 }
 
-/// Authority of the feedback.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Authority {
     /// Tilt that the feedback may add, rad.
     pub(crate) tilt: f64,
-    /// Fraction of the disturbance's compensation, 0 to 1.
+    /// Fraction of the disturbance that is compensated, 0 to 1.
     pub(crate) disturbance: f64,
-    /// The disturbance that the plan's attitude allows for already, NED, m/s².
+    /// Disturbance that the plan's attitude already compensates, NED, m/s².
     pub(crate) planned: Vector2<f64>,
-    /// Whether the integral may move.
+    /// Whether the integral may change.
     pub(crate) integrate: bool,
-    /// The vertical force comes before the horizontal one, at any attitude.
+    /// Whether the vertical force has priority over the horizontal one, at any attitude.
     pub(crate) brakes: bool,
-    /// Bound of the acceleration downwards, NED z, m/s²; where it acts, the vertical force comes first, too.
+    /// Limit of the downward acceleration, NED z, m/s²; while this limit is active, the vertical force has priority as
+    /// well.
     pub(crate) down_mps2: f64,
 }
 
 impl Authority {
-    /// In the descent.
     pub(crate) fn descent(c: &TrackingConfig) -> Self {
         Authority {
             tilt: c.descent_feedback_tilt_rad,
@@ -60,7 +58,7 @@ impl Authority {
             down_mps2: f64::INFINITY,
         }
     }
-    /// In the flare, fading linearly below `fade_clearance_m`.
+    /// Authority in the flare, which fades linearly below `fade_clearance_m`.
     pub(crate) fn flare(clearance: f64, c: &TrackingConfig) -> Self {
         let s = (clearance / c.fade_clearance_m).clamp(0.0, 1.0);
         let mix = |low: f64, high: f64| low + s * (high - low);
@@ -75,7 +73,6 @@ impl Authority {
     }
 }
 
-/// The loop's memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tracker {
     integral: Vector3<f64>,
@@ -83,13 +80,12 @@ pub(crate) struct Tracker {
 }
 
 impl Tracker {
-    /// Forgets everything, e.g. when the autopilot has closed the loop in between.
+    /// Clears the state, e.g. after the autopilot has closed the loop.
     pub(crate) fn reset(&mut self) {
         *self = Tracker::default();
     }
 
-    /// The command that follows `stage` over the next `dt` (s), for an attitude loop of lag `lag`
-    /// (s).
+    /// Command that follows `stage` over the next `dt` (s), for an attitude loop of lag `lag` (s).
     pub(crate) fn track(
         &mut self,
         stage: &PlanStage,
@@ -123,8 +119,8 @@ impl Tracker {
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
         let unplanned = (estimate.disturbance() - authority.planned) * authority.disturbance;
         let push = horizontal - unplanned;
-        // The attitude is a state of the loop like place and velocity: feeding it back pays for
-        // their higher gains.
+        // The attitude is a state of the loop like position and velocity: its feedback makes their higher gains
+        // possible.
         let [roll, pitch, yaw] = stage.euler;
         let meant = thrust_of_attitude(
             &UnitQuaternion::from_euler_angles(roll, pitch, yaw),
@@ -132,18 +128,18 @@ impl Tracker {
             GRAVITY,
         );
         let is = thrust_of_attitude(&body.attitude, down, GRAVITY);
-        let lean = meant.xy() - is.xy() - unplanned + self.integral.xy();
+        let tilt_error = meant.xy() - is.xy() - unplanned + self.integral.xy();
         let push = push
             + cut2(
-                lean * c.attitude_gain,
+                tilt_error * c.attitude_gain,
                 GRAVITY * c.descent_feedback_tilt_rad.tan(),
             );
         thrust.x += push.x;
         thrust.y += push.y;
         let thrust = tilt_limited(&thrust, c.tilt_limit_rad, c.min_thrust_of_hover * GRAVITY);
         let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
-        // Only the part along the drone's present up axis acts (Lee et al. 2010), and of that the air
-        // gives the lift.
+        // Only the component along the drone's present up axis has an effect (Lee et al. 2010), less the lift of the
+        // air.
         let up = body.attitude * -Vector3::z();
         let upright = (-up.z).max(0.5);
         let mut along = thrust.dot(&up);
@@ -158,7 +154,7 @@ impl Tracker {
         }
     }
 
-    /// The command that lies on a deck: its attitude, and a set specific thrust (m/s²).
+    /// Command on a deck: the deck's attitude and a fixed collective thrust, 0 to 1.
     pub(crate) fn press(
         &mut self,
         up: Option<Vector3<f64>>,
@@ -196,14 +192,14 @@ impl Tracker {
     }
 }
 
-/// The attitude and thrust that bring a drone to `stage`, by nothing but its newest odometry: for who commands without a pilot.
-/// `hover` is the collective thrust that hovers, 0 to 1; the header is the caller's.
+/// Attitude and thrust that bring a drone to `stage`, from its newest odometry alone, for callers without a pilot.
+/// `hover` is the collective thrust in hover, 0 to 1; the caller sets the header.
 ///
-/// Nothing here knows the age of the odometry or how the autopilot answers, so the gains are those of a loop that keeps its
-/// margin with any of them: it crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at
-/// 1.7 rad/s horizontally, where 0.4 s of dead time and lag leave 37 deg.
+/// The age of the odometry and the autopilot's response are unknown here, so the gains keep a margin with any of them:
+/// the loop crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at 1.7 rad/s
+/// horizontally, where 0.4 s of dead time and lag leave 37 deg.
 pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
-    /// The command turns no further than the rate limit allows in this time, s: once, and not with each step.
+    /// Time over which the rate limit bounds the turn to the command, s; it applies once, not in each step.
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig {
         horizontal_kp: 0.7,

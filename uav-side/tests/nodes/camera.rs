@@ -1,6 +1,7 @@
 //! Arbitrary images and damaged files at the camera: no panic, no false detection, bounded memory.
 //!
-//! For minutes instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test nodes camera::`.
+//! To run for minutes: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test nodes
+//! camera::`.
 
 use std::cell::RefCell;
 
@@ -9,19 +10,19 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
 
-/// The first code of the family 36h11.
+/// First code of the family 36h11.
 const CODE_0: u64 = 0xd_5d62_8584;
 
-/// A drawing: what a real image can confront the detector with.
+/// Element of a synthetic image.
 #[derive(Clone, Debug)]
 enum Stroke {
-    /// A chequered field, of one level a filled rectangle: corner, size, cell, levels.
+    /// Chequered field, or with one level a filled rectangle: corner, size, cell, levels.
     Field([u16; 4], u8, [u8; 2]),
-    /// The tag, with some bits inverted: corner, cell, mask of wrong bits.
+    /// Tag with some bits inverted: corner, cell, mask of wrong bits.
     Tag([u16; 2], u8, u64),
-    /// Noise over everything: seed, strength.
+    /// Noise over the whole image: seed, strength.
     Noise(u32, u8),
-    /// A line of some width between two points.
+    /// Line of some width between two points.
     Line([u16; 4], u8, u8),
 }
 
@@ -131,11 +132,11 @@ fn node(width: usize, height: usize) -> CameraNode {
 }
 
 thread_local! {
-    /// One for all images, as in flight: what a strange one leaves behind meets the next.
+    /// All images go through this node, as in flight, so that state left by one image affects the next.
     static NODE: RefCell<CameraNode> = RefCell::new(node(320, 240));
 }
 
-/// A detected pose is valid.
+/// Whether a pose is detected; checks that it is valid.
 fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
     let Some(pose) = node.detect(image) else {
         return false;
@@ -157,7 +158,7 @@ proptest! {
     fn camera_with_images_of_another_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
         let image = draw(width, height, ground, &strokes);
         detects(&mut node(width, height), &image);
-        // The one that expects another size looks at none of it.
+        // A node that expects another size rejects the image.
         NODE.with_borrow_mut(|other| {
             prop_assert!((width, height) == (320, 240) || !detects(other, &image));
             Ok(())
@@ -201,7 +202,7 @@ fn camera_with_a_drawn_tag_and_noise() {
     ));
 }
 
-/// Resident memory of this process, pages; None where the system does not report it.
+/// Resident memory of this process, pages; None when the system does not report it.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     text.split_whitespace().nth(1)?.parse().ok()
@@ -226,7 +227,8 @@ fn camera_memory_over_a_thousand_images() {
         resident()
     };
     if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests run at the same time: 40 MB of pages is what they may take, a leak of an image each is 70 MB.
+        // Other tests run at the same time and may use 40 MB of pages; a leak of one image per detection would take 70
+        // MB.
         assert!(late < early + 10_000, "{early} to {late} pages");
     }
 }

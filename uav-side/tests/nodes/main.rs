@@ -1,6 +1,7 @@
-//! The drone's nodes from outside, one file a node, one program: it is built and linked once.
+//! Tests of the drone's nodes through their public interface. Each node has a file; together they are one program,
+//! which is built and linked once.
 
-// Helpers of tests may panic, as tests do.
+// Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod camera;

@@ -1,8 +1,10 @@
-//! Response of the hull to one wave, by the vessel model: a wall-sided hull of the model's stiffness, whose heave, roll and
-//! pitch answer as damped oscillators to a wave averaged over its length and beam, and which the water carries along.
+//! Response of the hull to a single wave by the vessel model: a wall-sided hull with the model's stiffness. Heave, roll
+//! and pitch respond as damped oscillators to a wave averaged over length and beam, and the water carries the hull
+//! along horizontally.
 //!
-//! In the wave `Re(e^{i psi})`, up, with `psi = omega_e t - k x` (deep water, `k = omega²/g`), relative direction `mu`
-//! (0: it runs where the bow points) and frequency of encounter `omega_e = omega - k U cos mu`:
+//! For the wave `Re(e^{i psi})`, positive up, with `psi = omega_e t - k x` (deep water, `k = omega²/g`), relative
+//! direction `mu` (0: following sea, running towards the bow) and frequency of encounter `omega_e = omega - k U cos
+//! mu`:
 //!
 //! ```text
 //! heave (down)   -N_0(k L cos mu / 2) N_0(k B sin mu / 2) H_3(omega_e)
@@ -12,20 +14,20 @@
 //! H_d(w) = w_d² / (w_d² - w² + 2 i zeta_d w_d w),  N_0(x) = sin x / x,  N_1(x) = 3 (sin x - x cos x) / x³
 //! ```
 //!
-//! `w_d² = G/M`, `zeta_d = D / (2 sqrt(G M))` and, of wall-sided hulls, `L² = 12 G_5/G_3`, `B² = 12 G_4/G_3` by the vessel
-//! model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). Horizontally the wave's pressure accelerates the hull
-//! like the water that it displaces, at any speed.
+//! `w_d² = G/M`, `zeta_d = D / (2 sqrt(G M))` and, for wall-sided hulls, `L² = 12 G_5/G_3`, `B² = 12 G_4/G_3` from the
+//! vessel model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). In the horizontal directions, the
+//! wave's pressure accelerates the hull like the water that it displaces, at any speed.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Complex, Vector3};
 
-/// A second over which a slope is averaged, as the apparent slope is, s.
+/// Averaging time of slopes, the same as for the apparent slope, s.
 const MEAN_S: f64 = 1.0;
 
-/// Signals of the deck's motion whose powers are compared.
+/// Number of compared signals of the deck's motion.
 pub(super) const SIGNALS: usize = 7;
-/// Apparent slope along and across the hull, averaged over a second.
+/// Apparent slope along and across the hull, averaged over one second.
 pub(super) const SLOPE: [usize; 2] = [0, 1];
 /// Vertical speed, m/s.
 pub(super) const SINK: usize = 2;
@@ -35,22 +37,20 @@ pub(super) const TILT: [usize; 2] = [3, 4];
 pub(super) const PUSH: usize = 5;
 pub(super) const LIFT: usize = 6;
 
-/// Powers of the signals.
 pub(super) type Powers = [f64; SIGNALS];
 
-/// A motion of the hull's reference point at one frequency, as complex amplitudes.
+/// Motion of the hull's reference point at one frequency, as complex amplitudes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HullMotion {
     /// Acceleration forward and to starboard, m/s².
     pub push: [Complex<f64>; 2],
-    /// Down, m.
+    /// Heave, positive down, m.
     pub heave: Complex<f64>,
-    /// Roll and pitch, rad.
     pub tilt: [Complex<f64>; 2],
 }
 
 impl HullMotion {
-    /// Squares of the amplitudes of the signals at the deck's centre (body frame, m), at the frequency `w`, rad/s.
+    /// Squared amplitudes of the signals at the deck's centre (body frame, m) at the frequency `w`, rad/s.
     pub(super) fn powers(&self, w: f64, deck: &Vector3<f64>) -> Powers {
         let i = Complex::i();
         let [roll, pitch] = self.tilt;
@@ -71,19 +71,19 @@ impl HullMotion {
     }
 }
 
-/// A wave as a hull meets it.
+/// Wave as encountered by a hull.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Encounter {
-    /// Angular frequency of the wave itself, rad/s.
+    /// Angular frequency of the wave, rad/s.
     pub omega: f64,
-    /// Direction towards which it runs, from the bow, rad.
+    /// Direction of propagation relative to the bow, rad.
     pub relative: f64,
-    /// Frequency of encounter, rad/s; negative where the vessel overtakes it.
+    /// Frequency of encounter, rad/s; negative if the vessel overtakes the wave.
     pub met: f64,
 }
 
 impl Encounter {
-    /// A wave of `omega` that runs towards `towards` and a vessel on this heading (rad) at this speed, m/s.
+    /// Wave of frequency `omega` propagating towards `towards`, met by a vessel with this heading (rad) and speed, m/s.
     pub(super) fn of(omega: f64, towards: f64, heading: f64, speed_mps: f64) -> Encounter {
         let relative = towards - heading;
         Encounter {
@@ -94,7 +94,7 @@ impl Encounter {
     }
 }
 
-/// A damped oscillator: natural frequency, rad/s, and relative damping.
+/// Damped oscillator: natural frequency, rad/s, and damping ratio.
 #[derive(Clone, Copy, Debug)]
 struct Oscillator {
     natural: f64,
@@ -118,7 +118,7 @@ pub(super) struct HullModel {
 }
 
 impl HullModel {
-    /// By the vessel model; a degree of freedom without stiffness follows the water.
+    /// Hull of the vessel model; a degree of freedom without stiffness follows the water.
     pub(super) fn of(model: &VesselModelConfig) -> HullModel {
         let (m, d, g) = (
             model.inertia_kg_kgm2,
@@ -152,7 +152,7 @@ impl HullModel {
             beam_m: size(ROLL),
         }
     }
-    /// Motion of the hull per metre of wave.
+    /// Motion of the hull per metre of wave amplitude.
     pub(super) fn motion(&self, e: &Encounter) -> HullMotion {
         let k = e.omega * e.omega / GRAVITY;
         let (sin, cos) = e.relative.sin_cos();
@@ -171,11 +171,9 @@ impl HullModel {
     }
 }
 
-/// `sin x / x`.
 fn mean_over(x: f64) -> f64 {
     if x.abs() < 1e-4 { 1.0 } else { x.sin() / x }
 }
-/// `3 (sin x - x cos x) / x³`.
 fn moment_over(x: f64) -> f64 {
     if x.abs() < 1e-2 {
         1.0 - 0.1 * x * x
@@ -201,7 +199,7 @@ mod tests {
         let (omega, k) = (0.5, 0.25 / GRAVITY);
         for relative in [0.0, 0.7, FRAC_PI_2, PI] {
             let (p, _) = powers(relative, omega, 0.0, Vector3::zeros());
-            // It heaves and tilts with the water, and what stands on it feels no slope.
+            // The hull heaves and tilts with the water, so the apparent slope vanishes.
             assert!((p[SINK].sqrt() - omega).abs() < 0.02 * omega, "{relative}");
             let tilt = (p[TILT[0]] + p[TILT[1]]).sqrt();
             assert!((tilt - k).abs() < 0.05 * k, "{relative}: {tilt}");

@@ -1,26 +1,25 @@
-//! The skipper's limits on the advice: how far the heading may change, how fast the vessel may go, and headings that no turn
-//! leads through.
+//! Limits on the advice set by the skipper: maximum change of heading, range of speeds, and headings to avoid, also
+//! while turning.
 
 use alight_shared::config;
 use alight_shared::frames::wrap_angle;
 
-/// Headings are looked at in steps of so much, rad: 1 deg.
+/// Angular step for checking headings, rad: 1 deg.
 const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
-/// Maximum turn where there are keep-out sectors, rad (150 deg): a half turn may be made by the other way, whose sectors were
-/// not checked.
+/// Maximum turn if there are keep-out sectors, rad (150 deg): a vessel may make a half turn either way, but only one
+/// way is checked.
 const SURE_TURN_RAD: f64 = 2.62;
-/// Sectors, at most.
 const MAX_SECTORS: usize = 8;
 
 config! {
-    /// The skipper's limits on the advised course. He steers, and is responsible for traffic and depth.
+    /// Limits on the advised course set by the skipper, who steers and is responsible for traffic and depth.
     pub struct AdviceConfig {
-        /// Largest change of the heading that is advised, deg; 0: speed alone.
+        /// Maximum advised change of heading, deg; 0: only the speed may change.
         pub heading_change_deg: f64 = 180.0, in 0.0..=180.0;
-        /// Lowest and highest speed over ground that is advised, m/s.
+        /// Minimum and maximum advised speed over ground, m/s.
         pub speed_mps: [f64; 2] = [0.0, 30.0], in 0.0..=30.0;
-        /// Sectors of headings that are not advised and not turned through, each clockwise from the first to the second,
-        /// deg from true north, not by a magnetic compass. To keep every heading: heading_change_deg = 0.
+        /// Sectors of headings that are neither advised nor turned through, each clockwise from the first to the
+        /// second, deg from true (not magnetic) north. To keep every heading, set heading_change_deg = 0.
         pub keep_out_deg: Vec<[f64; 2]> = Vec::new(), in 0.0..=360.0;
     }
     check |this, at| {
@@ -41,20 +40,19 @@ config! {
 }
 
 impl AdviceConfig {
-    /// The skipper permits this heading (rad) and speed (m/s) to a vessel on the heading `now`, rad. He turns by the shorter
-    /// way, and out of a sector that he is in.
+    /// Whether the skipper permits a change from the heading `now` (rad) to this heading (rad) and speed (m/s). The
+    /// vessel turns the shorter way, and may turn out of a sector that it is in.
     pub(super) fn permits(&self, [heading, speed]: [f64; 2], now: f64) -> bool {
         let turn = wrap_angle(heading - now);
         let steps = (turn.abs() / STEP_RAD).ceil().max(1.0);
         let way = (0..=steps as u32).map(|k| now + turn * f64::from(k) / steps);
         let [low, high] = self.speed_mps;
-        // Headings come with rounding errors.
+        // Tolerance for rounding errors of headings.
         turn.abs() <= self.largest_turn() + 0.5 * STEP_RAD
             && (low..=high).contains(&speed)
             && way.map(|on_it| self.keeps_out(on_it)).is_sorted_by(|a, b| a >= b)
             && !self.keeps_out(heading)
     }
-    /// rad.
     fn largest_turn(&self) -> f64 {
         let limit = self.heading_change_deg.to_radians();
         match self.keep_out_deg.is_empty() {
@@ -62,10 +60,9 @@ impl AdviceConfig {
             false => limit.min(SURE_TURN_RAD),
         }
     }
-    /// The heading lies in a keep-out sector.
     fn keeps_out(&self, heading_rad: f64) -> bool {
         let deg = heading_rad.to_degrees();
-        // Half a step wider, so that no rounding leads in.
+        // Half a step wider, so that rounding never leads into a sector.
         let within = |[from, to]: &[f64; 2]| {
             (deg - from + 0.5).rem_euclid(360.0) <= (to - from).rem_euclid(360.0) + 1.0
         };
@@ -87,7 +84,7 @@ mod tests {
         assert!(rejects("speed_mps = [5.0, 2.0]").contains("lowest speed first"));
         assert!(rejects("keep_out_deg = [[350.0, 400.0]]").contains("keep_out_deg"));
         assert!(config::parse::<AdviceConfig>("keep_out_deg = [[350.0, 10.0]]", "test").is_ok());
-        // A whole circle and a single heading look the same.
+        // A full circle and a single heading look the same.
         for same in ["[0.0, 360.0]", "[180.0, 180.0]", "[360.0, 0.0]"] {
             let sectors = format!("keep_out_deg = [[80.0, 120.0], {same}]");
             assert!(rejects(&sectors).contains("heading_change_deg = 0"), "{same}");
@@ -104,7 +101,7 @@ mod tests {
             speed_mps: [2.0, 5.0],
             keep_out_deg: Vec::new(),
         };
-        // By the shorter way, through north.
+        // The shorter way leads through north.
         assert!(permits(&c, 10.0, 70.0, 2.0) && permits(&c, 10.0, 310.0, 5.0));
         assert!(
             !permits(&c, 10.0, 71.0, 3.0) && !permits(&c, 10.0, 309.0, 3.0),
@@ -120,7 +117,8 @@ mod tests {
         };
         let clear = |from: f64, to: f64| permits(&shore, from, to, 3.0);
         assert!(clear(0.0, 15.0) && clear(30.0, 60.0), "out of a sector");
-        // Into one, through one, from one into another, and by a half turn that may lead through any.
+        // Turns into a sector, through a sector, from one sector into another, and a half turn that may lead through
+        // any sector.
         for (from, to) in [
             (0.0, 30.0),
             (60.0, 30.0),

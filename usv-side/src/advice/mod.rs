@@ -1,17 +1,17 @@
-//! Advice for the helm: on which heading and at which speed a landing is most likely to succeed.
+//! Advice for the helm: heading and speed with the highest probability of a successful landing.
 //!
-//! The vessel's own motion gives the directional spectrum of the waves ([`waves`]); the vessel model, corrected at each
-//! frequency by what was measured on the present course, gives the deck's motion on any other ([`hull`]); that motion and the
-//! wind over the deck give the probability of a landing, with the drone's own meaning ([`alight_shared::landing`]): speed and
-//! angle of the contact, four feet on the deck, and staying there.
+//! The vessel's own motion gives the directional wave spectrum ([`waves`]). The vessel model, corrected at each
+//! frequency by measurements on the present course, gives the deck's motion on any other course ([`hull`]). That motion
+//! and the wind over the deck give the probability of a landing by the drone's own definition
+//! ([`alight_shared::landing`]): speed and angle of the contact, four feet on the deck, and staying at rest.
 //!
-//! Slopes that move a landed drone: the measured ones of the last two minutes count, as the drone takes them, in the
-//! proportion of the modelled deviations on both courses: on the present course nothing modelled is in it.
+//! The slopes that move a landed drone are those measured over the last two minutes, as in the drone's own calculation.
+//! On another course they are scaled by the ratio of the modelled deviations on both courses.
 //!
-//! A course costs the time until it is steady. Waiting costs what the drone's mission takes it to cost
-//! ([`WAITING_COST_PER_MIN`]), so a course is worth it where its probability less that cost is above the present one's.
+//! A course costs the time until it is steady. Waiting costs as much as in the drone's mission
+//! ([`WAITING_COST_PER_MIN`]). A course is worth it if its probability minus that cost exceeds the present one's.
 //!
-//! One course is evaluated in each step, so that a step stays short; every [`PERIOD_S`] a round begins.
+//! One course is evaluated per step to keep steps short; a round begins every [`PERIOD_S`].
 
 mod hull;
 mod limits;
@@ -37,89 +37,82 @@ pub use limits::AdviceConfig;
 use hull::{HullModel, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
 use waves::{EstimatedSea, WaveSpectrum};
 
-/// A round of all courses begins so often, s.
+/// Interval between rounds over all courses, s.
 pub const PERIOD_S: f64 = 5.0;
-/// Headings that are compared, 15 deg apart.
+/// Number of compared headings, 15 deg apart.
 const HEADINGS: u32 = 24;
-/// They lie so far apart, rad.
 const HEADING_STEP_RAD: f64 = TAU / HEADINGS as f64;
-/// Speeds that are compared, m/s apart, from the slowest at which a boat steers.
+/// Spacing of compared speeds, m/s, from the minimum steering speed.
 const SPEED_STEP_MPS: f64 = 2.0;
-/// Speeds at most: the present one and the slower ones.
+/// Maximum number of speeds: the present one and slower ones.
 const MAX_SPEEDS: usize = 6;
-/// A boat turns so fast without heeling, rad/s, and changes its speed so fast, m/s²: chosen, a small boat at ease.
+/// Turn rate without heeling, rad/s, and acceleration, m/s². Chosen: gentle for a small boat.
 const TURN_RADPS: f64 = 0.1;
 const SPEED_CHANGE_MPS2: f64 = 0.3;
-/// Courses that take longer to reach are not advised, s.
+/// Maximum time to reach an advised course, s.
 const MAX_TURN_S: f64 = 30.0;
-/// A vessel that turns faster is on no course that a sea is judged on, rad/s.
+/// Turn rate above which the sea is not evaluated, rad/s.
 const TURNING_RADPS: f64 = 0.1;
-/// A sea that was known so long ago is another, s.
+/// Age after which a known sea is discarded, s.
 const MAX_SEA_AGE_S: f64 = 600.0;
-/// Usual standard deviation of the forecast's place, one axis, m.
+/// Typical standard deviation of the forecast position on one axis, m.
 const PLACE_SD_M: f64 = 0.05;
-/// A wind of which nothing is known does not blow.
+/// Wind assumed while it is unknown.
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 
-/// The deck's motion on a course, and how likely a landing on it succeeds.
+/// Deck motion and probability of a landing on one course.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CourseOutlook {
-    /// Heading, rad.
     pub heading_rad: f64,
-    /// Speed, m/s.
     pub speed_mps: f64,
     /// Standard deviations of roll and pitch, rad.
     pub tilt_sd_rad: [f64; 2],
     /// Standard deviation of the deck's vertical speed, m/s.
     pub heave_rate_sd_mps: f64,
-    /// Standard deviation of the apparent slope, averaged over a second.
+    /// Standard deviation of the apparent slope, averaged over one second.
     pub slope_sd: f64,
-    /// Probability that a landing begun at some moment succeeds.
+    /// Probability of success of a landing begun at a random moment.
     pub likelihood: f64,
 }
 
 impl CourseOutlook {
-    /// Standard deviation of the tilt, rad.
     pub fn tilt_rad(&self) -> f64 {
         self.tilt_sd_rad[0].hypot(self.tilt_sd_rad[1])
     }
-    /// Time from `other` to this course, s.
+    /// Time to change from `other` to this course, s.
     pub fn time_from_s(&self, other: &CourseOutlook) -> f64 {
         let turn = wrap_angle(self.heading_rad - other.heading_rad).abs() / TURN_RADPS;
         turn.max((self.speed_mps - other.speed_mps).abs() / SPEED_CHANGE_MPS2)
     }
-    /// Way that is lost in a minute along `other`'s heading, m.
+    /// Distance lost per minute along `other`'s heading, m.
     pub fn way_lost_m(&self, other: &CourseOutlook) -> f64 {
         let made = self.speed_mps * (self.heading_rad - other.heading_rad).cos();
         60.0 * (other.speed_mps - made)
     }
-    /// Value of this course to a vessel on `other`: its likelihood less the cost of the time until it is reached.
+    /// Value of this course for a vessel on `other`: its probability minus the cost of the time to reach it.
     fn worth(&self, other: &CourseOutlook) -> f64 {
         self.likelihood - WAITING_COST_PER_MIN / 60.0 * self.time_from_s(other)
     }
 }
 
-/// Advice on what the helm may do for a landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
-    /// The present course.
     pub here: CourseOutlook,
-    /// The course that is worth most; the present one where none is worth more.
+    /// Best course; the present one if none is better.
     pub best: CourseOutlook,
-    /// Direction towards which the waves run, rad.
+    /// Direction in which the waves propagate, rad.
     pub waves_to_rad: f64,
 }
 
 impl Advice {
-    /// Another course is worth its cost.
+    /// Whether another course is worth its cost.
     pub fn is_change(&self) -> bool {
         self.best != self.here
     }
-    /// Time until the best course is reached, s.
     pub fn turn_s(&self) -> f64 {
         self.best.time_from_s(&self.here)
     }
-    /// Way that the best course loses in a minute, m.
+    /// Distance that the best course loses per minute, m.
     pub fn way_lost_m(&self) -> f64 {
         self.best.way_lost_m(&self.here)
     }
@@ -140,23 +133,20 @@ impl From<&Advice> for CourseAdvice {
     }
 }
 
-/// Conditions of the advice in addition to the waves.
 #[derive(Clone, Debug, PartialEq)]
 struct Conditions {
     /// Heading, rad, and speed along it, m/s.
     heading_rad: f64,
     speed_mps: f64,
-    /// Heel and trim, rad.
     heel: [f64; 2],
-    /// Part of the deck's motion that is not predicted a reaction ahead: of heave, and of the tilt.
+    /// Fractions of the deck's heave and tilt that are not predicted one reaction time ahead.
     unforeseen: [f64; 2],
-    /// The true wind, towards NED, m/s.
+    /// True wind towards NED, m/s.
     wind: Vector2<f64>,
-    /// The steepest apparent slope in each window of the last two minutes, the newest first, as the drone gets them.
+    /// Steepest apparent slope in each window of the last two minutes, newest first, as sent to the drone.
     steepest: Vec<f64>,
 }
 
-/// A round of courses under way.
 #[derive(Clone, Debug)]
 struct Round {
     now: Conditions,
@@ -164,24 +154,22 @@ struct Round {
     outlooks: Vec<CourseOutlook>,
 }
 
-/// The vessel's motion at one time, as the estimator has it.
 #[derive(Clone, Copy, Debug)]
 pub struct Underway<'a> {
-    /// Identified motion.
     pub motion: &'a MotionModel<VesselClock>,
     /// Mean velocity, NED, m/s.
     pub velocity: Vector2<f64>,
-    /// Mean heading, rad, and its rate, rad/s.
+    /// Mean heading, rad.
     pub heading: f64,
-    /// rad/s.
+    /// Rate of the mean heading, rad/s.
     pub heading_rate: f64,
-    /// The true wind that a drone reports, towards NED, m/s.
+    /// True wind reported by a drone, towards NED, m/s.
     pub wind: Option<Vector2<f64>>,
-    /// The steepest apparent slopes, the newest first, in steps of [`SLOPE_STEP`].
+    /// Steepest apparent slopes, newest first, in steps of [`SLOPE_STEP`].
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
 }
 
-/// Finds the course on which a landing is most likely to succeed.
+/// Searches for the course with the highest probability of a landing.
 #[derive(Clone, Debug)]
 pub struct Advisor {
     hull: HullModel,
@@ -198,7 +186,7 @@ pub struct Advisor {
 }
 
 impl Advisor {
-    /// Advice for a hull as the vessel model has it, for a drone of usual size on its deck, within the skipper's limits.
+    /// Advisor for the hull of this vessel model, with a drone of usual size on its deck, within the skipper's limits.
     pub fn new(model: &VesselModelConfig, deck: &DeckGeometry, limits: &AdviceConfig) -> Advisor {
         Advisor {
             hull: HullModel::of(model),
@@ -215,15 +203,15 @@ impl Advisor {
         }
     }
 
-    /// All courses of the last round, the present one first; empty while no sea is known.
+    /// All courses of the last round, present one first; empty while no sea is known.
     pub fn outlooks(&self) -> &[CourseOutlook] {
         &self.outlooks
     }
-    /// Direction towards which the waves run, rad; None while it is not known.
+    /// Direction in which the waves propagate, rad; None while unknown.
     pub fn waves_to_rad(&self) -> Option<f64> {
         self.sea.as_ref().map(|(_, sea)| sea.towards)
     }
-    /// The best course within half a minute and the skipper's limits; None while no sea is known.
+    /// Best course that is reached within half a minute and obeys the skipper's limits; None while no sea is known.
     pub fn advice(&self) -> Option<Advice> {
         let here = *self.outlooks.first()?;
         let permitted = |c: &CourseOutlook| {
@@ -245,7 +233,7 @@ impl Advisor {
         })
     }
 
-    /// Takes the newest sample of the motion and evaluates one course of a round that is due.
+    /// Adds the newest motion sample, and evaluates one course of a pending round.
     pub fn step(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
         self.resume(now);
         if let Some(sample) = underway.motion.newest() {
@@ -259,7 +247,7 @@ impl Advisor {
         }
     }
 
-    /// While no motion was known, course and wind may have become others.
+    /// Restarts after a gap, during which course and wind may have changed.
     fn resume(&mut self, now: Time<VesselClock>) {
         if self.stepped.is_some_and(|t| now - t > Span::from_secs(PERIOD_S)) {
             (self.round, self.begun) = (None, None);
@@ -295,7 +283,7 @@ impl Advisor {
         });
     }
 
-    /// The next course of the round; after the last one the round's outlooks stand.
+    /// Evaluates the next course of the round; the last one publishes the round's results.
     fn evaluate(&mut self) {
         let (Some(mut round), Some((_, sea))) = (self.round.take(), &self.sea) else {
             return;
@@ -311,8 +299,8 @@ impl Advisor {
         }
     }
 
-    /// A course on which the deck's signals have these powers, where the apparent slope of the present course has the
-    /// standard deviation `here`: the slopes measured there count in that proportion.
+    /// Outlook for a course with these powers of the deck's signals. `here` is the modelled standard deviation of the
+    /// apparent slope on the present course, by which the slopes measured there are scaled.
     fn outlook(
         &self,
         now: &Conditions,
@@ -358,7 +346,7 @@ impl Advisor {
             wind,
             stays: staying.probability,
         };
-        // Of a motion that is no number nothing is likely.
+        // If the motion is not finite the probability is zero.
         if powers.iter().all(|p| p.is_finite()) {
             course.likelihood = contact.odds(&Margins::on(&self.deck, &self.drone)).whole();
         }
@@ -396,8 +384,8 @@ impl Conditions {
     }
 }
 
-/// Headings and speeds that are compared, the present ones first: all round at the present speed and at each slower one that
-/// the boat steers at.
+/// Compared headings and speeds, the present ones first: all headings at the present speed and at each slower steering
+/// speed.
 fn courses(heading: f64, speed_mps: f64) -> Vec<[f64; 2]> {
     let slower = (1..MAX_SPEEDS)
         .map(|k| SPEED_STEP_MPS * k as f64)

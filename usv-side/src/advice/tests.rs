@@ -1,11 +1,11 @@
-//! Advice in seas of one wave system, whose motion a hull follows.
+//! Advice in seas of one wave system on a hull that follows it.
 
 use alight_shared::vessel_model::DOFS;
 
 use super::*;
 
-/// Motion of a hull that follows waves of these (height m, angular frequency rad/s, direction rad), on this heading at this
-/// speed: the water's own, heave and slope, and its roll is `roll` times the slope.
+/// Advisor with samples of a hull that follows these waves (height m, angular frequency rad/s, direction rad) on this
+/// heading at this speed: heave and slope of the water, with a roll of `roll` times the slope.
 fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds: f64) -> Advisor {
     let mut advisor = Advisor::new(
         &VesselModelConfig::default(),
@@ -40,7 +40,7 @@ fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds:
     advisor
 }
 
-/// The advice after a round, where each of the last windows had this steepest slope.
+/// Advice after a round with this steepest slope in each of the last windows.
 fn round(advisor: &mut Advisor, heading: f64, speed_mps: f64, steepest: f64) -> Advice {
     let now = Conditions {
         heading_rad: heading,
@@ -90,7 +90,7 @@ fn sea_by_the_motion_of_a_hull_under_way() {
 
 #[test]
 fn advice_for_a_hull_that_rolls() {
-    // Abeam of waves, on a hull that rolls three times as much as the water.
+    // Beam sea on a hull that rolls three times as much as the water.
     let waves = [[0.5, 1.4, 0.0], [0.3, 1.7, 0.3], [0.3, 1.2, -0.3]];
     let heading = core::f64::consts::FRAC_PI_2;
     let mut advisor = sampled(&waves, heading, 3.0, 3.0, 150.0);
@@ -103,7 +103,7 @@ fn advice_for_a_hull_that_rolls() {
         "{advice:?}"
     );
     assert!(advice.turn_s() <= MAX_TURN_S && advice.way_lost_m() > 0.0);
-    // A skipper who does not turn by more than 20 deg, and one whose present speed is not among those that he permits.
+    // A skipper who limits turns to 20 deg, and one whose permitted speeds exclude the present one.
     let limited = |limits: AdviceConfig| {
         let mut advisor = advisor.clone();
         advisor.limits = limits;
@@ -146,7 +146,7 @@ fn no_advice_where_every_course_is_as_good() {
 }
 
 #[test]
-fn no_sea_before_enough_motion_and_in_a_calm() {
+fn no_sea_before_enough_motion_or_in_calm_water() {
     assert!(sampled(&[[0.4, 1.2, 0.5]], 0.0, 2.0, 1.0, 30.0).sea.is_none());
     let calm = sampled(&[], 0.0, 2.0, 1.0, 150.0);
     assert!(calm.sea.is_none() && calm.advice().is_none());

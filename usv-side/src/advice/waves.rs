@@ -1,11 +1,12 @@
-//! Directional spectrum of the waves and powers of the deck's motion, by the vessel's own motion at the frequencies of
+//! Directional wave spectrum and powers of the deck's motion, from the vessel's own motion at the frequencies of
 //! encounter.
 //!
-//! Averaged periodograms (Welch 1967) of segments of 26 s, which begin every 6 s, Hann's window. Water and hull move up by
-//! `z` and horizontally by `u`, in phase where the wave runs to, so that with the cross-spectra `C` per frequency
-//! `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` points there, and its length `r` is the spread `s = r / (1 - r)` of
-//! `cos^2s((theta - theta_1) / 2)` (Longuet-Higgins, Cartwright and Smith 1963). Each direction's own frequency follows from
-//! that of encounter, `omega_e = omega - omega² U cos mu / g`: of up to three the longest wave, which has the energy.
+//! The spectra are averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s.
+//! Water and hull move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the
+//! cross-spectra `C` per frequency, `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` therefore points in that
+//! direction, and its length `r` gives the spread `s = r / (1 - r)` of `cos^2s((theta - theta_1) / 2)`
+//! (Longuet-Higgins, Cartwright and Smith 1963). The wave frequency in each direction follows from that of encounter,
+//! `omega_e = omega - omega² U cos mu / g`; of up to three solutions the longest wave has the energy.
 
 use std::collections::VecDeque;
 
@@ -19,66 +20,59 @@ use nalgebra::{Complex, Vector2, Vector3};
 
 use super::hull::{Encounter, HullModel, HullMotion, Powers, SIGNALS, SLOPE, TILT};
 
-/// Samples of a segment, and between the beginnings of two.
+/// Length of a segment and interval between segments, samples.
 const SEGMENT: usize = 256;
 const HOP: usize = 64;
-/// Frequencies, in steps of a segment's: periods of 13 to 1.8 s; what is slower is a course.
+/// Range of frequency bins: periods of 13 to 1.8 s; slower motion belongs to the course.
 const FIRST: usize = 2;
 const BINS: usize = 13;
-/// Memory, segments: 100 s, some twenty waves, as the identification has.
+/// Memory, segments: 100 s, some twenty waves, as in the identification.
 const MEMORY: f64 = 16.0;
-/// Segments before a sea is known: 45 s.
+/// Minimum number of segments for an estimate of the sea: 45 s.
 const MIN_SEGMENTS: f64 = 4.0;
-/// A segment in which the heading changes by more, or whose mean is so far from the former one's, is a turn, rad.
+/// Change of heading within a segment, or of its mean from the previous one, that counts as a turn, rad.
 const TURN_RAD: f64 = 15.0 * TAU / 360.0;
-/// The shortest waves that move a boat, rad/s: a change of speed `dU` that moves them, met head on, by a bin (`omega² dU / g`)
-/// is another course ([`course_change_mps`]).
+/// Frequency of the shortest waves that move a boat, rad/s. A change of speed `dU` that shifts them by one bin in a
+/// head sea (`omega² dU / g`) counts as another course ([`course_change_mps`]).
 const SHORT_RADPS: f64 = 1.3;
-/// Directions of a spectrum.
 const DIRECTIONS: usize = 24;
-/// Longest length of the mean direction: seas have some spread.
+/// Maximum length of the mean direction vector, because the directions in a sea always have some spread.
 const MAX_DIRECTED: f64 = 0.95;
-/// Minimum length of the mean direction of all waves whose direction is known.
+/// Minimum length of the mean direction vector over all waves with a known direction.
 const MIN_DIRECTED: f64 = 0.3;
-/// A wave to which the hull heaves with less power is not known by it.
+/// Minimum heave power of the hull per wave power for identifying a wave.
 const MIN_RESPONSE: f64 = 0.1;
-/// Part of a figure's power at the strongest frequency that counts as prior knowledge in the correction.
+/// Fraction of a signal's power at the strongest frequency that serves as prior in the correction.
 const PRIOR: f64 = 0.1;
-/// Waves with a smaller part of the variance are left out.
+/// Fraction of the variance below which waves are dropped.
 const NEGLIGIBLE: f64 = 1e-4;
-/// Lines that stand for the width of a frequency.
+/// Frequencies that represent the width of a bin, as offsets from its centre in bins.
 const LINES: [f64; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
 
-/// Width of a bin, rad/s.
 const fn bin_width() -> f64 {
     TAU / (SEGMENT as f64 * SAMPLE_S)
 }
-/// The change of speed that moves a wave of [`SHORT_RADPS`] by a bin, m/s: 1.4.
+/// Change of speed that shifts a wave of [`SHORT_RADPS`] by one bin, m/s: 1.4.
 const fn course_change_mps() -> f64 {
     bin_width() * GRAVITY / (SHORT_RADPS * SHORT_RADPS)
 }
-/// Frequency of encounter of a bin, rad/s.
 fn frequency(bin: usize) -> f64 {
     bin_width() * (FIRST + bin) as f64
 }
-/// The bin of a frequency of encounter, the nearest one.
 fn bin_of(met: f64) -> usize {
     ((met.abs() / bin_width()).round() as usize).clamp(FIRST, FIRST + BINS - 1) - FIRST
 }
 
-/// Powers of one frequency of encounter.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
-    /// Variances of heave, m², and of the horizontal velocity, m²/s².
+    /// Variance of heave, m², and of the horizontal velocity, m²/s².
     heave: f64,
     speed: f64,
-    /// Covariance of the heave (up) with the velocity north and east, m²/s.
+    /// Covariance of heave (up) with the velocity north and east, m²/s.
     towards: Vector2<f64>,
-    /// Powers of the deck's signals.
     deck: Powers,
 }
 
-/// Averaged powers of a vessel on one course.
 #[derive(Clone, Debug)]
 pub(super) struct WaveSpectrum {
     deck: Vector3<f64>,
@@ -91,25 +85,23 @@ pub(super) struct WaveSpectrum {
     velocity: Vector2<f64>,
 }
 
-/// A wave of a sea.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct WaveComponent {
     /// Angular frequency, rad/s.
     pub omega: f64,
-    /// Direction towards which it runs, rad.
+    /// Direction of propagation, rad.
     pub towards: f64,
     /// Variance of the elevation, m².
     pub variance: f64,
 }
 
-/// A sea, and how the deck's motion differs from the model's.
+/// Estimated sea, with the ratio of the deck's measured motion to the model's.
 #[derive(Clone, Debug)]
 pub(super) struct EstimatedSea {
-    /// Waves of the sea.
     pub waves: Vec<WaveComponent>,
-    /// Mean direction that the waves run to, rad.
+    /// Mean direction of propagation, rad.
     pub towards: f64,
-    /// Measured over modelled power of each figure by frequency of encounter.
+    /// Ratio of measured to modelled power of each signal by frequency of encounter.
     correction: [Powers; BINS],
 }
 
@@ -135,7 +127,7 @@ impl EstimatedSea {
 }
 
 impl WaveSpectrum {
-    /// A spectrum for a vessel whose deck's centre is there, body frame, m.
+    /// Spectrum of a vessel whose deck's centre is at `deck`, body frame, m.
     pub(super) fn new(deck: Vector3<f64>) -> WaveSpectrum {
         WaveSpectrum {
             deck,
@@ -147,7 +139,7 @@ impl WaveSpectrum {
             velocity: Vector2::zeros(),
         }
     }
-    /// Takes a sample of the motion and the mean velocity then, NED, m/s; true when a segment was added.
+    /// Adds a motion sample and the mean velocity, NED, m/s. Returns true when a segment was added.
     pub(super) fn push(&mut self, sample: MotionSample<VesselClock>, velocity: Vector2<f64>) -> bool {
         let gap = |(last, _): &(MotionSample<VesselClock>, _)| {
             let dt = (sample.at - last.at).secs();
@@ -169,8 +161,8 @@ impl WaveSpectrum {
         self.add_segment()
     }
 
-    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None where the vessel turns or changes her speed
-    /// in it.
+    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None if the vessel turns or changes speed
+    /// during the segment.
     fn course(&self) -> Option<(f64, Vector2<f64>)> {
         let n = self.record.len() as f64;
         let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
@@ -189,8 +181,8 @@ impl WaveSpectrum {
         (steady && known).then(|| (wrap_angle(first + sum / n), velocity))
     }
 
-    /// Adds the recorded segment, unless the vessel changes her course or speed in it; what was measured on another course or
-    /// at another speed counts no more.
+    /// Adds the recorded segment unless the vessel changes course or speed during it. Segments of another course or
+    /// speed are discarded.
     fn add_segment(&mut self) -> bool {
         let Some((heading, velocity)) = self.course() else {
             return false;
@@ -217,7 +209,7 @@ impl WaveSpectrum {
         true
     }
 
-    /// Powers of the recorded segment at one frequency, of a vessel on this mean heading, rad.
+    /// Powers of the recorded segment at one frequency, for this mean heading, rad.
     fn bin(&self, bin: usize, heading: f64) -> Bin {
         let n = self.record.len() as f64;
         let mut means = [0.0; 6];
@@ -255,7 +247,7 @@ impl WaveSpectrum {
         }
     }
 
-    /// The sea by a hull; None before enough segments and where the waves have no direction that is known.
+    /// Sea estimated with this hull; None before enough segments, and without a clear wave direction.
     pub(super) fn sea(&self, hull: &HullModel) -> Option<EstimatedSea> {
         if self.segments < MIN_SEGMENTS {
             return None;
@@ -266,7 +258,7 @@ impl WaveSpectrum {
             .fold([0.0, 0.0], |[h, s], b| [h + b.heave, s + b.speed]);
         let towards: Vector2<f64> = self.bins.iter().map(|b| b.towards).sum();
         let directed = towards.norm() / (rise * speed).sqrt();
-        // Of no number nothing is known either.
+        // The negation also rejects NaN.
         if !(directed > MIN_DIRECTED) {
             return None;
         }
@@ -293,7 +285,7 @@ impl WaveSpectrum {
         (all > 0.0).then_some(sea)
     }
 
-    /// The waves of one frequency of encounter, and the powers of the deck's signals that they make by the model.
+    /// Waves at one frequency of encounter, and the modelled powers of the deck's signals.
     fn waves(&self, hull: &HullModel, k: usize, bin: &Bin) -> (Vec<WaveComponent>, Powers) {
         let directed = bin.towards.norm() / (bin.heave * bin.speed).sqrt().max(f64::MIN_POSITIVE);
         let r = directed.min(MAX_DIRECTED);
@@ -304,18 +296,18 @@ impl WaveSpectrum {
         let mut waves: Vec<WaveComponent> = Vec::with_capacity(DIRECTIONS * LINES.len());
         for j in 0..DIRECTIONS {
             let towards = TAU * j as f64 / DIRECTIONS as f64;
-            let share = (0.5 * (towards - mean)).cos().abs().powf(spread);
+            let weight = (0.5 * (towards - mean)).cos().abs().powf(spread);
             let along = speed_mps * (towards - heading).cos();
             waves.extend(LINES.iter().map(|line| WaveComponent {
                 omega: own_frequency(frequency(k) + line * step, along),
                 towards,
-                variance: share,
+                variance: weight,
             }));
         }
-        let shares: f64 = waves.iter().map(|w| w.variance).sum();
+        let total: f64 = waves.iter().map(|w| w.variance).sum();
         let (mut modelled, mut heaves) = (Powers::default(), 0.0);
         for w in &mut waves {
-            w.variance /= shares;
+            w.variance /= total;
             let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
             let motion = hull.motion(&e);
             heaves += w.variance * motion.heave.norm_sqr();
@@ -331,7 +323,7 @@ impl WaveSpectrum {
     }
 }
 
-/// The signals' powers, of the two axes of slope and tilt together.
+/// Powers of the signals, summed over the two axes of slope and of tilt.
 fn paired(powers: &Powers) -> Powers {
     core::array::from_fn(|f| {
         let pair = [SLOPE, TILT].into_iter().find(|p| p.contains(&f));
@@ -339,9 +331,9 @@ fn paired(powers: &Powers) -> Powers {
     })
 }
 
-/// Measured over modelled power of each figure at one frequency: `(M + e) / (P + e)`, with the prior `e` of a tenth of what its
-/// pair of axes has at the strongest frequency, so that a figure which the present course hardly excites there stays the
-/// model's.
+/// Ratio of measured to modelled power of each signal at one frequency: `(M + e) / (P + e)`. The prior `e` is a tenth
+/// of the power of its pair of axes at the strongest frequency, so that signals hardly excited on the present course
+/// keep the model's power.
 fn correction(measured: &Powers, modelled: &Powers, strongest: &Powers) -> Powers {
     core::array::from_fn(|f| {
         let prior = PRIOR * strongest[f];
@@ -350,20 +342,20 @@ fn correction(measured: &Powers, modelled: &Powers, strongest: &Powers) -> Power
     })
 }
 
-/// Speed along a heading (rad) of a velocity, NED, m/s.
+/// Component of a velocity (NED, m/s) along a heading (rad).
 pub(super) fn ahead(velocity: &Vector2<f64>, heading: f64) -> f64 {
     velocity.x * heading.cos() + velocity.y * heading.sin()
 }
 
-/// The longest wave that is met at `met` rad/s by a vessel which makes `along` m/s where it runs to, rad/s:
-/// `omega - omega² along / g = met`.
+/// Frequency of the longest wave met at `met` rad/s by a vessel with the speed `along` (m/s) in the direction of
+/// propagation, rad/s: `omega - omega² along / g = met`.
 fn own_frequency(met: f64, along: f64) -> f64 {
     let a = along / GRAVITY;
     let root = 1.0 - 4.0 * a * met;
     if a.abs() < 1e-6 {
         met
     } else if root <= 0.0 {
-        // No wave is met so often: the one that is met most often.
+        // No wave is met at this frequency: use the wave with the highest frequency of encounter.
         0.5 / a
     } else {
         2.0 * met / (1.0 + root.sqrt())
@@ -374,11 +366,11 @@ fn own_frequency(met: f64, along: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Northwards at these speeds, m/s, each for so many samples; how many segments count then.
+    /// Number of accepted segments after motion northwards at these speeds, m/s, each for this number of samples.
     fn segments(speeds: &[(f64, usize)]) -> f64 {
         let mut spectrum = WaveSpectrum::new(Vector3::zeros());
-        let each = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
-        for (k, mps) in each.enumerate() {
+        let samples = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
+        for (k, mps) in samples.enumerate() {
             let sample = MotionSample {
                 at: alight_shared::time::Time::from_secs(SAMPLE_S * k as f64),
                 mean_heading: 0.0,
@@ -396,9 +388,9 @@ mod tests {
         assert!((1.3..1.5).contains(&course_change_mps()));
         let before = SEGMENT + 3 * HOP;
         assert_eq!(segments(&[(3.0, before)]), 4.0);
-        // A part of a bin: the same waves.
+        // A change of speed below one bin keeps the waves.
         assert_eq!(segments(&[(3.0, before), (4.0, SEGMENT)]), 8.0);
-        // None of a change, and the first one behind it alone.
+        // The segment with the change is rejected, and only the first one after it remains.
         assert_eq!(segments(&[(5.0, before), (2.0, SEGMENT - HOP)]), 4.0);
         assert_eq!(segments(&[(5.0, before), (2.0, SEGMENT)]), 1.0);
     }
@@ -424,7 +416,7 @@ mod tests {
         let c = correction(&measured, &modelled, &paired(&modelled));
         assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
         assert_eq!(correction(&measured, &[0.0; SIGNALS], &[0.0; SIGNALS])[2], 1.0);
-        // At a frequency without waves the rest of a manoeuvre is no response.
+        // At a frequency without waves, the remains of a manoeuvre do not count as a response.
         let quiet = correction(&[0.01; SIGNALS], &[1e-6; SIGNALS], &paired(&modelled));
         assert!(quiet.iter().all(|c| *c < 1.2), "{quiet:?}");
     }

@@ -1,96 +1,85 @@
-//! Free decay: the motion of a vessel that is pushed and released determines its damping and stiffness per mass.
+//! Free decay: the motion of a vessel after being pushed and released determines its damping and stiffness per mass.
 //!
 //! ```text
 //! stiff:  y'' + a y' + b y = 0,   y(t) = e^(-a t/2) (A C(t) + B S(t)) + c     a = D/M, b = G/M
 //! free:   y' + a y = 0,           y(t) = A e^(-a t) + c
 //! ```
 //!
-//! `C`, `S` are cosine and sine over its frequency, `sqrt(b - a²/4)`, or their hyperbolic kin. Position,
-//! rate and acceleration of a degree of freedom decay alike, so `y` is whichever is measured; `c` takes
-//! the sensor's bias. `a` and `b` are common to all pushes, `A`, `B`, `c` are each push's own and are
-//! eliminated (variable projection, Golub and Pereyra 1973); Levenberg and Marquardt's method finds the
-//! rest.
+//! `C`, `S` are cosine and sine with the frequency `sqrt(b - a²/4)`, or hyperbolic functions. Position, rate and
+//! acceleration of a degree of freedom decay in the same way, so `y` is whichever is measured; `c` includes the
+//! sensor's bias. `a` and `b` are common to all pushes. `A`, `B` and `c` belong to each push and are eliminated
+//! (variable projection, Golub and Pereyra 1973). The remaining problem is solved by the Levenberg-Marquardt method.
 
 use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// A push stands out from rest by this many standard deviations of rest (ours: noise alone reaches four
-/// in some minutes, waves never leave a rest to stand out from).
+/// Minimum ratio of a push to the standard deviation at rest. Noise alone reaches a ratio of four within minutes. In
+/// waves there is no rest to compare with.
 const STANDS_OUT: f64 = 6.0;
-/// It is over when the signal stays below this many.
+/// Ratio below which a push has ended.
 const OVER: f64 = 3.0;
-/// Pushes weaker than this fraction of the strongest are left out: they are another degree of freedom's.
+/// Minimum strength of a push relative to the strongest; weaker ones belong to another degree of freedom.
 const STRONG: f64 = 0.2;
-/// Smallest fraction of a push's motion that the fit explains.
+/// Minimum fraction of a push's motion explained by the fit.
 const EXPLAINED: f64 = 0.8;
-/// Fewest samples of a push.
 const MIN_SAMPLES: usize = 12;
-/// Most pushes of a record, and samples of one.
+/// Maximum number of pushes in a record, and of samples in a push.
 const MAX_PUSHES: usize = 64;
 const MAX_SAMPLES: usize = 2000;
-/// Iterations of the fit.
 const ITERATIONS: usize = 50;
-/// A parameter with a larger relative standard error is not observable.
 const KNOWN: f64 = 0.3;
 
-/// Way in which a degree of freedom comes to rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecayOrder {
-    /// Springs back: heave, roll, pitch.
+    /// Degree of freedom that oscillates about its equilibrium: heave, roll, pitch.
     Stiff,
-    /// Slows down: surge, sway, yaw.
+    /// Degree of freedom that only slows down: surge, sway, yaw.
     Free,
 }
 
-/// A measured signal of one degree of freedom.
 #[derive(Clone, Debug, Default)]
 pub struct DecaySignal {
-    /// Times, rising, s.
+    /// Times in ascending order, s.
     pub t_s: Vec<f64>,
-    /// Values.
     pub y: Vec<f64>,
 }
 
-/// Parameters of one degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decay {
     /// Damping per mass, 1/s.
     pub damping: ValueWithSd,
-    /// Stiffness per mass, 1/s²; zero for a free one.
+    /// Stiffness per mass, 1/s²; zero for a free degree of freedom.
     pub stiffness: ValueWithSd,
-    /// Pushes used.
     pub pushes: usize,
 }
 
-/// Why the parameters of a degree of freedom are not observable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotObservable {
-    /// There is no measurement of it.
     NotMeasured,
-    /// Nothing stands out from its rest.
+    /// No push exceeds the noise at rest.
     NotPushed {
-        /// The largest value over the spread at rest.
+        /// Ratio of the largest value to the standard deviation at rest.
         stands_out: f64,
     },
-    /// The motion that stands out is no free decay: held, driven by waves, or another motion's.
+    /// The detected motion is not a free decay: the vessel was held or driven by waves, or moved in another degree of
+    /// freedom.
     NoDecay {
-        /// Fraction of the motion that a free decay explains.
+        /// Fraction of the motion explained by a free decay.
         explained: f64,
     },
-    /// A free decay, but too short, weak or noisy.
+    /// The motion is a free decay, but too short, weak or noisy.
     Vague,
 }
 
-/// One push: its samples from the peak on.
+/// Samples of one push from its peak on.
 struct DecaySamples {
     t: Vec<f64>,
     y: DVector<f64>,
     peak: f64,
-    /// Spread of the signal at rest.
     spread: f64,
 }
 
-/// The pushes in a signal, and how far its largest value stands out.
+/// Pushes in a signal, and the ratio of its largest value to the standard deviation at rest.
 fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     let rest = median(signal.y.iter().copied()).unwrap_or_default();
     let spread = median(signal.y.iter().map(|v| (v - rest).abs())).unwrap_or_default();
@@ -116,7 +105,7 @@ fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
             }
             j += 1;
         }
-        // As much rest again as half the motion, for its level.
+        // Include half of the motion's duration at rest to determine its level.
         let end = (last + (last - peak) / 2 + MIN_SAMPLES / 2)
             .min(n)
             .min(peak + MAX_SAMPLES);
@@ -133,7 +122,7 @@ fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     (found, highest / spread)
 }
 
-/// The functions that a push is made of, one column each.
+/// Basis functions of a push, one per column.
 fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
     let (a, b) = (p.x.exp(), p.y.exp());
     match order {
@@ -146,7 +135,7 @@ fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
                 match (c, d > 0.0) {
                     (0, true) => fall.exp() * x.cos(),
                     (1, true) => fall.exp() * x.sin() / w,
-                    // Sums of two falling exponentials: none of the factors grows.
+                    // A sum of two falling exponentials avoids growing factors.
                     (0, false) => 0.5 * ((fall + x).exp() + (fall - x).exp()),
                     (1, false) => 0.5 * ((fall + x).exp() - (fall - x).exp()) / w,
                     (_, _) => 1.0,
@@ -156,7 +145,6 @@ fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
     }
 }
 
-/// Residual of a push.
 fn residual(order: DecayOrder, p: Vector2<f64>, push: &DecaySamples) -> Option<DVector<f64>> {
     let phi = basis(order, p, &push.t);
     let normal = phi.transpose() * &phi;
@@ -168,7 +156,7 @@ fn residual(order: DecayOrder, p: Vector2<f64>, push: &DecaySamples) -> Option<D
 }
 
 fn residuals(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Vec<DVector<f64>>> {
-    // A strong push counts as much as a weak one.
+    // Strong and weak pushes have equal weight.
     pushes
         .iter()
         .map(|push| residual(order, p, push).map(|r| r / push.peak))
@@ -200,9 +188,9 @@ fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: DecayOrder) -> 
     (h, g)
 }
 
-/// Logarithms of `a` and `b` with the smallest residual, by Levenberg and Marquardt from the best of a grid.
+/// Logarithms of `a` and `b` with the smallest residual, by Levenberg-Marquardt from the best point of a grid.
 fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
-    let of = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
+    let cost_at = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
     let mut best = (f64::INFINITY, Vector2::zeros());
     for k in 0..32 {
         let x = f64::from(k) / 31.0;
@@ -216,7 +204,7 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
             }),
         };
         for p in tries {
-            let c = of(*p);
+            let c = cost_at(*p);
             if c < best.0 {
                 best = (c, *p);
             }
@@ -233,7 +221,7 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
         let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
         let step = lifted.try_inverse()? * -g;
         let next = p + step.map(|v| v.clamp(-0.5, 0.5));
-        let cn = of(next);
+        let cn = cost_at(next);
         if cn < c {
             let done = step.norm() < 1e-9 || c - cn < 1e-12 * c;
             (c, p, damp) = (cn, next, (damp * 0.3_f64).max(1e-12));
@@ -250,8 +238,8 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
     Some(p)
 }
 
-/// Covariance of the logarithms: residuals that neighbours share count once (Newey and West 1987, over a
-/// quarter of a push), and never less than what independent residuals would give.
+/// Covariance of the logarithms, with correlated residuals weighted accordingly (Newey and West 1987, over a quarter of
+/// a push), but at least that of independent residuals.
 fn covariance(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Matrix2<f64>> {
     let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
     let (h, _) = normal(&j, &r, order);
@@ -306,12 +294,12 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
     let explained = |p: Vector2<f64>, push: &DecaySamples| {
         residual(order, p, push).map_or(0.0, |r| {
             let (mean, noise) = (push.y.mean(), push.spread.powi(2) * r.len() as f64);
-            // What the sensor's noise leaves is nothing that a decay would have to explain.
+            // The fit does not have to explain sensor noise.
             let rest = (r.norm_squared() - noise).max(0.0);
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // Pushes that somebody held, or of another degree of freedom, are left out.
+    // Drop pushes that somebody held, and pushes in another degree of freedom.
     let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)
@@ -325,7 +313,8 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
         .ok_or(NotObservable::Vague)?
         .diagonal();
     if good.len() >= 3 {
-        // What differs from push to push is no noise of the sensor: the water, the strength, a hand.
+        // Differences between pushes are not sensor noise: they come from the water, the strength of the push, or a
+        // hand on the boat.
         let own: Vec<Vector2<f64>> = good.iter().filter_map(|push| fit(order, &[push])).collect();
         let n = own.len() as f64;
         if own.len() >= 3 {
@@ -355,7 +344,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
 mod tests {
     use super::*;
 
-    /// Noise that is the same in every run: a Weyl sequence, uniform, standard deviation 1.
+    /// Reproducible noise: a Weyl sequence, uniform, standard deviation 1.
     fn noise(k: usize) -> f64 {
         let x = (k as f64 * 0.754_877_666_246_693).fract();
         let y = (k as f64 * 0.569_840_290_998_053).fract();
@@ -428,7 +417,7 @@ mod tests {
     fn free_decay_of_a_held_vessel() {
         let mut held = pushed(DecayOrder::Stiff, 6.2, 243.0, 0.005, 0);
         for k in 0..9 {
-            // A saw: up in jumps, and down again.
+            // A sawtooth that jumps up and falls slowly.
             for (i, y) in held.y.iter_mut().skip(300 + 60 * k).take(20).enumerate() {
                 *y += if (i + k) % 3 == 0 { 1.0 } else { -0.7 };
             }

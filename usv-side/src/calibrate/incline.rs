@@ -1,43 +1,39 @@
-//! The inclining experiment: a known weight at a known place tilts the vessel at rest; the tilt determines the
-//! stiffness in newton metres, which free decay does not. With `G/M` of the decay M follows.
+//! Inclining experiment: a known weight at a known position tilts the vessel at rest, which determines the stiffness in
+//! newton metres. Free decay gives `G/M`, and M follows from both.
 //!
 //! ```text
 //! G_roll = m g y / (heel to starboard)     G_pitch = m g x / (trim by the bow)     M = G / (G/M)
 //! ```
 //!
-//! Two recordings on calm water are compared, without and with the weight: what the sensor's bias and its mounting
-//! tilt is the same in both. The weight is taken for a force, though one that lies h above the vessel's centre takes
-//! m g h away from G, and a hull that it presses deeper is stiffer where its sides flare: simulated, 60 kg on a boat
-//! of 211 kg show 2 to 10 % too much in roll, 1 to 5 % in pitch. A lighter weight errs less and tilts less.
+//! Two recordings on calm water are compared, without and with the weight, so bias and mounting of the sensor cancel.
+//! The weight is modelled as a force, although a weight at height h above the vessel's centre reduces G by m g h, and a
+//! hull pressed deeper is stiffer if its sides flare. In simulation, 60 kg on a boat of 211 kg overestimate by 2 to 10
+//! % in roll and 1 to 5 % in pitch. A lighter weight causes less error and less tilt.
 
 use alight_shared::estimation::{ValueWithSd, median};
 use alight_shared::geometry::GRAVITY;
 
 use super::decay::{Decay, DecaySignal};
 
-/// The level at rest is the median of the medians of pieces of this length, s (ours: longer than a push and its decay).
+/// Length of pieces, s; the level at rest is the median of their medians. Longer than a push and its decay.
 const PIECE_S: f64 = 5.0;
-/// Fewest of them.
 const MIN_PIECES: usize = 4;
-/// A stiffness with a larger relative standard error is not observable (ours).
 const KNOWN: f64 = 0.1;
 
-/// A weight on the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    /// Mass of the weight, kg.
     pub mass_kg: f64,
-    /// Place of the weight from the vessel's reference point, m: forward, right.
+    /// Position relative to the vessel's reference point, m: forward, right.
     pub at_m: [f64; 2],
 }
 
-/// Roll and pitch of a vessel at rest, rad; None of one that was recorded too short.
+/// Roll and pitch of a vessel at rest, rad; None if recorded too briefly.
 pub type RestTilt = [Option<ValueWithSd>; 2];
 
-/// Stiffness in roll and pitch, Nm/rad, or the tilt that is too small: rad, None where it was not measured.
+/// Stiffness in roll and pitch, Nm/rad; as error the insufficient tilt, rad, or None if not measured.
 pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
-/// Level of a signal at rest: occasional pushes shift it by a fraction of the sensor's noise.
+/// Level of a signal at rest; occasional pushes shift it by a fraction of the sensor's noise.
 pub fn level(signal: &DecaySignal) -> Option<ValueWithSd> {
     let first = *signal.t_s.first()?;
     let mut pieces: Vec<Vec<f64>> = Vec::new();
@@ -57,7 +53,7 @@ pub fn level(signal: &DecaySignal) -> Option<ValueWithSd> {
     }
     let value = median(levels.iter().copied())?;
     let spread = 1.4826 * median(levels.iter().map(|v| (v - value).abs()))?;
-    // Of a median: by sqrt(pi / 2) more than of a mean.
+    // The standard error of a median exceeds that of a mean by sqrt(pi / 2).
     let sd = 1.2533 * spread / (levels.len() as f64).sqrt();
     Some(ValueWithSd::new(value, sd))
 }
@@ -73,20 +69,20 @@ pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffn
         };
         let heel = ValueWithSd::new(b.value - a.value, a.sd.hypot(b.sd));
         let value = states[i] / heel.value;
-        let share = heel.sd / heel.value.abs();
-        if value.is_finite() && value > 0.0 && share <= KNOWN {
-            Ok(ValueWithSd::relative(value, share))
+        let relative_sd = heel.sd / heel.value.abs();
+        if value.is_finite() && value > 0.0 && relative_sd <= KNOWN {
+            Ok(ValueWithSd::relative(value, relative_sd))
         } else {
             Err(Some(heel))
         }
     })
 }
 
-/// Mass and added mass in a stiff degree of freedom, kg m², from its stiffness and its free decay.
+/// Inertia including added mass in a stiff degree of freedom, kg m², from its stiffness and its free decay.
 pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
     let value = stiffness.value / decay.stiffness.value;
-    let share = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
-    (value.is_finite() && value > 0.0).then_some(ValueWithSd::relative(value, share))
+    let relative_sd = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
+    (value.is_finite() && value > 0.0).then_some(ValueWithSd::relative(value, relative_sd))
 }
 
 #[cfg(test)]
@@ -107,7 +103,7 @@ mod tests {
 
     #[test]
     fn level_at_rest_with_pushes() {
-        // Of 0.1, a sixth of the time: the mean would be off by 0.017.
+        // Pushes of 0.1 for a sixth of the time: the mean would be off by 0.017.
         for (pushed, off) in [(false, 5e-4), (true, 1.5e-3)] {
             let found = level(&at_rest(0.02, 120, pushed)).unwrap();
             assert!((found.value - 0.02).abs() < off && found.sd < 1e-3, "{found:?}");
@@ -133,7 +129,7 @@ mod tests {
             let g = g.unwrap();
             assert!((g.value - truth).abs() < 1.0 && g.sd < 0.03 * truth, "{g:?}");
         }
-        // The wrong way, too little, on the middle line, not measured.
+        // Tilt in the wrong direction, too little tilt, weight on the centre line, tilt not measured.
         let other = stiffness(&weight, &[known(0.0), None], &[known(-0.01), known(0.01)]);
         assert!(other[0].is_err() && other[1] == Err(None), "{other:?}");
         let middle = Weight {
@@ -146,13 +142,13 @@ mod tests {
 
     #[test]
     fn inertia_error_of_stiffness_and_decay() {
-        let of = ValueWithSd::relative;
+        let with_sd = ValueWithSd::relative;
         let decay = Decay {
-            damping: of(6.0, 0.1),
-            stiffness: of(243.0, 0.03),
+            damping: with_sd(6.0, 0.1),
+            stiffness: with_sd(243.0, 0.03),
             pushes: 3,
         };
-        let m = inertia(&of(35e3, 0.04), &decay).unwrap();
+        let m = inertia(&with_sd(35e3, 0.04), &decay).unwrap();
         assert!(
             (m.value - 144.0).abs() < 0.1 && (m.sd / m.value - 0.05).abs() < 1e-9,
             "{m:?}"
@@ -161,6 +157,6 @@ mod tests {
             stiffness: ValueWithSd::default(),
             ..decay
         };
-        assert_eq!(inertia(&of(35e3, 0.04), &free), None);
+        assert_eq!(inertia(&with_sd(35e3, 0.04), &free), None);
     }
 }

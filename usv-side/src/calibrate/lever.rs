@@ -1,37 +1,35 @@
-//! The GNSS antenna's place relative to the inertial sensor.
+//! Position of the GNSS antenna relative to the inertial sensor.
 //!
 //! ```text
 //! v_gnss(t) = v_0 + integral of (R f + g) + R (omega x r)
 //! ```
 //!
-//! Over a few seconds the start `v_0` and the ramp that a wrong tilt and the accelerometer's bias make are
-//! unknown and each window's own; they are projected out (Frisch, Waugh and Lovell), and what is left is
-//! linear in `r`.
+//! Over a few seconds, the initial value `v_0` and the ramp caused by a tilt error and the accelerometer's bias are
+//! unknown for each window. They are projected out (Frisch, Waugh and Lovell), and the remaining problem is linear in
+//! `r`.
 
 use alight_shared::estimation::ValueWithSd;
 use alight_shared::msg::GnssFix;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Length of a window, s (ours: a wave period, over which a bias is a bias).
+/// Length of a window, s: a wave period, within which biases are constant.
 const WINDOW_S: f64 = 5.0;
-/// Fewest fixes of a window, and fewest windows.
+/// Minimum number of fixes in a window, and of windows.
 const MIN_FIXES: usize = 10;
 const MIN_WINDOWS: usize = 5;
-/// Rates are averaged over so many samples to each side: their noise would pull `r` towards zero.
+/// Number of samples on each side for averaging rates, whose noise biases `r` towards zero.
 const AROUND: usize = 2;
-/// Smallest standard error, m, and as a fraction of the distance between the two (ours: the simulated vessel's
-/// distances come out 5 to 8 % short, seeds 1 and 2, pushed and in waves).
+/// Minimum standard error, m, and as a fraction of the distance. Distances of the simulated vessel are estimated 5 to 8
+/// % too short (seeds 1 and 2, pushed and in waves).
 const FLOOR_M: f64 = 0.005;
-const FLOOR_SHARE: f64 = 0.05;
+const FLOOR_FRACTION: f64 = 0.05;
 
-/// The vessel at an inertial sample.
 #[derive(Clone, Copy, Debug)]
 pub struct InertialState {
-    /// Time, s.
     pub t_s: f64,
-    /// Samples without a gap between them have the same number.
+    /// Number of the gap-free run of samples.
     pub run: u32,
-    /// NED from body.
+    /// Rotation NED from body.
     pub attitude: UnitQuaternion<f64>,
     /// Body rates, rad/s.
     pub rates: Vector3<f64>,
@@ -39,14 +37,14 @@ pub struct InertialState {
     pub acceleration: Vector3<f64>,
 }
 
-/// The newest moment at or before `t_s`, if it is of the same sample time; its index.
+/// Newest state at or before `t_s` within one sample time, with its index.
 pub fn at(states: &[InertialState], t_s: f64) -> Option<(usize, &InertialState)> {
     let k = states.partition_point(|m| m.t_s <= t_s + 1e-6).checked_sub(1)?;
     let m = states.get(k)?;
     (t_s - m.t_s < 0.05).then_some((k, m))
 }
 
-/// A fix: its time, what the inertial sensor has not explained, and what `r` would.
+/// Equation of one fix: time, velocity that the inertial sensor does not explain, and its dependence on `r`.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     t_s: f64,
@@ -54,12 +52,11 @@ struct Row {
     x: Matrix3<f64>,
 }
 
-/// Collects windows.
 #[derive(Clone, Debug, Default)]
 pub struct Lever {
     window: Vec<Row>,
     run: u32,
-    /// Velocity integrated since the window began, up to this moment.
+    /// Velocity integrated from the start of the window to the present sample.
     velocity: Vector3<f64>,
     reached: usize,
     /// Normal equations of each window.
@@ -67,7 +64,6 @@ pub struct Lever {
 }
 
 impl Lever {
-    /// Takes a fix; they come in their order.
     pub fn fix(&mut self, fix: &GnssFix, states: &[InertialState]) {
         let Some((k, m)) = at(states, fix.header.at.secs()) else {
             return;
@@ -98,7 +94,7 @@ impl Lever {
         });
     }
 
-    /// Ends a window: mean and slope of every column are its own.
+    /// Ends a window and removes mean and slope of every column.
     fn close(&mut self) {
         let rows = core::mem::take(&mut self.window);
         if rows.len() < MIN_FIXES {
@@ -131,7 +127,7 @@ impl Lever {
         self.windows.push((h, g, yy, 3 * rows.len().saturating_sub(2)));
     }
 
-    /// Antenna minus inertial sensor, body, m; None when nothing turned.
+    /// Antenna minus inertial sensor, body frame, m; None if the vessel did not turn.
     pub fn identify(mut self) -> Option<[ValueWithSd; 3]> {
         self.close();
         if self.windows.len() < MIN_WINDOWS {
@@ -150,7 +146,7 @@ impl Lever {
             .saturating_sub(3)
             .max(1);
         let white = bread * (rest.max(0.0) / freedom as f64);
-        // Errors that a window's fixes share (White 1980, one cluster a window).
+        // Covariance that allows for errors common to the fixes of a window (White 1980, one cluster per window).
         let meat: Matrix3<f64> = self
             .windows
             .iter()
@@ -161,7 +157,7 @@ impl Lever {
             .sum();
         let n = self.windows.len() as f64;
         let shared = bread * meat * bread * (n / (n - 1.0));
-        let floor = FLOOR_M.hypot(FLOOR_SHARE * r.norm());
+        let floor = FLOOR_M.hypot(FLOOR_FRACTION * r.norm());
         Some(core::array::from_fn(|i| {
             ValueWithSd::new(r[i], white[(i, i)].max(shared[(i, i)]).sqrt().hypot(floor))
         }))

@@ -1,13 +1,12 @@
-//! Parameters of the vessel from a recording of its own sensors (offline).
+//! Offline identification of the vessel's parameters from a recording of its sensors.
 //!
-//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses one side, the
-//! bow, the whole vessel down and lets go, tows it and lets go, turns it and lets go, with rests between.
-//! Free motion determines `D/M` and `G/M` but not M itself, which takes a known force: in roll and pitch a known
-//! weight ([`incline`]). The model needs only the two ratios, so elsewhere M stays as configured and D and G follow.
+//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses down one side, the bow or the
+//! whole vessel, tows it or turns it, and then releases it, with rests in between. Free motion determines `D/M` and
+//! `G/M` but not M, which needs a known force: in roll and pitch a known weight ([`incline`]). The model needs only the
+//! two ratios, so in the other degrees of freedom M stays as configured, and D and G follow.
 //!
-//! The GNSS antenna's place comes from any motion that turns the vessel, waves included ([`lever`]),
-//! relative to the inertial sensor: where the reference point lies is a choice, so the inertial sensor's
-//! own place stays as configured.
+//! The position of the GNSS antenna comes from any rotation of the vessel, including in waves ([`lever`]). It is
+//! relative to the inertial sensor, whose own position stays as configured because the reference point is arbitrary.
 
 pub mod decay;
 pub mod incline;
@@ -26,20 +25,18 @@ pub use decay::{Decay, DecayOrder, DecaySignal, NotObservable};
 pub use incline::{RestTilt, Stiffness, Weight};
 use lever::{InertialState, Lever};
 
-/// Names of the degrees of freedom.
 pub const DOF_NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
-/// Longest record, samples: an hour and a half at 100 Hz.
+/// Maximum length of a record, samples: an hour and a half at 100 Hz.
 const MAX_SAMPLES: usize = 600_000;
-/// Time constant with which accelerometer and heading correct the attitude, s (ours: waves of 5 s then tilt it by
-/// 0.001 rad).
+/// Time constant with which accelerometer and heading correct the attitude, s. Waves of 5 s then cause an error of
+/// 0.001 rad.
 const LEVELLED_S: f64 = 100.0;
-/// Angular acceleration is the slope of the rates over so many samples to each side (ours: 60 ms at
-/// 100 Hz, a tenth of the period of a small boat's roll).
+/// Number of samples on each side for the slope of the rates that gives the angular acceleration: 60 ms at 100 Hz, a
+/// tenth of the roll period of a small boat.
 const SLOPE: usize = 3;
-/// A gap between inertial samples ends a record that is integrated, s.
+/// Gap between inertial samples that ends an integrated record, s.
 const GAP_S: f64 = 0.1;
 
-/// Way in which each degree of freedom comes to rest.
 pub const fn order(dof: usize) -> DecayOrder {
     match dof {
         HEAVE | ROLL | PITCH => DecayOrder::Stiff,
@@ -47,20 +44,15 @@ pub const fn order(dof: usize) -> DecayOrder {
     }
 }
 
-/// The identified parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VesselCalibration {
-    /// Length of the record, s.
     pub seconds: f64,
-    /// Each degree of freedom.
     pub decays: [Result<Decay, NotObservable>; DOFS],
-    /// Roll and pitch at rest.
     pub level: RestTilt,
-    /// GNSS antenna in the vessel's body, m; None without fixes or motion.
+    /// GNSS antenna in the vessel's body frame, m; None without fixes or rotation.
     pub antenna_m: Option<[ValueWithSd; 3]>,
 }
 
-/// A record of the vessel's sensors.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     imu: Vec<ImuSample>,
@@ -78,14 +70,12 @@ fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
 }
 
 impl Record {
-    /// Adds the measurements of a step.
     pub fn add(&mut self, readings: &Readings) {
         readings.imu.iter().for_each(|m| push(&mut self.imu, m));
         readings.gnss.iter().for_each(|m| push(&mut self.gnss, m));
         readings.heading.iter().for_each(|m| push(&mut self.heading, m));
     }
 
-    /// Identifies the parameters of the vessel of `config`.
     pub fn identify(&self, config: &VesselNodeConfig) -> VesselCalibration {
         let states = self.states();
         let signals = self.signals(config, &states);
@@ -123,7 +113,7 @@ impl Record {
         signals.each_ref().map(incline::level)
     }
 
-    /// The gyroscope's bias: a floating vessel's mean rates of roll and pitch are zero, its mean yaw rate is that of
+    /// Gyroscope bias: the mean rates of roll and pitch of a floating vessel are zero, and its mean yaw rate is that of
     /// the heading.
     fn gyro_bias(&self) -> Vector3<f64> {
         let n = self.imu.len().max(1) as f64;
@@ -146,12 +136,12 @@ impl Record {
         mean - Vector3::z() * (turned / seconds)
     }
 
-    /// Attitude and acceleration at each inertial sample: rates integrated, levelled slowly.
+    /// Attitude and acceleration at each inertial sample, from integrated rates with slow levelling.
     fn states(&self) -> Vec<InertialState> {
         let Some(first) = self.imu.first() else {
             return Vec::new();
         };
-        // Level on the mean of the first second.
+        // The initial roll and pitch follow from the mean of the first second.
         let count = 100.min(self.imu.len());
         let force = self
             .imu
@@ -182,12 +172,12 @@ impl Record {
                 let dt = dt.min(GAP_S);
                 attitude *= UnitQuaternion::from_scaled_axis(rates * dt);
                 let force = attitude * Vector3::from(s.accelerometer);
-                // At first the mean of the forces so far, so that the start does not matter.
+                // At first, use the mean of all forces so far, so that the initial attitude has no effect.
                 let over_s = (s.header.at - first.header.at).secs().clamp(1.0, LEVELLED_S);
                 let mut correction = force.cross(&-Vector3::z()) / GRAVITY * (dt / over_s);
                 while let Some(h) = headings.next_if(|h| h.header.at <= s.header.at) {
                     let error = wrap_angle(h.heading - attitude.euler_angles().2);
-                    // A heading comes every tenth of a second or so.
+                    // Headings arrive about every tenth of a second.
                     correction.z += error * (0.1 / over_s);
                 }
                 attitude = UnitQuaternion::from_scaled_axis(correction) * attitude;
@@ -202,7 +192,6 @@ impl Record {
             .collect()
     }
 
-    /// The signals of the six degrees of freedom.
     fn signals(&self, config: &VesselNodeConfig, states: &[InertialState]) -> [DecaySignal; DOFS] {
         let mut signals: [DecaySignal; DOFS] = Default::default();
         let mut add = |dof: usize, t_s: f64, y: f64| {
@@ -221,7 +210,7 @@ impl Record {
             if before.run != after.run {
                 continue;
             }
-            // Of the reference point: what turning adds at the sensor's place is taken off.
+            // Refer to the reference point: remove the acceleration caused by rotation at the sensor's position.
             let turning = (after.rates - before.rates) / (after.t_s - before.t_s);
             let lever = turning.cross(&imu) + m.rates.cross(&m.rates.cross(&imu));
             add(HEAVE, m.t_s, (m.acceleration - m.attitude * lever).z);
@@ -239,7 +228,6 @@ impl Record {
     }
 }
 
-/// Every degree of freedom from its signal.
 pub fn identify(signals: &[DecaySignal; DOFS]) -> [Result<Decay, NotObservable>; DOFS] {
     core::array::from_fn(|dof| decay::identify(order(dof), &signals[dof]))
 }
@@ -251,7 +239,7 @@ mod tests {
     use alight_shared::msg::Header;
     use alight_shared::time::Time;
 
-    /// A vessel that rolls and pitches about its reference point in two waves, drifting north.
+    /// A vessel that rolls and pitches about its reference point in two waves while drifting north.
     fn rocked(amplitude: f64, antenna: Vector3<f64>) -> Record {
         let mut record = Record::default();
         let imu = Vector3::new(0.3, 0.1, -0.3);
@@ -307,7 +295,7 @@ mod tests {
 
     #[test]
     fn antenna_place_in_waves() {
-        // The stated error is at least 5 % of the distance: 1.6 m, so that 0.1 m can be asked for.
+        // The stated error is at least 5 % of the distance of 1.6 m, so an accuracy of 0.1 m can be required.
         let antenna = Vector3::new(-0.9, 0.35, -1.3);
         let found = rocked(0.12, antenna).identify(&VesselNodeConfig::default());
         for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {

@@ -1,4 +1,4 @@
-//! The crew's orders for deck and course: each is repeated until the vessel's status names it, and taken once.
+//! Crew orders for deck and course. Each is repeated until the vessel's status names it, but is accepted only once.
 
 use std::collections::VecDeque;
 
@@ -8,12 +8,13 @@ use alight_shared::topics;
 
 use super::VesselEvent;
 
-/// The orders that were accepted last: a repetition does not count as another order.
+/// Newest accepted orders; a repetition is not another order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CrewOrders(VecDeque<u32>);
 
 impl CrewOrders {
-    /// Orders of these that count now, and events about the others. One that is taken up late would be a wrong one.
+    /// Orders that are accepted now, and events for the rejected ones. A late order is rejected because the situation
+    /// may have changed.
     pub(super) fn take(
         &mut self,
         now: Time<VesselClock>,
@@ -69,10 +70,10 @@ mod tests {
         );
         assert_eq!(orders.taken()[..], [1, 3]);
         let late = events.pop().map(|e| (e.is_warning(), e.to_string()));
-        let text = "crew order: deck closed: it came too late and does not count: give it again";
+        let text = "crew order: deck closed: too late and rejected: give it again";
         assert_eq!(late, Some((true, text.to_owned())));
         assert_eq!(events.len(), 2);
-        // What was taken last is known, however many came before.
+        // The newest accepted orders remain known after any number of earlier ones.
         let many: Vec<_> = (10..10 + 2 * MAX_ORDERS as u32)
             .map(|boot| given(boot, 99.0))
             .collect();

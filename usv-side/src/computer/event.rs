@@ -1,4 +1,4 @@
-//! Events that people on board are to know.
+//! Events for the crew.
 
 use core::fmt;
 
@@ -10,64 +10,53 @@ use serde::{Deserialize, Serialize};
 use crate::deck::ClearanceEnd;
 use crate::sensors::MAX_REPEATED;
 
-/// An event for the crew.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum VesselEvent {
-    /// A drone reports another state of its mission, or reports for the first time.
+    /// A drone reports a new mission state, or reports for the first time.
     DroneState {
         drone: u32,
-        /// State of the drone.
         state: State,
-        /// Why it was entered.
+        /// Reason for entering the state.
         entered: Reason,
         /// Battery of the drone, 0 to 1; None: not reported.
         battery: Option<f64>,
     },
-    /// An operator's command was accepted.
     Command {
         drone: u32,
-        /// Command to the drone.
         kind: CommandKind,
     },
-    /// The crew's order was taken.
     DeckOrder(DeckOrder),
-    /// It came too late, and was not.
+    /// A crew order arrived too late and was rejected.
     LateOrder(DeckOrder),
-    /// A clearance for take-offs has ended that was neither used nor taken back.
+    /// A take-off clearance ended without being used or withdrawn.
     ClearanceEnded {
-        /// For this drone.
         drone: u32,
         why: ClearanceEnd,
     },
-    /// The deck has another owner.
     DeckOwner(Option<u32>),
-    /// A drone is landed and armed for longer than its disarm takes.
+    /// A landed drone is still armed after its disarm should have finished.
     StillArmed {
         drone: u32,
-        /// Since its landing, s.
+        /// Time since its landing, s.
         for_s: f32,
     },
     /// An inertial sensor repeats one sample, or measures again.
     StuckImu {
-        /// Number of the source.
         source: usize,
-        /// It repeats one.
+        /// The sensor repeats one sample.
         stuck: bool,
     },
     /// A drone with a low battery waits for the deck, whose owner is silent.
     DeckStarved(Starved),
-    /// A drone listens to another computer with this vessel's identity.
+    /// A drone follows another computer with this vessel's identity.
     SecondComputer(FollowsAnother),
-    /// Two drones have one number.
     DoubleNumber {
         drone: u32,
-        /// The boot ids of both.
         boots: [u32; 2],
     },
 }
 
 impl VesselEvent {
-    /// A drone's new state.
     pub(super) fn of(status: &DroneStatus) -> VesselEvent {
         VesselEvent::DroneState {
             drone: status.header.drone,
@@ -76,7 +65,7 @@ impl VesselEvent {
             battery: status.battery,
         }
     }
-    /// Somebody has to do something about it.
+    /// Whether somebody must act on it.
     pub fn is_warning(&self) -> bool {
         match self {
             VesselEvent::DoubleNumber { .. }
@@ -126,14 +115,16 @@ impl fmt::Display for VesselEvent {
                     "crew order: deck open, drone {drone} is neither on it nor above it"
                 )
             }
-            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
+            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => {
+                write!(f, "crew order: course statement withdrawn")
+            }
             VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
                 write!(f, "crew order: course and speed are kept for {for_s} s")
             }
             VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
             VesselEvent::LateOrder(order) => {
                 let order = VesselEvent::DeckOrder(*order);
-                write!(f, "{order}: it came too late and does not count: give it again")
+                write!(f, "{order}: too late and rejected: give it again")
             }
             VesselEvent::ClearanceEnded { drone, why } => write!(
                 f,
@@ -145,7 +136,7 @@ impl fmt::Display for VesselEvent {
             VesselEvent::StuckImu { source, stuck: true } => write!(
                 f,
                 "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no \
-                 more are used: power it off and on, see to its cable and driver"
+                 more are used: power it off and on, check its cable and driver"
             ),
             VesselEvent::StuckImu { source, stuck: false } => {
                 write!(f, "inertial sensor {source} measures again")

@@ -19,7 +19,6 @@ fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneS
     }
 }
 
-/// The events of a step.
 fn events(computer: &mut VesselComputer, t_s: f64, input: ComputerIn) -> Vec<String> {
     let out = computer.step(Time::from_secs(t_s), &input);
     out.events.iter().map(ToString::to_string).collect()
@@ -74,7 +73,7 @@ fn status_with_an_old_mission_state() {
         )
     };
     assert_eq!(received(5.0, status(7, 1, State::Descent)), (Some(3), 0, 1));
-    // The mission's process hangs, and the bridge goes on: the drone's state is not known.
+    // The mission's process hangs while the bridge runs: the drone's state is unknown.
     let mut last = None;
     for k in 2..30 {
         let mut old = status(7, k, State::Descent);
@@ -84,11 +83,11 @@ fn status_with_an_old_mission_state() {
     assert_eq!(
         last,
         Some((Some(3), 1, 29)),
-        "people see it, the arbiter takes it for silent"
+        "displayed, but silent for the arbiter"
     );
 }
 
-/// Drones listen to one boot of a vessel: that of its own process, not that of its sensors'.
+/// Drones follow one boot of a vessel: that of its main process, not of its sensor process.
 #[test]
 fn frames_of_a_base_with_the_computers_boot() {
     let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
@@ -107,7 +106,7 @@ fn frames_of_a_base_with_the_computers_boot() {
     assert!(computer.step(now, &ComputerIn::default()).rtcm.is_empty());
 }
 
-/// A drone with a sound certificate speaks for another, which lands.
+/// A drone with a valid certificate publishes under another drone's number during its landing.
 #[test]
 fn message_for_another_drone() {
     let config = VesselNodeConfig::default();
@@ -174,7 +173,7 @@ fn message_for_another_drone() {
     assert_eq!(computer.relay().unacknowledged().collect::<Vec<_>>(), [3]);
     assert_eq!(computer.node().rate_fraction(), 1.0);
     assert_eq!(computer.on_other_keys(), 23);
-    // Itself it is believed.
+    // Its own messages are accepted.
     let own = ComputerIn {
         statuses: vec![acknowledged],
         ..ComputerIn::default()

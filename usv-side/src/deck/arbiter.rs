@@ -1,31 +1,33 @@
-//! The deck arbiter: of several drones one at a time may descend.
+//! Deck arbiter: permits one drone at a time to descend.
 //!
-//! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the deck
+//! Every drone reports its mission state ([`DroneStatus`], 2 Hz), and the arbiter publishes the deck owner
 //! ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there
-//! is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the crew reports
-//! so ([`claim`]). One status is not enough, and silence is no evidence: a drone that was granted the deck may have landed
-//! and been switched off, and its radio may fail in one direction, so that it lands unnoticed. So no silence is long
-//! enough to give the deck to another without the crew; while another waits with a low battery the arbiter raises an
-//! alarm ([`Starved`]), and who waits lands at the next place of its own order.
+//! is evidence that it has left: for several seconds it reports itself armed, in the air and at a distance, or the crew
+//! reports so ([`claim`]). A single status is not enough, and silence is no evidence: a drone that owns the deck may
+//! have landed and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore
+//! silence never transfers the deck to another drone without the crew. While another drone waits with a low battery,
+//! the arbiter raises an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
 //!
-//! A drone that is switched on without a position may stand on the deck. The deck is given to no drone until it reports
-//! its place; it takes the deck from no other drone.
+//! A drone that is switched on without a position may stand on the deck. Until it reports its position, no drone
+//! receives the deck, but the present owner keeps it.
 //!
-//! Every drone in the air gets a waiting place of its own, off the deck. Within [`OWNER_ONLY_M`] of the deck there
-//! is its owner alone: no other drone is given the deck before its previous owner is beyond that. A silent drone keeps its
-//! place. So does every station its height: of two at one height the later is left out of the grant, and gives way.
+//! Every flying drone gets a waiting place off the deck. Only the owner may be within [`OWNER_ONLY_M`] of the deck:
+//! another drone receives the deck only when the previous owner is beyond that distance. A silent drone keeps its
+//! waiting place and the height of its station. If two stations have the same height, the grant omits the later one,
+//! and its drone gives way.
 //!
-//! The crew closes and opens the deck ([`DeckOrder`]). An order to open it states that nothing lies there, which is
-//! evidence about whoever stood there, and none about a drone that was in the air when it fell silent: that one keeps the
-//! deck for as long as a landing takes, or until the order names it. A [`DeckCheckpoint`] outlives the process.
-//! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
-//! deck that is no drone's weight. They never end an ownership, and an input that is not read any more closes the deck.
+//! The crew closes and opens the deck ([`DeckOrder`]). An order to open it states that nothing lies on the deck. This
+//! is evidence about a drone that stood on the deck, but not about a drone that was in the air when it fell silent: the
+//! latter keeps the deck for as long as a landing takes, or until an order names it. A [`DeckCheckpoint`] outlives the
+//! process. Configured digital inputs also close the deck ([`DeckInputs`]): the crew's switch, and a sensor for objects
+//! on the deck other than drones. They never end an ownership, and an input that cannot be read closes the deck.
 //!
-//! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
-//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until somebody has been at the deck; or for each of its take-offs
-//! until then ([`DeckOrder::TakeOffStanding`], [`clearance`]). None outlives this process.
+//! A drone on the deck takes off only with a clearance of the crew: for one take-off within a limited time
+//! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]), but in both
+//! cases only until somebody approaches the deck. A clearance ends with this process.
 //!
-//! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
+//! The grant also contains the course that the helm intends ([`Course`]). The arbiter also reports whether a drone asks
+//! for a steady course.
 
 use core::mem::discriminant;
 
@@ -52,39 +54,33 @@ use claim::ClaimEvidence;
 use clearance::{Clearance, Clearances, StandingCharge};
 use drone::Drone;
 
-/// Time between two grants without a change.
+/// Interval between grants without a change.
 const PERIOD: Span = Span::from_millis(500);
-/// A drone is silent after this long: four periods.
+/// Time after which a drone counts as silent: four periods.
 const FRESH: Span = Span::from_millis(2000);
-/// Two drones with one number are taken for that until one was silent for this long.
+/// Time for which one of two drones with the same number must be silent to end the conflict.
 const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
-/// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
-/// crew has time to look.
+/// Battery of a waiting drone that counts as low, 0 to 1: one and a half times the mission's reserve, which gives the
+/// crew time to look at the deck.
 const LOW_BATTERY: f64 = 0.3;
 
-/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
-    /// Statuses in their order of arrival.
+    /// Drone statuses in order of arrival.
     pub statuses: Vec<DroneStatus>,
-    /// Orders of the crew.
     pub orders: Vec<DeckOrder>,
-    /// Digital inputs.
     pub inputs: DeckInputs,
-    /// Dimensions of the deck.
     pub dimensions: Option<DeckDimensions>,
-    /// At the first step, that of the former start.
+    /// Checkpoint of the previous start, at the first step.
     pub checkpoint: Option<DeckCheckpoint>,
 }
 
-/// Output of the arbiter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ArbiterOut {
-    /// The owner of the deck, when due.
     pub grant: Option<DeckGrant<VesselClock>>,
 }
 
-/// The node that decides who owns the deck.
+/// Node that decides which drone owns the deck.
 #[derive(Clone, Debug, Default)]
 pub struct DeckArbiter {
     config: DeckConfig,
@@ -93,28 +89,26 @@ pub struct DeckArbiter {
     sequence: u32,
     drones: Vec<Drone>,
     owner: Option<u32>,
-    /// Owner and course of the newest grant.
+    /// Owner and course in the newest grant.
     published: u32,
     stated: Course,
-    /// The drones for whose take-offs the crew has cleared the deck.
     cleared: Clearances,
-    /// As published in the newest grant.
+    /// Clearance in the newest grant.
     take_off: bool,
     stations: [u8; PLACES],
-    /// By an order or by the state of the checkpoint: until the crew orders it open.
+    /// Closure by an order or by the checkpoint's state, until the crew opens the deck.
     closed: Option<Closure>,
     switch: Option<Reading>,
     sensor: Option<Reading>,
     course: StatedCourse,
     began: Option<Time<VesselClock>>,
-    /// When the deck's owner was last to give way.
+    /// Time at which the previous owner last gave way.
     vacated: Option<Time<VesselClock>>,
     due: Time<VesselClock>,
     rejected: u64,
 }
 
 impl DeckArbiter {
-    /// The arbiter of vessel `vessel`, which started with this boot id; no drone owns the deck.
     pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckArbiter {
         DeckArbiter {
             config: config.clone(),
@@ -124,18 +118,17 @@ impl DeckArbiter {
             ..DeckArbiter::default()
         }
     }
-    /// The drone that owns the deck.
     pub fn owner(&self) -> Option<u32> {
         self.owner
     }
-    /// The drone that was on its way down in its newest status, within the time that it takes.
+    /// Drone that was descending in its newest status, within the duration of a descent.
     pub fn landing(&self, now: Time<VesselClock>) -> Option<u32> {
         let landing = |d: &&Drone| {
             d.claim == Claim::Landing && (now - d.received).secs() <= self.config.status_timeout_s
         };
         self.drones.iter().find(landing).map(|d| d.header.drone)
     }
-    /// Why the deck is closed, if it is: an order before the inputs.
+    /// Reason why the deck is closed; orders take precedence over inputs.
     pub fn closed(&self, now: Time<VesselClock>) -> Option<Closure> {
         let switch = Reading::active(self.switch, !self.config.crew_switch.is_empty(), now);
         let foreign = || self.sensed(now) && !self.drones.iter().any(|d| d.may_stand(now));
@@ -143,26 +136,24 @@ impl DeckArbiter {
             .or_else(|| switch.then_some(Closure::Switch))
             .or_else(|| foreign().then_some(Closure::Sensor))
     }
-    /// The sensor does not show that nothing lies on the deck.
+    /// Whether the sensor fails to confirm that the deck is clear.
     fn sensed(&self, now: Time<VesselClock>) -> bool {
         Reading::active(self.sensor, !self.config.occupancy_sensor.is_empty(), now)
     }
-    /// Course that the helm intends at `now`.
     pub fn course(&self, now: Time<VesselClock>) -> Course {
         self.course.at(now, &self.config)
     }
-    /// A drone is on its way down, or waits for a steady course. One that is silent may be on its way down for as long
-    /// as a descent lasts.
+    /// Whether a drone descends or waits for a steady course. A silent drone may be descending for as long as a descent
+    /// lasts.
     pub fn wants_steady(&self, now: Time<VesselClock>) -> bool {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         self.drones.iter().any(|d| d.wants_steady && lasts(d))
     }
-    /// The age of the owner's newest status, s.
     pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         Some((now - owner.received).secs())
     }
-    /// Numbers that two drones have, with the boot ids of both: neither is given the deck.
+    /// Numbers used by two drones, with the boot ids of both: neither is given the deck.
     pub fn doubles(&self) -> impl Iterator<Item = (u32, [u32; 2])> {
         let double = |d: &Drone| {
             let rival = d.rival.filter(|_| d.is_double())?;
@@ -170,21 +161,21 @@ impl DeckArbiter {
         };
         self.drones.iter().filter_map(double)
     }
-    /// Statuses of another vessel or version, out of order, of a drone beyond [`MAX_DRONES`] or of a second one with
-    /// the same number.
+    /// Number of rejected statuses: from another vessel or version, out of order, from a drone beyond [`MAX_DRONES`],
+    /// or from a second drone with the same number.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
-    /// Drones that were switched on without a position: the deck is given to no drone until they report one.
+    /// Drones switched on without a position. No drone receives the deck until they report one.
     pub fn unplaced(&self) -> impl Iterator<Item = u32> {
         let unplaced = |d: &&Drone| d.unplaced;
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
     }
-    /// Whether the crew has to look, because a drone with a low battery waits for a silent owner.
+    /// Alarm: a drone with a low battery waits for a silent owner.
     pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         let silent_s = (now - owner.received).secs();
-        // Whatever it had begun without a radio has ended since.
+        // After this time, any manoeuvre that the owner had begun has ended.
         if silent_s <= self.config.status_timeout_s {
             return None;
         }
@@ -205,8 +196,7 @@ impl DeckArbiter {
             battery,
         })
     }
-    /// Silent drones that may be on their way down without reporting: an order to open the deck that does not name them
-    /// leaves it to them.
+    /// Silent drones that may be descending. They keep the deck if an order to open it does not name them.
     pub fn unheard(&self, now: Time<VesselClock>) -> impl Iterator<Item = Unheard> {
         let timeout_s = self.config.status_timeout_s;
         let may_descend = move |d: &&Drone| {
@@ -222,7 +212,6 @@ impl DeckArbiter {
             }
         })
     }
-    /// Checkpoint with which the next start of the process begins.
     pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
             |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone) || d.place.is_some();
@@ -276,7 +265,7 @@ impl DeckArbiter {
         }
     }
 
-    /// A drone, but for its rival, by an admitted status and by what was known of it before.
+    /// State of the drone after an admitted status. Its rival is dropped.
     fn updated(&mut self, now: Time<VesselClock>, status: &DroneStatus, before: Option<Drone>) -> Drone {
         let h = &status.header;
         let former = before.map_or(Claim::Away, |d| d.claim);
@@ -300,7 +289,7 @@ impl DeckArbiter {
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
-            // Until it knows that it gave way it may yet fly in.
+            // The drone may still approach until it receives the grant that takes the deck from it.
             Some(_) => !claim::is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
@@ -322,7 +311,7 @@ impl DeckArbiter {
             descends: status.state == State::Descent
                 || Claim::reported(status) < Claim::Landing && claim::flies(status),
             unplaced,
-            // What ended one claim is no evidence against the next.
+            // Evidence that ended one claim does not count for the next.
             evidence: evidence.filter(|_| (claim >= Claim::Landing) == (former >= Claim::Landing)),
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
@@ -337,7 +326,6 @@ impl DeckArbiter {
         }
     }
 
-    /// Order of the crew.
     fn apply(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
@@ -350,12 +338,12 @@ impl DeckArbiter {
         }
     }
 
-    /// The crew has looked: nothing lies on the deck, and `named` is neither there nor above it.
+    /// Applies the crew's report that nothing lies on the deck, and that `named` is neither on it nor above it.
     fn open(&mut self, now: Time<VesselClock>, named: Option<u32>) {
         self.closed = None;
         let timeout_s = self.config.status_timeout_s;
         let ends = |d: &Drone| d.ends_by_a_look(now, timeout_s) || named == Some(d.header.drone);
-        // Whoever is silent and stood there, the crew does not see; one that waits in the air keeps its place.
+        // The crew would see a silent drone on the deck. A silent drone that waits in the air keeps its place.
         self.drones
             .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing || !ends(d));
         for d in &mut self.drones {
@@ -365,18 +353,18 @@ impl DeckArbiter {
                     (d.claim, d.inside) = (Claim::Away, false);
                 }
             } else if !d.at_deck && (d.claim >= Claim::Landing || named == Some(d.header.drone)) {
-                // Neither it nor the crew has it there.
+                // Both the drone and the crew report that it is not on the deck.
                 (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
             }
         }
     }
 
-    /// The owner that gave way last may not know it yet.
+    /// Whether the previous owner may not know yet that it gave way.
     fn may_be_unknown(&self, now: Time<VesselClock>) -> bool {
         self.vacated.is_some_and(|t| now - t <= topics::DECK.stale_after)
     }
 
-    /// The owner from now on.
+    /// Selects the owner.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
         let c = &self.config;
         for d in &mut self.drones {
@@ -390,7 +378,8 @@ impl DeckArbiter {
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
         let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
-        // Facts before permissions: who is on the deck or descends owns it, the owner before another.
+        // Facts take precedence over permissions: a drone on the deck or in descent owns it, the present owner before
+        // others.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
             .max_by_key(|d| (d.claim, owns(d)));
@@ -401,10 +390,10 @@ impl DeckArbiter {
             .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
             .filter(|_| open)
             .min_by_key(|d| d.since);
-        // One that is silent may be on its way down; one that goes elsewhere climbs first.
+        // A silent drone may be descending, and a drone that flies elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
-        // The deck is not given to a drone while another may be above or on it, or may not know yet that it lost it.
+        // Another drone may be above or on the deck, or may not know yet that it has lost the deck.
         let free = |next: &&Drone| {
             let may_be_there = |d: &Drone| d.inside || d.unplaced;
             !drones().any(|d| may_be_there(d) && d.header.drone != next.header.drone)
@@ -419,7 +408,7 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
-    /// Another drone asks for the deck on which its owner stands.
+    /// Whether another drone requests the deck while its owner stands on it.
     fn is_wanted(&self, now: Time<VesselClock>) -> bool {
         let owns = |d: &Drone| self.owner == Some(d.header.drone);
         let stands = self.drones.iter().any(|d| owns(d) && d.claim == Claim::OnDeck);
@@ -427,18 +416,18 @@ impl DeckArbiter {
         stands && self.drones.iter().any(asks)
     }
 
-    /// The owner as drones are to know it.
+    /// Owner as published in the grant.
     fn published(&self, now: Time<VesselClock>) -> u32 {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
         match self.owner {
             _ if self.closed(now).is_some() => DECK_CLOSED,
-            // Both would take it for theirs.
+            // Both drones would assume that they own the deck.
             Some(id) if double(id) => DECK_CLOSED,
             owner => owner.unwrap_or(0),
         }
     }
-    /// The heights of the stations that the drones of the waiting places keep, m; 0: none, or at the height of one that was there
-    /// before. Who is silent keeps its station for as long as that was ordered for.
+    /// Heights of the stations of the drones at the waiting places, m; 0: the drone has no station, or an earlier
+    /// station has its height. A silent drone keeps its station for the ordered time.
     fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
         let keeps = |d: &Drone| {
             let (station, since) = d.station?;
@@ -492,7 +481,7 @@ impl Node for DeckArbiter {
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
         let owner = self.assign(now);
         if owner != self.owner {
-            // The new owner's idle time begins; the former owner joins the end of the queue.
+            // The new owner's idle time begins; the previous owner joins the end of the queue.
             for d in &mut self.drones {
                 if Some(d.header.drone) == owner || Some(d.header.drone) == self.owner {
                     d.since = now;
@@ -500,8 +489,8 @@ impl Node for DeckArbiter {
             }
             if owner.is_none() {
                 self.vacated = Some(now);
-                // One that gives way without having left may be on its way there without receiving it: until it reports from
-                // beyond.
+                // A previous owner may have missed the grant that took the deck from it. Until it reports from beyond
+                // the distance, it may still approach.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;
                 self.drones
@@ -534,9 +523,9 @@ impl Node for DeckArbiter {
                 occupied: self.occupied(now),
                 stations,
                 places: core::array::from_fn(|k| {
-                    // Two with one number would both go there.
-                    let holder = self.drones.iter().find(|d| d.place == Some(k));
-                    holder.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
+                    // Two drones with the same number would both fly to this place.
+                    let occupant = self.drones.iter().find(|d| d.place == Some(k));
+                    occupant.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
                 }),
             }),
         }

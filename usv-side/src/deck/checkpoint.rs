@@ -1,55 +1,45 @@
-//! The deck's checkpoint, for a restart of the vessel's process or computer: its owner, whether it is closed, and the
-//! operators' commands.
+//! Checkpoint of the deck for a restart of the vessel's process or computer: owner, closure, and operator commands.
 
 use alight_shared::admission::Sender;
 use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
 
-/// Relation of a drone to the deck.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Claim {
     #[default]
     Away,
-    /// Above it, not stably: keeps it, does not request it.
+    /// The drone is above the deck, but not steady: it keeps the deck, but does not request it.
     Above,
-    /// On its way there, waits for it, or is stably above it.
+    /// The drone is on its way, waiting, or steady above the deck.
     Requesting,
-    /// In descent or flare.
+    /// The drone is in descent or flare.
     Landing,
-    /// Stands on it.
     OnDeck,
 }
 
-/// A drone that has to do with the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroneClaim {
-    /// Number of the drone.
     pub drone: u32,
-    /// The boot id of its newest status.
     pub boot: u32,
-    /// Relation of the drone to the deck.
     pub claim: Claim,
-    /// Waiting place of the drone.
     pub place: Option<usize>,
-    /// It was where only the deck's owner may be.
+    /// The drone was in the space reserved for the owner.
     pub inside: bool,
 }
 
-/// The arbiter's checkpoint.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeckCheckpoint {
-    /// The drone that owns the deck.
     pub owner: Option<u32>,
-    /// Why the deck is closed, if it is.
+    /// Reason why the deck is closed; None: it is open.
     pub closed: Option<Closure>,
-    /// The owner, and every drone that lands, stands or waits there.
+    /// The owner, and every drone that lands, stands or waits at the deck.
     pub claims: Vec<DroneClaim>,
 }
 
 impl DeckCheckpoint {
-    /// Replaces a checkpoint that is missing or cannot be read: no drone is known, so the deck is closed.
+    /// Replacement for a missing or unreadable checkpoint: no drone is known, so the deck is closed.
     pub fn unknown(closure: Closure) -> DeckCheckpoint {
         DeckCheckpoint {
             closed: Some(closure),
@@ -58,13 +48,13 @@ impl DeckCheckpoint {
     }
 }
 
-/// An operator's command that the vessel knows, with the time at which it was given.
+/// Operator command known to the vessel, with its original time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GivenCommand {
-    /// Who gave it.
     pub operator: Sender,
-    /// The command: boot and sequence are those of the operator's message, whose repetitions do not count.
+    /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// It is repeated to its drone: neither acknowledged nor replaced, given up or made void by an abort.
+    /// The command is still repeated to its drone: it is not acknowledged, replaced, given up, or cancelled by an
+    /// abort.
     pub open: bool,
 }

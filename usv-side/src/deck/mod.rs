@@ -1,5 +1,5 @@
-//! The deck arbiter and the operator relay: the vessel's nodes that exchange messages with drones; and the monitor of
-//! what those report.
+//! Deck arbiter and operator relay, the vessel's nodes that exchange messages with drones, and the monitor of drone
+//! reports.
 
 pub mod arbiter;
 pub mod checkpoint;
@@ -17,5 +17,5 @@ pub use inputs::DeckInputs;
 pub use monitor::DroneMonitor;
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 
-/// Most drones that a vessel keeps apart; further ones get neither deck nor commands.
+/// Maximum number of drones that a vessel tracks; further ones get neither deck nor commands.
 pub const MAX_DRONES: usize = 64;

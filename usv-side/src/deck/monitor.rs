@@ -1,4 +1,4 @@
-//! The drones as the vessel receives them, for people on board.
+//! Monitor of the drones that the vessel receives, for display to the crew.
 
 use std::collections::BTreeMap;
 
@@ -9,19 +9,17 @@ use nalgebra::Vector2;
 
 use super::MAX_DRONES;
 
-/// Mean winds stay what they are for so long, s.
+/// Validity of a mean wind, s.
 const MAX_WIND_AGE_S: f64 = 600.0;
 
-/// Changes by a status.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct News {
-    /// The mission's state is another than before.
     pub(crate) state: bool,
-    /// For the first time the drone is landed and armed for longer than its disarm takes: since its landing, s.
+    /// Time since the landing, s, in the first status that reports the drone still armed after its disarm should have
+    /// finished.
     pub(crate) still_armed: Option<f32>,
 }
 
-/// The newest status of each drone, with its arrival.
 #[derive(Clone, Debug)]
 pub struct DroneMonitor {
     vessel: u32,
@@ -32,7 +30,6 @@ pub struct DroneMonitor {
 }
 
 impl DroneMonitor {
-    /// Nothing received yet by vessel `vessel`.
     pub fn new(vessel: u32) -> DroneMonitor {
         DroneMonitor {
             vessel,
@@ -42,7 +39,7 @@ impl DroneMonitor {
             rejected: 0,
         }
     }
-    /// A status arrived: what people are to know of it.
+    /// Adds a status and returns changes for the crew.
     pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> News {
         let new = &status.message;
         let header = &new.header;
@@ -64,15 +61,13 @@ impl DroneMonitor {
         self.drones.insert(header.drone, *status);
         news
     }
-    /// Every drone's newest status, with its arrival.
     pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
         self.drones.values()
     }
-    /// The newest of all.
     pub fn newest(&self) -> Option<&Arrival<VesselClock, DroneStatus>> {
         self.drones.get(&self.newest?)
     }
-    /// The true wind towards NED, m/s, by the newest status that has one and is no older than [`MAX_WIND_AGE_S`].
+    /// True wind towards NED, m/s, from the newest status that has one and is no older than [`MAX_WIND_AGE_S`].
     pub fn wind(&self, now: Time<VesselClock>) -> Option<Vector2<f64>> {
         let recent = |s: &&Arrival<VesselClock, DroneStatus>| (now - s.at).secs() <= MAX_WIND_AGE_S;
         let known = self
@@ -82,11 +77,11 @@ impl DroneMonitor {
         let [north, east] = known.max_by_key(|s| s.at)?.message.wind?.map(f64::from);
         Some(Vector2::new(north, east))
     }
-    /// Statuses received.
     pub fn received(&self) -> u64 {
         self.received
     }
-    /// Statuses of another vessel or version, damaged, repeated, or of a drone beyond [`MAX_DRONES`].
+    /// Number of rejected statuses: from another vessel or version, damaged, repeated, or from a drone beyond
+    /// [`MAX_DRONES`].
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
@@ -127,7 +122,7 @@ mod tests {
         for bad in [foreign, repeated, nan, version] {
             assert!(!monitor.observe(&bad).state);
         }
-        // Another drone between two statuses of one is no change of state.
+        // A status of another drone in between does not count as a change of state.
         assert!(monitor.observe(&status(1, 5, 1, State::Idle)).state);
         assert!(!monitor.observe(&status(1, 4, 3, State::Tracking)).state);
         assert!(monitor.observe(&status(1, 4, 4, State::Landed)).state);

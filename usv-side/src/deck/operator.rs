@@ -1,18 +1,19 @@
-//! The operator relay: operators' commands on their way through the vessel to its drones.
+//! Operator relay: passes operator commands through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status echoes it, for 10 s at most; an abort for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
-//! and none that was given until then, nor a landing that somebody else orders within a second of it, counts afterwards.
-//! Each repetition bears the time at which the command was given: what the drone was commanded since, by whomever, is newer.
+//! A command is sent to its drone at 2 Hz until the drone's status echoes it, for at most 10 s. An abort is repeated
+//! without a time limit, and until it has taken effect, no other command reaches that drone. Commands given before
+//! then, and landings ordered by others within a second of the abort, remain rejected afterwards. Each repetition
+//! carries the original time of the command, so that every later command from any source is newer.
 //!
-//! An operator's terminal repeats its command for 12 s. The relay knows the commands that it was given, and when, also
-//! after a new start of the vessel's process ([`GivenCommand`]).
+//! An operator's terminal repeats its command for 12 s. The relay remembers received commands and their times, also
+//! across a restart of the vessel's process ([`GivenCommand`]).
 //!
-//! Commands for drones that the radio does not admit are rejected, so that each admitted drone always has room for one:
-//! whatever other operators send, an abort becomes pending.
+//! Commands for drones that the radio does not admit are rejected, so there is always room for one command to each
+//! admitted drone. An abort is therefore relayed regardless of what other operators send.
 //!
-//! To each of an operator's messages, and whenever it changes, the relay answers how far that command has come
-//! ([`CommandReceipt`]): a state of the drone that fits it by chance is no answer, and silence does not show whether an
-//! abort is pending.
+//! The relay replies to each of an operator's messages, and at every change, with the progress of the command
+//! ([`CommandReceipt`]). A drone state that matches a command by chance does not count as an acknowledgement, and
+//! silence does not show whether an abort is pending.
 
 use std::collections::VecDeque;
 
@@ -30,16 +31,15 @@ use serde::{Deserialize, Serialize};
 use super::MAX_DRONES;
 use super::checkpoint::GivenCommand;
 
-/// Most commands that are known: those that are open, one for each drone at most, and the newest others.
+/// Maximum number of stored commands: at most one open command per drone, and the newest others.
 const MAX_COMMANDS: usize = 4 * MAX_DRONES;
 
-/// A command and its repetitions to the drone.
 #[derive(Clone, Copy, Debug)]
 struct Relayed {
     operator: Sender,
-    /// Boot and sequence are those of the operator's message.
+    /// Command with boot and sequence of the operator's message.
     given: Retransmission<VesselClock, OperatorCommand<VesselClock>>,
-    /// Sequence that the first of its repetitions has at least.
+    /// Minimum sequence number of the command's repetitions.
     first: u32,
     progress: CommandProgress,
 }
@@ -48,16 +48,15 @@ impl Relayed {
     fn drone(&self) -> u32 {
         self.given.message.header.drone
     }
-    /// It is repeated.
     fn is_open(&self) -> bool {
         self.progress == CommandProgress::Pending
     }
-    /// Whether it is the same command of the same operator.
+    /// Whether this entry is the command of `operator` with the header `h`.
     fn is_of(&self, operator: Sender, h: &Header<VesselClock>) -> bool {
         let known = &self.given.message.header;
         (self.operator, known.drone, known.boot, known.sequence) == (operator, h.drone, h.boot, h.sequence)
     }
-    /// Whether this abort keeps another command away.
+    /// Whether this abort blocks another command.
     fn forbids(&self, command: &OperatorCommand<VesselClock>) -> bool {
         let own = &self.given.message;
         let other = own.kind == CommandKind::Abort && command.kind != CommandKind::Abort;
@@ -67,45 +66,38 @@ impl Relayed {
     }
 }
 
-/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct OperatorIn {
-    /// From operators whose certificates were accepted.
+    /// Commands of operators with accepted certificates.
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
-    /// From drones.
     pub statuses: Vec<DroneStatus>,
-    /// At the first step, the commands that the former start knew.
+    /// Commands known to the previous start, at the first step.
     pub given: Vec<GivenCommand>,
 }
 
-/// Messages that the relay sends, and orders that it has accepted.
+/// Messages of the relay, and accepted orders.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OperatorOut {
-    /// Commands of this step that were new and valid, as the operators gave them.
+    /// New valid commands of this step, as given by the operators.
     pub accepted: Vec<OperatorCommand<VesselClock>>,
-    /// For the drones that their headers name.
+    /// Commands for the drones named in their headers.
     pub commands: Vec<OperatorCommand<VesselClock>>,
-    /// For operators.
     pub receipts: Vec<CommandReceipt>,
 }
 
-/// The node that passes commands on.
 #[derive(Clone, Debug)]
 pub struct OperatorRelay {
     vessel: u32,
     boot: u32,
-    /// Numbers of the drones that may get commands.
     admitted: Vec<u32>,
     sequence: u32,
-    /// In the order in which they came; of a drone's one at most is open.
+    /// Commands in order of arrival, at most one open per drone.
     commands: VecDeque<Relayed>,
     rejected: Rejections,
-    /// Sequence of the receipts.
     receipts: u32,
 }
 
 impl OperatorRelay {
-    /// The relay of vessel `vessel`, which started with this boot id.
     pub fn new(vessel: u32, boot: u32) -> OperatorRelay {
         OperatorRelay {
             vessel,
@@ -117,11 +109,10 @@ impl OperatorRelay {
             receipts: 0,
         }
     }
-    /// Passes commands on to these drones, [`MAX_DRONES`] at most, and to no others.
+    /// Sets the drones that receive commands, at most [`MAX_DRONES`].
     pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
         self.admitted = drones.into_iter().take(MAX_DRONES).collect();
     }
-    /// Commands that were not passed on, by reason.
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }
@@ -130,7 +121,6 @@ impl OperatorRelay {
         let pending = |c: &&Relayed| c.is_open() && c.given.message.kind == CommandKind::Abort;
         self.commands.iter().filter(pending).map(Relayed::drone)
     }
-    /// The commands that it knows, for the next start.
     pub fn given(&self) -> Vec<GivenCommand> {
         let given = |c: &Relayed| GivenCommand {
             operator: c.operator,
@@ -149,7 +139,7 @@ impl OperatorRelay {
                 mut command,
                 open,
             } = *before;
-            // A restarted computer counts its time from zero: when it was given is not known any more.
+            // A restarted computer counts its time from zero: the command's original time is lost.
             let is_dated = command.header.at <= now;
             command.header.at = command.header.at.min(now);
             let progress = if open && (is_dated || command.kind == CommandKind::Abort) {
@@ -177,7 +167,7 @@ impl OperatorRelay {
         });
     }
 
-    /// Takes an operator's command, or gives the reason why it does not count.
+    /// Accepts an operator's command, or returns the reason for rejecting it.
     fn accept(
         &mut self,
         now: Time<VesselClock>,
@@ -196,7 +186,7 @@ impl OperatorRelay {
             header: Header { at: now, ..*h },
             ..*command
         };
-        // Also one that does not count is known: its repetitions do not count later.
+        // A rejected command is also stored, so that its repetitions stay rejected.
         let forbidden = self.commands.iter().any(|c| c.forbids(&command));
         let replaced = |c: &&mut Relayed| !forbidden && c.is_open() && c.drone() == h.drone;
         for c in self.commands.iter_mut().filter(replaced) {
@@ -210,7 +200,7 @@ impl OperatorRelay {
         Ok(())
     }
 
-    /// The receipts of the commands that have changed since they stood so, and of those that an operator has just sent.
+    /// Receipts for commands whose progress has changed, and for commands just sent by an operator.
     fn answer(
         &mut self,
         now: Time<VesselClock>,
@@ -234,7 +224,7 @@ impl OperatorRelay {
         receipts
     }
 
-    /// Progress of a command that a status shows; None: none.
+    /// Progress of a command according to a status; None if the status does not show it.
     fn shown(&self, c: &Relayed, status: &DroneStatus) -> Option<CommandProgress> {
         let command = &c.given.message;
         let is_own = |[boot, k]: [u32; 2]| boot == self.boot && k >= c.first;

@@ -1,4 +1,4 @@
-//! Course and speed as stated by the helm: by its switch, and by an order from a terminal on board.
+//! Course and speed as stated by the helm's switch, and by orders from a terminal on board.
 
 use alight_shared::msg::{Course, MAX_STEADY_S};
 use alight_shared::time::{Span, Time, VesselClock};
@@ -6,7 +6,6 @@ use alight_shared::time::{Span, Time, VesselClock};
 use super::config::DeckConfig;
 use super::inputs::Reading;
 
-/// The newest order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Ordered {
     #[default]
@@ -15,25 +14,24 @@ enum Ordered {
     Turning,
 }
 
-/// The newest statements. A start of the process knows none: what was promised before it has to be promised again.
+/// Newest statements. A restarted process starts without any, so a promise must be given again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StatedCourse {
-    /// The helm's switch: the vessel turns or may turn.
+    /// State of the helm's switch: the vessel turns or may turn.
     pub(super) switch: Option<Reading>,
     ordered: Ordered,
 }
 
 impl StatedCourse {
-    /// Course and speed are kept for so many seconds; with 0 nothing is stated any more.
+    /// States that course and speed are kept for `for_s` seconds; 0 withdraws the statement.
     pub(super) fn order_steady(&mut self, now: Time<VesselClock>, for_s: u32) {
         let for_s = f64::from(for_s).min(f64::from(MAX_STEADY_S));
         self.ordered = Ordered::SteadyUntil(now + Span::from_secs(for_s));
     }
-    /// The vessel turns, until another order.
     pub(super) fn order_turning(&mut self) {
         self.ordered = Ordered::Turning;
     }
-    /// Course that counts at `now`: a turn by whichever states it, else the longest promise.
+    /// Course at `now`: a turn stated by either source, otherwise the longest promise.
     pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
         let has_switch = !config.helm_switch.is_empty();
         if self.ordered == Ordered::Turning || Reading::active(self.switch, has_switch, now) {

@@ -11,7 +11,7 @@ use super::{InnovationChannel, STEP_S, VesselFilter};
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
 /// After so many attitudes in a row with a refusal the covariance is opened (1 s at 10 Hz).
-const MAX_REJECTED: u32 = 10;
+const MAX_REJECTED: u32 = 11;
 /// An inertial sensor that is silent for this long is stood in for, s.
 const SILENT_S: f64 = 0.5;
 /// White noise of the rates that come with an attitude, rad/s (ours: an INS gives them without bias,
@@ -21,21 +21,18 @@ const RATE_SD: f64 = 0.02;
 impl VesselFilter {
     /// Inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
-        self.inertial && (at - self.last_imu).secs() < SILENT_S
+        self.imu.measured_at.is_some_and(|t| (at - t).secs() < SILENT_S)
     }
 
     /// Fuses an attitude; returns the number of its rejected components.
     pub(super) fn fuse_attitude(&mut self, fix: &AttitudeFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
-        let since = self.last_attitude.map_or(STEP_S, |t| (fix.header.at - t).secs());
-        self.last_attitude = Some(fix.header.at);
-        let gate = if self.rejected_attitudes > MAX_REJECTED {
+        let last = self.attitude.measured_at;
+        let since = last.map_or(STEP_S, |t| (fix.header.at - t).secs());
+        let gate = self.attitude.gate(GATE, MAX_REJECTED);
+        if gate.is_infinite() {
             self.open();
-            self.rejected_attitudes = 0;
-            f64::INFINITY
-        } else {
-            GATE
-        };
+        }
         let mut rejected = 0;
         // The same normal at the reference heading.
         let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
@@ -66,11 +63,7 @@ impl VesselFilter {
                 rejected += u64::from(!update.fused());
             }
         }
-        self.rejected_attitudes = if rejected > 0 {
-            self.rejected_attitudes + 1
-        } else {
-            0
-        };
+        self.attitude.record(fix.header.at, 0.0, rejected == 0);
         rejected
     }
 }

@@ -1,7 +1,10 @@
 //! GNSS and heading: late, compared with the state rolled back to their time of validity.
 
+use core::f64::consts::FRAC_PI_2;
+
+use alight_shared::estimation::AidSource;
 use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
@@ -20,6 +23,15 @@ const MAX_REJECTED: u32 = 20;
 /// a hull aside faster than the inertial gate passes, and errors of Doppler velocities are independent. Errors of
 /// positions last for seconds, so their limit is higher.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
+/// Slot, in yaw, of the compass's bias.
+const COMPASS: usize = HEAD + 1;
+/// Rejections of headings with consistent innovations that last for this long are no disturbance, s.
+const LASTING_S: f64 = 2.5;
+/// A compass bias within this many standard deviations of its spread leaves the heading without doubt.
+const USUAL_BIAS: f64 = 5.0;
+/// Standard deviation of the course against the heading by leeway and current, rad, of a vessel at this speed at least, m/s.
+const LEEWAY_SD: f64 = 0.1;
+const COURSE_MPS: f64 = 1.5;
 /// Standard deviation of a height that no receiver has measured, m: as far as the sea is from the ellipsoid, and more.
 const UNKNOWN_HEIGHT_SD: f64 = 200.0;
 /// The better of two height references is given up after this time without it, s.
@@ -97,10 +109,11 @@ impl VesselFilter {
             let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
             self.correct_history(axis, eta - before[0], nu - before[1]);
         }
-        self.rejected_fixes = if rejected > 2 { self.rejected_fixes + 1 } else { 0 };
-        if self.rejected_fixes > MAX_REJECTED {
+        self.weigh_course(config);
+        self.fixes.record(fix.header.at, 0.0, rejected <= 2);
+        if self.fixes.rejections > MAX_REJECTED {
             // The receiver's frame has jumped, or the filter has diverged.
-            self.rejected_fixes = 0;
+            self.fixes = AidSource::default();
             self.history.clear();
             let arm = self.tilt().rotation() * arm_body;
             for axis in [SURGE, SWAY] {
@@ -171,7 +184,7 @@ impl VesselFilter {
         let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
-        self.count(axis, ETA, update.fused());
+        self.rows[ETA][axis].record(fix.header.at, innovation, update.fused());
         // Components that are not measured do not count.
         if fix.position_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Position, update);
@@ -199,18 +212,17 @@ impl VesselFilter {
         }
         let innovation = velocity - (then.nu[axis] + spin.cross(&arm)[axis]);
         let r = fix.velocity_sd[axis].powi(2);
-        if axis == HEAVE && self.rejected_rows[NU][axis] >= MAX_REJECTED_VELOCITIES {
+        let source = &self.rows[NU][axis];
+        if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
             // Or the accelerometer is off by as much for as long: along the vertical no tilt explains it.
-            let bias = innovation / (fix.header.at - self.sank_at).secs().max(STEP_S);
+            let since = source.fused_at.unwrap_or(self.started);
+            let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);
         }
         let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
-        self.count(axis, NU, update.fused());
-        if axis == HEAVE && update.fused() {
-            self.sank_at = fix.header.at;
-        }
+        self.rows[NU][axis].record(fix.header.at, innovation, update.fused());
         if fix.velocity_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Velocity, update);
         }
@@ -237,38 +249,41 @@ impl VesselFilter {
     /// with the state's variance raised to the squared innovation. A jump in height is the receiver's bias, because
     /// the water holds the hull.
     fn gate(&mut self, axis: usize, slot: usize, max_rejected: u32, innovation: f64) -> f64 {
-        if self.rejected_rows[slot][axis] < max_rejected {
-            return GATE;
+        let gate = self.rows[slot][axis].gate(GATE, max_rejected);
+        if gate.is_infinite() {
+            let state = if (axis, slot) == (HEAVE, ETA) {
+                GNSS_BIAS
+            } else {
+                slot
+            };
+            self.belief.inflate(axis, state, innovation * innovation);
         }
-        let state = if (axis, slot) == (HEAVE, ETA) {
-            GNSS_BIAS
-        } else {
-            slot
-        };
-        self.belief.inflate(axis, state, innovation * innovation);
-        f64::INFINITY
-    }
-    fn count(&mut self, axis: usize, slot: usize, fused: bool) {
-        let n = &mut self.rejected_rows[slot][axis];
-        *n = if fused { 0 } else { *n + 1 };
+        gate
     }
 
     /// Fuses a heading; false when it was rejected.
     pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
-        let late = (self.at - fix.header.at).secs();
-        let compass = HEAD + 1;
-        let predicted =
-            self.belief.get(YAW, ETA) - late * self.belief.get(YAW, NU) + self.belief.get(YAW, compass);
+        let (at, late) = (fix.header.at, (self.at - fix.header.at).secs());
         let row = [
             Term::new(YAW, ETA, 1.0),
             Term::new(YAW, NU, -late),
-            Term::new(YAW, compass, 1.0),
+            Term::new(YAW, COMPASS, 1.0),
         ];
-        let innovation = wrap_angle(fix.heading - predicted);
-        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
+        let source = usize::from(fix.source).min(MAX_SOURCES - 1);
+        let innovation = wrap_angle(fix.heading - self.belief.predicted(&row));
+        let (gate, of_state) = self.heading_gate(source, at, innovation);
+        let before = self.belief.get(YAW, ETA);
+        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
+        // Next to half a turn off, those of a run stay on one side.
+        let own = &mut self.headings[source];
+        let last = if own.rejections > 0 { own.innovation } else { 0.0 };
+        own.record(at, last + wrap_angle(innovation - last), update.fused());
+        if of_state {
+            self.turn_means(self.belief.get(YAW, ETA) - before);
+        }
         self.consistency.observe(InnovationChannel::Heading, update);
         // A gyroscope measures the rate of turn better.
-        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
+        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(at)) {
             let innovation =
                 rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
             let update = self
@@ -277,5 +292,64 @@ impl VesselFilter {
             self.consistency.observe(InnovationChannel::Rate, update);
         }
         update.fused()
+    }
+
+    /// The gate of a heading: open after lasting rejections with consistent innovations, unless another source of headings
+    /// contradicts it, with the variance of what is wrong raised to the squared innovation. That is the state, which it
+    /// gives, when no gyroscope carried it, when it was accepted for less time than it has been rejected, when the
+    /// innovation grows, or when another source agrees; otherwise the compass.
+    fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
+        let own = self.headings[source];
+        let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
+        let (lasted_s, growth) = own.contradiction();
+        if lasted_s < LASTING_S || others().any(|(_, other)| other.age_s(at) < LASTING_S) {
+            return (GATE, false);
+        }
+        let accepted_s = own.fused_at.map_or(0.0, |t| (t - self.started).secs());
+        let grows = growth.abs() > 0.5 * (innovation - growth).abs();
+        let agrees = |other: &AidSource<VesselClock>| {
+            let apart = wrap_angle(other.innovation - innovation);
+            other.contradiction().0 >= LASTING_S && apart.abs() < 0.5 * innovation.abs()
+        };
+        let of_state = grows
+            || accepted_s < lasted_s
+            || !self.has_inertial(at)
+            || others().any(|(_, other)| agrees(other));
+        if grows {
+            self.belief.inflate(YAW, HEAD, (growth / lasted_s).powi(2));
+        }
+        let state = if of_state { ETA } else { COMPASS };
+        self.belief.inflate(YAW, state, innovation * innovation);
+        (f64::INFINITY, of_state)
+    }
+    /// The heading was wrong by `by` (rad): the mean motion stays where it goes.
+    fn turn_means(&mut self, by: f64) {
+        self.mean_heading = wrap_angle(self.mean_heading + by);
+        self.slow.turn(by);
+    }
+
+    /// Doubt of the heading, a standard deviation, rad: a compass bias beyond what is usual may be an error of the heading.
+    pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
+        let bias = self.belief.get(YAW, COMPASS).abs();
+        if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {
+            0.5 * bias
+        } else {
+            0.0
+        }
+    }
+    /// Lets the course over ground of a vessel under way decide between heading and compass while the heading is in doubt.
+    fn weigh_course(&mut self, config: &VesselNodeConfig) {
+        let (doubt, [north, east]) = (self.heading_doubt(config), self.mean_velocity.into());
+        let apart = wrap_angle(f64::atan2(east, north) - self.mean_heading);
+        // The course of a vessel that goes astern is no witness.
+        if doubt < LEEWAY_SD || north.hypot(east) < COURSE_MPS || apart.abs() > FRAC_PI_2 {
+            return;
+        }
+        let (heading, bias) = (self.belief.get(YAW, ETA), self.belief.get(YAW, COMPASS));
+        let share = doubt * doubt / (doubt * doubt + LEEWAY_SD * LEEWAY_SD);
+        let by = (share * apart).clamp(bias.min(0.0), bias.max(0.0));
+        self.belief.set(YAW, ETA, heading + by);
+        self.belief.set(YAW, COMPASS, bias - by);
+        self.turn_means(by);
     }
 }

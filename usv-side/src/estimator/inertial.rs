@@ -2,6 +2,7 @@
 
 use alight_shared::estimation::Update;
 use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::ImuSample;
 use alight_shared::vessel_model::{
     DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, VesselModelConfig, YAW,
 };
@@ -13,7 +14,7 @@ use crate::VesselNodeConfig;
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
 /// After this many steps with a rejection in a row the covariance is opened (half a second).
-const MAX_REJECTED: u32 = 25;
+const MAX_REJECTED: u32 = 26;
 /// Error of the model of specific force (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
@@ -30,11 +31,77 @@ const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
-/// Mean of a step's samples, and the last less the first.
-type Samples = (Vector3<f64>, Option<Vector3<f64>>);
+/// Sum or mean of inertial samples, the time since the last step (s), and their number.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Samples {
+    gyro: Vector3<f64>,
+    force: Vector3<f64>,
+    pub(super) ahead: f64,
+    n: f64,
+}
 
-/// Whether a rejected innovation is motion: the samples of the step agree. A single outlier among two makes their
-/// difference twice the innovation of their mean.
+impl Samples {
+    fn mean(&self) -> Samples {
+        let Samples {
+            gyro,
+            force,
+            ahead,
+            n,
+        } = *self;
+        Samples {
+            gyro: gyro / n,
+            force: force / n,
+            ahead: ahead / n,
+            n,
+        }
+    }
+}
+
+/// Inertial samples since the last step, summed in two halves.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ImuWindow {
+    halves: [Samples; 2],
+    /// Time of the first sample since the last step, s.
+    begin: f64,
+}
+
+impl ImuWindow {
+    /// Takes a sample `ahead` seconds after the last step, `period` (s) after the one before.
+    pub(super) fn push(&mut self, sample: &ImuSample, ahead: f64, period: f64) {
+        let [first, second] = &mut self.halves;
+        if first.n == 0.0 {
+            self.begin = ahead;
+        }
+        let late = first.n > 0.0 && ahead - self.begin >= 0.5 * (STEP_S - period);
+        let sum = if late { second } else { first };
+        sum.gyro += Vector3::from(sample.gyro);
+        sum.force += Vector3::from(sample.accelerometer);
+        sum.ahead += ahead;
+        sum.n += 1.0;
+    }
+    pub(super) fn mean(&self) -> Samples {
+        let [a, b] = self.halves;
+        let sum = Samples {
+            gyro: a.gyro + b.gyro,
+            force: a.force + b.force,
+            ahead: a.ahead + b.ahead,
+            n: a.n + b.n,
+        };
+        sum.mean()
+    }
+    /// Mean rates and forces of the second half less those of the first. None of a single sample, which does not distinguish
+    /// an outlier from an impulsive disturbance.
+    fn apart(&self) -> Option<[Vector3<f64>; 2]> {
+        let [a, b] = self.halves.map(|half| half.mean());
+        (b.n > 0.0).then(|| [b.gyro - a.gyro, b.force - a.force])
+    }
+}
+
+/// A mean, and the difference between the halves of its samples.
+type Mean = (Vector3<f64>, Option<Vector3<f64>>);
+
+/// Whether a rejected innovation is motion: the samples of the step agree. A single outlier makes the difference of the
+/// halves twice the innovation of the mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
 }
@@ -108,33 +175,29 @@ impl VesselFilter {
         self.belief.inflate(dof, NU, (IMPULSE_SD_FRACTION * nu).powi(2));
     }
 
-    /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time; `apart` is how the last differs from
-    /// the first, where there are several. Returns the number of rejected channels.
+    /// Fuses the mean of the samples, `offset` seconds after the state's time. Returns the number of rejected channels.
     pub(super) fn fuse_inertial(
         &mut self,
         config: &VesselNodeConfig,
-        (gyro, force): (Vector3<f64>, Vector3<f64>),
-        apart: Option<(Vector3<f64>, Vector3<f64>)>,
-        n: f64,
+        window: &ImuWindow,
         offset: f64,
     ) -> u64 {
-        let gate = if self.rejected_imu > MAX_REJECTED {
+        let (Samples { gyro, force, n, .. }, apart) = (window.mean(), window.apart());
+        let gate = self.imu.gate(GATE, MAX_REJECTED);
+        if gate.is_infinite() {
             self.open();
-            self.rejected_imu = 0;
-            f64::INFINITY
-        } else {
-            GATE
-        };
+        }
         let rates = config.imu.gyro_sd_radps.powi(2) / n;
         let forces = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
-        let mut rejected = self.fuse_rates((gyro, apart.map(|a| a.0)), rates, offset, gate);
-        rejected += self.fuse_force(&config.model, (force, apart.map(|a| a.1)), forces, gate);
-        self.rejected_imu = if rejected > 0 { self.rejected_imu + 1 } else { 0 };
+        let mut rejected = self.fuse_rates((gyro, apart.map(|a| a[0])), rates, offset, gate);
+        rejected += self.fuse_force(&config.model, (force, apart.map(|a| a[1])), forces, gate);
+        let at = self.imu.measured_at.unwrap_or(self.at);
+        self.imu.record(at, 0.0, rejected == 0);
         rejected
     }
 
     /// Gyroscope: `n_dot = (R omega) x n` gives the rates of roll and pitch at the reference. `r`: variance of a rate.
-    fn fuse_rates(&mut self, (gyro, apart): Samples, r: f64, offset: f64, gate: f64) -> u64 {
+    fn fuse_rates(&mut self, (gyro, apart): Mean, r: f64, offset: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let tilt = self.tilt();
         let measured = tilt.rates_from_gyro(gyro - self.gyro_bias());
@@ -157,13 +220,7 @@ impl VesselFilter {
     }
 
     /// Accelerometer: `f = R' (a + lever arm - g)`, all in the reference-parallel frame. `white`: variance of a force.
-    fn fuse_force(
-        &mut self,
-        config: &VesselModelConfig,
-        (force, apart): Samples,
-        white: f64,
-        gate: f64,
-    ) -> u64 {
+    fn fuse_force(&mut self, config: &VesselModelConfig, (force, apart): Mean, white: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let arm = self.imu_lever_arm;
         for axis in 0..3 {
@@ -227,6 +284,31 @@ mod tests {
         // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.
         assert!(is_impulse(0.4, 0.2, MAX_IMPULSE[0]) && is_impulse(-0.4, -0.2, MAX_IMPULSE[0]));
         assert!(!is_impulse(5.0, 0.1, MAX_IMPULSE[0]), "no hull turns like that");
+        // One sample of a fast sensor, wherever it is in the step.
+        for (rate_hz, wild) in [
+            (100, 0),
+            (100, 1),
+            (250, 2),
+            (400, 0),
+            (400, 3),
+            (400, 4),
+            (1000, 19),
+        ] {
+            let (mut window, period) = (ImuWindow::default(), 1.0 / f64::from(rate_hz));
+            for k in 0..rate_hz / 50 {
+                let gyro = [if k == wild { 2.0 } else { 0.0 }, 0.0, 0.0];
+                let sample = ImuSample {
+                    gyro,
+                    ..ImuSample::default()
+                };
+                window.push(&sample, f64::from(k + 1) * period, period);
+            }
+            let apart = window.apart().map_or(0.0, |a| a[0].x);
+            assert!(
+                !is_impulse(window.mean().gyro.x, apart, MAX_IMPULSE[0]),
+                "{rate_hz} Hz: {wild}"
+            );
+        }
         assert!(!is_impulse(f64::NAN, 0.0, MAX_IMPULSE[0]) && !is_impulse(1.0, f64::NAN, MAX_IMPULSE[0]));
     }
 }

@@ -18,10 +18,11 @@ mod speed_gain;
 mod tilt;
 mod velocity_lag;
 
+use alight_shared::estimation::AidSource;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::motion_model::{MeasuredErrors, MotionModel};
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
     Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
@@ -64,8 +65,6 @@ pub struct Estimator {
     gated: Gated,
     /// First measurements, before the filter runs.
     start: Start,
-    /// Consecutive fixes of which the gates rejected most.
-    lost_fixes: u32,
     filter: Option<VesselFilter>,
     /// Consistency of filters before the last restart.
     consistency: Consistency,
@@ -103,26 +102,19 @@ pub(crate) struct VesselFilter {
     /// Slow motion that the waves are relative to.
     pub(crate) slow: SlowMotion,
     step: BeliefStep,
-    /// Sum of the samples since the last step, and how many.
-    pending: (Vector3<f64>, Vector3<f64>, f64, u32),
-    /// The first of them.
-    first: (Vector3<f64>, Vector3<f64>),
+    window: inertial::ImuWindow,
     history: history::History,
     velocity_lags: velocity_lag::VelocityLags,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
-    last_imu: Time<VesselClock>,
-    /// An inertial sample has arrived.
-    inertial: bool,
-    last_attitude: Option<Time<VesselClock>>,
+    started: Time<VesselClock>,
+    imu: AidSource<VesselClock>,
+    attitude: AidSource<VesselClock>,
+    fixes: AidSource<VesselClock>,
+    /// Position and velocity, per axis.
+    rows: [[AidSource<VesselClock>; 3]; 2],
+    headings: [AidSource<VesselClock>; MAX_SOURCES],
     consistency: Consistency,
-    rejected_imu: u32,
-    rejected_fixes: u32,
-    /// Consecutive rejections of position and velocity, per axis.
-    rejected_rows: [[u32; 3]; 2],
-    /// When a vertical velocity was last fused.
-    sank_at: Time<VesselClock>,
-    rejected_attitudes: u32,
     row: Vec<Term>,
 }
 
@@ -153,6 +145,11 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
+    /// The heading was wrong by `by` (rad), the velocity in NED was not.
+    fn turn(&mut self, by: f64) {
+        self.heading = wrap_angle(self.heading + by);
+        self.velocity = Rotation2::new(-by) * self.velocity;
+    }
     /// Error of a heading, rad.
     pub(crate) fn off(&self, heading: f64) -> f64 {
         wrap_angle(heading - self.heading)
@@ -161,7 +158,7 @@ impl SlowMotion {
 
 /// A fix with this many of its six values rejected is lost.
 const LOST_ROWS: u64 = 4;
-/// After this many lost fixes in a row (2 s) the filter is wrong, not the receiver: it restarts.
+/// With a lost fix after this many rejected ones in a row (2 s) the filter is wrong, not the receiver: it restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
@@ -171,7 +168,6 @@ impl Estimator {
             config: config.clone(),
             gated: Gated::default(),
             start: Start::default(),
-            lost_fixes: 0,
             filter: None,
             consistency: Consistency::default(),
             motion: MotionModel::default(),
@@ -200,23 +196,15 @@ impl Estimator {
             self.try_start(sample.header.at);
             return;
         };
-        let period = (sample.header.at - f.last_imu).secs().clamp(0.0, STEP_S);
-        f.last_imu = sample.header.at;
-        f.inertial = true;
+        let last = f.imu.measured_at.replace(sample.header.at).unwrap_or(f.started);
+        let period = (sample.header.at - last).secs().clamp(0.0, STEP_S);
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
-        if f.pending.3 == 0 {
-            f.first = (Vector3::from(sample.gyro), Vector3::from(sample.accelerometer));
-        }
-        let p = &mut f.pending;
-        p.0 += Vector3::from(sample.gyro);
-        p.1 += Vector3::from(sample.accelerometer);
-        p.2 += (sample.header.at - f.at).secs();
-        p.3 += 1;
+        let ahead = (sample.header.at - f.at).secs();
+        f.window.push(sample, ahead, period);
         // A step ends with the sample that is nearest to its end.
-        if (sample.header.at - f.at).secs() + 0.5 * period >= STEP_S {
-            let n = f64::from(p.3);
-            let (gyro, force, ahead) = (p.0 / n, p.1 / n, p.2 / n);
-            f.pending = Default::default();
+        if ahead + 0.5 * period >= STEP_S {
+            let window = core::mem::take(&mut f.window);
+            let ahead = window.mean().ahead;
             if ahead > MAX_GAP_S {
                 self.restart();
                 return;
@@ -224,9 +212,7 @@ impl Estimator {
             let from = f.at;
             f.step_before(ahead);
             let offset = ahead - (f.at - from).secs();
-            // One sample a step does not distinguish an outlier from an impulsive disturbance.
-            let apart = (n > 1.0).then(|| (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1)));
-            self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
+            self.gated.imu += f.fuse_inertial(&self.config, &window, offset);
             f.end_step();
         }
         self.guard();
@@ -240,12 +226,7 @@ impl Estimator {
             Some(f) => {
                 rejected = f.fuse_gnss(&self.config, fix);
                 self.gated.gnss += rejected;
-                self.lost_fixes = if rejected >= LOST_ROWS {
-                    self.lost_fixes + 1
-                } else {
-                    0
-                };
-                if self.lost_fixes >= LOST_FIXES {
+                if rejected >= LOST_ROWS && f.fixes.rejections >= LOST_FIXES {
                     self.restart();
                 }
             }
@@ -323,7 +304,6 @@ impl Estimator {
             self.motion = filter.motion;
         }
         self.start = Start::default();
-        self.lost_fixes = 0;
     }
     fn guard(&mut self) {
         // A NaN anywhere in a block spreads to its first state within a step.
@@ -420,20 +400,17 @@ impl VesselFilter {
             course_errors: MeasuredErrors::default(),
             slow: SlowMotion::default(),
             step,
-            pending: Default::default(),
-            first: Default::default(),
+            window: Default::default(),
             history: history::History::default(),
             velocity_lags: velocity_lag::VelocityLags::default(),
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
-            last_imu: at,
-            inertial: false,
-            last_attitude: None,
+            started: at,
+            imu: AidSource::default(),
+            attitude: AidSource::default(),
+            fixes: AidSource::default(),
+            rows: Default::default(),
+            headings: Default::default(),
             consistency: Consistency::default(),
-            rejected_imu: 0,
-            rejected_fixes: 0,
-            rejected_rows: [[0; 3]; 2],
-            sank_at: at,
-            rejected_attitudes: 0,
             row: Vec::with_capacity(64),
         }
     }
@@ -460,7 +437,7 @@ impl VesselFilter {
     }
     /// Carries the state to within half a step of `to` by the model alone.
     fn coast(&mut self, to: Time<VesselClock>) {
-        self.pending = Default::default();
+        self.window = Default::default();
         let ahead = (to - self.at).secs();
         let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
@@ -471,8 +448,8 @@ impl VesselFilter {
 
     /// Time since motion was last measured, by the inertial sensor or one that stands in for it, s.
     pub(crate) fn motion_age(&self, now: Time<VesselClock>) -> f64 {
-        let last = self.last_attitude.map_or(self.last_imu, |t| t.max(self.last_imu));
-        (now - last).secs()
+        let measured = self.imu.measured_at.max(self.attitude.measured_at);
+        (now - measured.unwrap_or(self.started)).secs()
     }
 
     pub(crate) fn tilt(&self) -> Tilt {

@@ -126,7 +126,10 @@ impl VesselFilter {
             },
             cov(ROLL),
             cov(PITCH),
-            cov(YAW),
+            {
+                let [value, c, rate] = cov(YAW);
+                [value + self.heading_doubt(config).powi(2), c, rate]
+            },
         ];
         VesselEstimate {
             header,

@@ -1,5 +1,5 @@
-//! Recordings of a boat's networks and serial lines: NMEA 2000 as text of a gateway or a logger and deltas of Signal K, a
-//! message a line; UBX and MAVLink as they were received. They are decoded as they are live.
+//! Recordings of a boat's networks and serial lines: NMEA 2000 as text of a gateway or logger and Signal K deltas, one
+//! message per line; UBX and MAVLink as received. They are decoded as in live operation.
 
 use std::borrow::Cow;
 
@@ -9,21 +9,20 @@ use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording};
 use crate::sensors::{Format, Mount, Mounting, SensorDecoder, SourceMeasurement};
 
-/// Lines that are looked at, and how many of their messages have to be such.
+/// Number of lines inspected, and minimum number of valid messages among them.
 const LOOKED_AT: usize = 40;
 const ENOUGH: u64 = 5;
-/// Bytes of a stream that are decoded at a time.
 const CHUNK: usize = 512;
-/// Bytes of the time before each packet of a telemetry log (tlog), microseconds since 1970, the highest byte first.
+/// Length of the time before each packet of a telemetry log (tlog), bytes: microseconds since 1970, big endian.
 const STAMP_BYTES: usize = 8;
-/// Such times from 2001 to 2286, us.
+/// Plausible times, 2001 to 2286, us.
 const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_000;
 
-/// Formats with a message a line, and streams of bytes; sentences are known by more ([`super::sentences`]).
+/// Formats with one message per line, and byte streams; NMEA 0183 has its own detection ([`super::sentences`]).
 pub(super) const LINES: [Format; 2] = [Format::N2k, Format::SignalK];
 pub(super) const STREAMS: [Format; 2] = [Format::Ubx, Format::Mavlink];
 
-/// Format of a file that begins with `head`, among these.
+/// Format of a file that begins with `head`, if it is one of `these`.
 pub(super) fn format(these: &[Format], head: &[u8]) -> Option<Format> {
     these.iter().copied().find(|format| begins(*format, head))
 }
@@ -34,7 +33,7 @@ fn begins(format: Format, head: &[u8]) -> bool {
         decoder.push(&piece.content, &mut Vec::new());
     }
     let found = decoder.decoded();
-    // A MAVLink decoder leaves out what is not the vessel's.
+    // A MAVLink decoder drops messages of other systems.
     let others = if format == Format::Mavlink {
         found.left_out
     } else {
@@ -46,7 +45,7 @@ fn begins(format: Format, head: &[u8]) -> bool {
 fn has_lines(format: Format) -> bool {
     format == Format::Nmea || LINES.contains(&format)
 }
-/// The bytes in parts: lines without what their logger wrote around them, packets or chunks.
+/// Splits the bytes: lines without their logger's wrapping, packets, or chunks.
 fn pieces(format: Format, bytes: &[u8]) -> Box<dyn Iterator<Item = Peeled<'_>> + '_> {
     let whole = |content| Peeled {
         arrival_ns: None,
@@ -61,7 +60,7 @@ fn pieces(format: Format, bytes: &[u8]) -> Box<dyn Iterator<Item = Peeled<'_>> +
     }
 }
 
-/// Plays the bytes to a decoder of the sensors' node, and gathers what it makes of them; `each` looks on.
+/// Feeds the bytes to a decoder of the sensor node and collects its output; `each` observes every piece.
 pub(super) fn play<D: SensorDecoder + ?Sized>(
     format: Format,
     bytes: &[u8],
@@ -75,7 +74,7 @@ pub(super) fn play<D: SensorDecoder + ?Sized>(
         false => 0,
     };
     for piece in pieces(format, bytes) {
-        // A delta has the time of its update, and a sentence that of its epoch.
+        // A delta carries the time of its update, and a sentence that of its epoch.
         let arrival_ns = piece.arrival_ns.filter(|_| format == Format::N2k);
         if let Some(at_ns) = arrival_ns {
             decoder.arrive(Time::from_nanos(at_ns));
@@ -91,7 +90,6 @@ pub(super) fn play<D: SensorDecoder + ?Sized>(
     gather
 }
 
-/// Reads the messages.
 pub(super) fn read(
     format: Format,
     bytes: &[u8],
@@ -112,13 +110,16 @@ pub(super) fn read(
         "{} {messages} that are used, {} of other {others}, {} damaged {damaged}",
         count.good, count.ignored, count.corrupted
     );
+    if format == Format::N2k && count.undated > 0 {
+        found += &format!("; {} have no time: record with candump -L", count.undated);
+    }
     if format == Format::Mavlink && gather.missing().contains("no roll and pitch") {
         found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";
     }
     gather.recording(origin, name, &found, count, decoder.remarks())
 }
 
-/// Length of the MAVLink packet that begins here (mavlink.io, "Packet Serialization"), bytes.
+/// Length of the MAVLink packet at the start (mavlink.io, "Packet Serialization"), bytes.
 fn packet_bytes(bytes: &[u8]) -> Option<usize> {
     match *bytes {
         [0xfe, payload, ..] => Some(8 + usize::from(payload)),
@@ -127,13 +128,13 @@ fn packet_bytes(bytes: &[u8]) -> Option<usize> {
     }
 }
 
-/// Length of the packet behind the time of a telemetry log that begins here, bytes.
+/// Length of the packet after the time stamp of a telemetry log, bytes.
 fn stamped(bytes: &[u8]) -> Option<usize> {
     let (stamp, rest) = bytes.split_first_chunk::<STAMP_BYTES>()?;
     packet_bytes(rest).filter(|_| STAMPS.contains(&u64::from_be_bytes(*stamp)))
 }
 
-/// The packets of a telemetry log without their times; bytes between them come one by one.
+/// Packets of a telemetry log without their times; bytes in between are returned one by one.
 fn packets(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     let mut rest = bytes;
     core::iter::from_fn(move || {
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn n2k_recording_of_a_gateway() {
-        // Attitude at 10 Hz, a position each second, wind that is not read.
+        // Attitude at 10 Hz, a position each second, and wind, which is not read.
         let mut text = String::new();
         for k in 0..300 {
             let at = format!("12:00:{:06.3}", 0.1 * f64::from(k));
@@ -229,7 +230,7 @@ mod tests {
         );
     }
 
-    /// A boat's autopilot: attitudes and heartbeats of 20 s at 10 Hz, a packet each.
+    /// A boat's autopilot: attitudes and heartbeats at 10 Hz for 20 s, one per packet.
     fn autopilot() -> Vec<Vec<u8>> {
         let encoded = |k: u32, message: &m::MavMessage| {
             let from = MavlinkSender {

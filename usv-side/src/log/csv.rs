@@ -1,13 +1,13 @@
-//! Tables ([`super::table`]) to measurements: one row per instant, one column per quantity; an empty cell was not
-//! measured, and a quantity may have rows of its own.
+//! Conversion of tables ([`super::table`]) to measurements: one row per time, one column per quantity. An empty cell
+//! means that the quantity was not measured. A quantity may have rows of its own.
 //!
 //! | column | what |
 //! |---|---|
-//! | `t_s` | time of the row, s; must be there |
+//! | `t_s` | time of the row, s; required |
 //! | `roll_deg`, `pitch_deg` | attitude, starboard down and bow up positive; both or none |
 //! | `heading_deg` | heading, from north towards east |
 //! | `heave_m` | heave of the vessel's reference point, up; with an attitude |
-//! | `surge_m`, `sway_m` | place along and to starboard of the mean heading; both or none |
+//! | `surge_m`, `sway_m` | position along and to starboard of the mean heading; both or none |
 //! | `gyro_x_radps`, `_y_`, `_z_` | angular rate in forward, right, down; all or none |
 //! | `accel_x_mps2`, `_y_`, `_z_` | specific force in forward, right, down; with the gyro |
 //! | `latitude_deg`, `longitude_deg` | antenna, WGS-84; both or none |
@@ -15,8 +15,8 @@
 //! | `north_mps`, `east_mps` | its velocity; both or none |
 //! | `down_mps` | its velocity |
 //!
-//! Rates without accelerations go with the attitudes, at whose times they are interpolated. A heave on a row of its own
-//! goes with the attitude interpolated at its time, rates with accelerations the same.
+//! Rates without accelerations are interpolated to the times of the attitudes. Heaves and rates on separate rows are
+//! combined with attitudes and accelerations that are interpolated to their times.
 
 use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
@@ -31,7 +31,7 @@ use super::table::{CsvRow, CsvTable, Quantity, TableError};
 use super::{Gather, LogError, MAX_MEASUREMENTS, SensorRecording};
 use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement};
 
-/// Columns of which a file has all or none.
+/// Columns that must occur together.
 const TOGETHER: [&[Quantity]; 6] = [
     &[Roll, Pitch],
     &[Surge, Sway],
@@ -42,36 +42,33 @@ const TOGETHER: [&[Quantity]; 6] = [
 ];
 const GYRO: [Quantity; 3] = [GyroX, GyroY, GyroZ];
 const FORCE: [Quantity; 3] = [ForceX, ForceY, ForceZ];
-/// Text on the columns that are read.
 const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, \
                        gyro_x_radps, gyro_y_radps, gyro_z_radps, accel_x_mps2, accel_y_mps2, accel_z_mps2, \
                        latitude_deg, longitude_deg, altitude_m, north_mps, east_mps, down_mps";
-/// Standard deviation of surge and sway, m (ours: motion capture, RTK).
+/// Standard deviation of surge and sway, m: motion capture or RTK.
 const PLACE_SD_M: f64 = 0.02;
-/// Standard deviation of a GNSS position and velocity, m, m/s (ours).
+/// Standard deviation of GNSS position and velocity, m, m/s.
 const GNSS_SD: [f64; 2] = [0.5, 0.1];
-/// Values are interpolated where those to either side are at most so many usual steps apart, and this long, s.
+/// Maximum gap for interpolation, in usual steps and in s.
 const APART: (f64, f64) = (3.0, 2.0);
-/// Mean size of a specific force that gravity is in, m/s²; it is 9.8 on a boat.
+/// Range of the mean specific force that includes gravity, m/s²; it is 9.8 on a boat.
 const WITH_GRAVITY: core::ops::Range<f64> = 7.0..13.0;
-/// Samples of which that is asked.
+/// Minimum number of samples for the gravity check.
 const MIN_SAMPLES: usize = 20;
-/// Slower attitudes than this leave the fast part of a motion out, Hz.
+/// Attitude rate below which the fast part of the motion is missing, Hz.
 const SLOW_HZ: f64 = 4.9;
 
-/// A value at its time, where there is one.
 type Timed<const N: usize> = Option<(f64, [f64; N])>;
 
-/// A quantity over time.
 struct Series<const N: usize> {
     t: Vec<f64>,
     y: Vec<[f64; N]>,
-    /// Longest time between two values that are interpolated, s.
+    /// Maximum time between two values for interpolation, s.
     apart_s: f64,
 }
 
 impl<const N: usize> Series<N> {
-    /// A series from the rows that have all of these quantities.
+    /// Series of the rows that have all of these quantities.
     fn of(rows: &[CsvRow], quantities: [Quantity; N]) -> Self {
         let mut all: Vec<(f64, [f64; N])> = rows
             .iter()
@@ -87,18 +84,18 @@ impl<const N: usize> Series<N> {
             apart_s: (APART.0 * usual).min(APART.1),
         }
     }
-    /// Usual rate, Hz; 0 where there are not two values.
+    /// Usual rate, Hz; 0 with fewer than two values.
     fn hz(&self) -> f64 {
         let usual = self.apart_s / APART.0;
         if usual > 0.0 { 1.0 / usual } else { 0.0 }
     }
-    /// The values before and after a time, which may be one.
+    /// Values before and after a time, possibly the same one.
     fn around(&self, t: f64) -> (Timed<N>, Timed<N>) {
         let k = self.t.partition_point(|x| *x < t);
         let at = |k: usize| Some((*self.t.get(k)?, *self.y.get(k)?));
         (k.checked_sub(1).and_then(at), at(k))
     }
-    /// Interpolated at a time, where there are values close by to either side.
+    /// Interpolated value at a time, if there are close values before and after it.
     fn at(&self, t: f64) -> Option<[f64; N]> {
         match self.around(t) {
             (_, Some((b, y))) if b == t => Some(y),
@@ -109,7 +106,6 @@ impl<const N: usize> Series<N> {
             (_, _) => None,
         }
     }
-    /// The value that is nearest.
     fn nearest(&self, t: f64) -> Option<[f64; N]> {
         match self.around(t) {
             (Some((a, ya)), Some((b, yb))) => Some(if t - a < b - t { ya } else { yb }),
@@ -118,7 +114,6 @@ impl<const N: usize> Series<N> {
     }
 }
 
-/// Reads a table.
 pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let error = |e: TableError| match e {
         TableError::Header { line, message } => {
@@ -142,7 +137,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
         ));
     }
     let alone = |q: Quantity, needs: &str| {
-        table.header_error(format!("column `{}` is there without {needs}", q.name()))
+        table.header_error(format!("column `{}` is present without {needs}", q.name()))
     };
     if table.has(Heave) && !table.has(Roll) {
         return Err(error(alone(Heave, "`roll_deg`")));
@@ -162,7 +157,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
     let mut reading = Reading::of(&table, mount);
     reading.check_gravity(&table, origin)?;
     let mut gather = Gather::default();
-    // From the first on: nanoseconds since 1970 are coarse in floating point.
+    // Times are relative to the first row, because nanoseconds since 1970 are coarse in floating point.
     let begin = table.rows.first().map_or(0.0, |r| r.t);
     for row in &table.rows {
         let at_ns = ((row.t - begin) * 1e9).round() as i64;
@@ -178,7 +173,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
         ));
     }
     if let Some((line, _)) = table.backwards {
-        notes.push(format!("the time goes back in line {line}"));
+        notes.push(format!("the time decreases in line {line}"));
     }
     notes.extend(reading.notes(&table));
     if table.rows.len() > MAX_MEASUREMENTS {
@@ -195,32 +190,30 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
     })
 }
 
-/// The rows' quantities, and what became of them.
+/// Quantities of the rows, and counts of their use.
 struct Reading {
     mounting: Mounting,
     mean_heading: f64,
-    /// Inertial samples can be made.
+    /// The table contains inertial samples.
     inertial: bool,
     gyro: Series<3>,
     tilt: Series<2>,
     place: Series<2>,
     altitude: Series<1>,
-    /// Attitudes with rates, and rates on rows of their own.
+    /// Attitudes with rates, and rates on separate rows.
     rated: u64,
     own_rates: u64,
-    /// Heaves on rows of their own, and those of them without an attitude.
+    /// Heaves on separate rows, and how many of these lack an attitude.
     own_heaves: u64,
     lost_heaves: u64,
-    /// Specific forces without rates.
     lost_forces: u64,
-    /// Velocities on rows of their own.
     own_velocities: u64,
 }
 
 impl Reading {
     fn of(table: &CsvTable, mount: &Mount) -> Self {
         let rows = &table.rows;
-        // Surge and sway are along the mean heading, which is north where it was not recorded.
+        // Surge and sway are along the mean heading, taken as north if not recorded.
         let (mut s, mut c) = (0.0, 0.0);
         for heading in rows.iter().filter_map(|r| r.get(Heading)) {
             let (a, b) = heading.to_radians().sin_cos();
@@ -250,7 +243,7 @@ impl Reading {
         }
     }
 
-    /// Gravity is in the accelerations, and upwards: what is read is specific force in forward, right, down.
+    /// Checks that accelerations contain gravity, upwards: they must be specific force in forward, right, down.
     fn check_gravity(&self, table: &CsvTable, origin: &str) -> Result<(), LogError> {
         let forces: Vec<[f64; 3]> = table.rows.iter().filter_map(|r| r.all(FORCE)).collect();
         if forces.len() < MIN_SAMPLES || !self.inertial {
@@ -281,7 +274,6 @@ impl Reading {
         Ok(())
     }
 
-    /// The measurements of a row.
     fn measurements(&mut self, row: &CsvRow) -> Vec<Measurement> {
         let mut out = Vec::new();
         out.extend(self.imu(row));
@@ -318,7 +310,7 @@ impl Reading {
                 between?
             }
         };
-        // An inertial sensor has them itself.
+        // An inertial sensor provides the rates itself.
         let rates = rates.or_else(|| self.gyro.at(row.t)).filter(|_| !self.inertial);
         self.rated += u64::from(rates.is_some());
         let [roll, pitch] = tilt.map(f64::to_radians);
@@ -341,13 +333,12 @@ impl Reading {
                 .mounting
                 .position_sd([PLACE_SD_M, PLACE_SD_M, NOT_MEASURED_SD]),
             velocity_sd: [NOT_MEASURED_SD; 3],
-            // The place of the reference point itself.
+            // Position of the reference point itself.
             lever_arm: Some([0.0; 3]),
             ..GnssFix::default()
         }))
     }
 
-    /// A fix of what the row has of place, altitude and velocity.
     fn fix(&mut self, row: &CsvRow) -> Option<Measurement> {
         let (place, altitude) = (row.all([Latitude, Longitude]), row.get(Altitude));
         let (velocity, down) = (row.all([North, East]), row.get(Down));
@@ -355,7 +346,7 @@ impl Reading {
             return None;
         }
         self.own_velocities += u64::from(place.is_none() && velocity.is_some());
-        // The position is the origin of its own plane: where it is not measured, the nearest that is.
+        // A measured position is the origin of its own plane. Without one, the nearest measured position is the origin.
         let near = self.place.at(row.t).or_else(|| self.place.nearest(row.t));
         let [latitude_deg, longitude_deg] = place.or(near).unwrap_or_default();
         let level = || self.altitude.nearest(row.t).map(|[a]| a);
@@ -379,7 +370,7 @@ impl Reading {
         )
     }
 
-    /// Notes on quantities that lack others.
+    /// Notes on quantities whose use requires a missing quantity.
     fn notes(&self, table: &CsvTable) -> Vec<String> {
         let mut notes = Vec::new();
         if self.rated > 0 {
@@ -412,7 +403,7 @@ impl Reading {
         }
         if self.own_velocities > 0 && !self.place.t.is_empty() {
             notes.push(format!(
-                "{} velocities on rows without a place are taken by themselves",
+                "{} velocities on rows without a position are used alone",
                 self.own_velocities
             ));
         }
@@ -422,7 +413,7 @@ impl Reading {
         let hz = self.tilt.hz();
         if !self.inertial && hz > 0.0 && hz < SLOW_HZ {
             notes.push(format!(
-                "attitudes at {hz:.1} Hz, below 5 Hz: what moves fast between them is not in the estimate"
+                "attitudes at {hz:.1} Hz, below 5 Hz: fast motion between them is missing from the estimate"
             ));
         }
         let empty = table.unused(&[]).into_iter().filter(|q| !table.any(*q));

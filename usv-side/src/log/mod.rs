@@ -1,5 +1,4 @@
-//! Recordings of a boat's sensors (offline): bytes to measurements, in their recorded order, with the sensors' own
-//! time.
+//! Offline reading of sensor recordings: bytes to measurements in recorded order, with the sensors' own time.
 
 mod buses;
 mod csv;
@@ -7,43 +6,47 @@ mod sentences;
 pub mod table;
 mod wrapping;
 
-use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
+use alight_shared::time::{Span, Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Measurement, Mount, Remark, SourceMeasurement, plausible};
+use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
-/// The formats that are read, for errors.
+/// Text about the supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
-/// Beginnings of recordings that are converted first, and their formats.
+/// Signatures of recordings that must be converted before reading, with their formats.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
     (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
     (b"#ROSBAG V", "a bag of ROS 1"),
     (b"SQLite format 3\0", "a bag of ROS 2"),
 ];
-/// Begin of a sentence of VectorNav with its solution.
+/// Start of a VectorNav sentence with its solution.
 const VNINS: &[u8] = b"$VNINS,";
+/// Begin of a message of UBX.
+const UBX: [u8; 2] = [0xb5, 0x62];
+/// Times of fixes or headings that lie further behind the newest attitude before them in the file, or before it, s, are of
+/// another clock. A decoder gives the attitudes of two seconds after the fix that begins them; an estimator takes fixes 0.6 s
+/// old. The differences of one clock from another spread less.
+const BEHIND_S: f64 = 0.6;
+const BEFORE_S: f64 = 2.5;
+const SPREAD_S: f64 = 1.0;
 /// Bytes at the beginning that distinguish the formats.
 const HEAD_BYTES: usize = 16 << 10;
-/// Most measurements that a recording may hold.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
-/// Why a recording was rejected.
 #[derive(Debug, Error)]
 #[error("{origin}{}: {message}", .line.map(|n| format!(", line {n}")).unwrap_or_default())]
 pub struct LogError {
     pub origin: String,
-    /// The line that makes it unusable, counted from 1.
+    /// Line with the fault, counted from 1.
     pub line: Option<u64>,
-    /// Fault, and its remedy.
     pub message: String,
 }
 
 impl LogError {
-    /// The file is unusable as a whole.
     pub fn new(origin: &str, message: impl Into<String>) -> Self {
         LogError {
             origin: origin.into(),
@@ -51,7 +54,6 @@ impl LogError {
             message: message.into(),
         }
     }
-    /// A line makes the file unusable.
     fn at_line(origin: &str, line: u64, message: impl Into<String>) -> Self {
         LogError {
             line: Some(line),
@@ -60,55 +62,35 @@ impl LogError {
     }
 }
 
-/// The content of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct SensorRecording {
-    /// File format.
     pub format: &'static str,
-    /// Measurements of the recording in their order, on a clock that begins near zero.
+    /// Measurements in recorded order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
-    /// Statistics of its decoder.
     pub decoded: Decoded,
-    /// Assumptions and omissions while it was read.
+    /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Gathers measurements of one recording.
 #[derive(Debug, Default)]
 struct Gather {
     first_ns: Option<i64>,
     measurements: Vec<Measurement>,
-    average: [Average; 2],
     overflowed: bool,
 }
 
 impl Gather {
-    /// A measurement of `source`; inertial samples are averaged to the filter's rate.
+    /// Adds a measurement of `source`.
     fn push(&mut self, SourceMeasurement { at_ns, measurement }: SourceMeasurement, source: u8) {
         let first = *self.first_ns.get_or_insert(at_ns);
-        match measurement {
-            Measurement::Imu(m) => {
-                let sample = ImuSample { source, ..m };
-                let k = usize::from(source).min(1);
-                let means = self.average.get_mut(k).map(|a| a.push(at_ns, &sample));
-                for (at_ns, m) in means.into_iter().flatten().flatten() {
-                    self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
-                }
-            }
-            Measurement::Gnss(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
-                self.add(at_ns.saturating_sub(first), measurement, source);
-            }
-        }
-    }
-    fn add(&mut self, at_ns: i64, measurement: Measurement, source: u8) {
         if self.measurements.len() >= MAX_MEASUREMENTS {
             self.overflowed = true;
             return;
         }
-        let at: Time<VesselClock> = Time::from_nanos(at_ns);
+        let at: Time<VesselClock> = Time::from_nanos(at_ns.saturating_sub(first));
         self.measurements.push(measurement.of(source, at));
     }
-    /// Text on the kinds of which nothing was gathered; empty where there is something of each.
+    /// Text about missing kinds of measurements; empty if there are none.
     fn missing(&self) -> String {
         let is_place =
             |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
@@ -123,9 +105,42 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
+    /// Dates fixes and headings of another clock than the attitudes' by their order; notes on them.
+    fn align(&mut self) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (kind, name) in [(1, "positions"), (2, "headings")] {
+            let (mut newest, mut apart) = (None, Vec::new());
+            for m in &self.measurements {
+                match m {
+                    Measurement::Imu(_) | Measurement::Attitude(_) => newest = newest.max(Some(m.at())),
+                    _ if m.kind() == kind => {
+                        apart.extend(newest.map(|t: Time<VesselClock>| (t - m.at()).secs()))
+                    }
+                    Measurement::Gnss(_) | Measurement::Heading(_) => {}
+                }
+            }
+            apart.sort_by(f64::total_cmp);
+            let quantile = |tenths: usize| apart.get(apart.len() * tenths / 10).copied();
+            let (Some(low), Some(middle), Some(high)) = (quantile(1), quantile(5), quantile(9)) else {
+                continue;
+            };
+            if high - low > SPREAD_S || (-BEFORE_S..=BEHIND_S).contains(&middle) {
+                continue;
+            }
+            for m in self.measurements.iter_mut().filter(|m| m.kind() == kind) {
+                *m = m.of(m.source(), m.at() + Span::from_secs(middle));
+            }
+            let side = if middle > 0.0 { "before" } else { "after" };
+            notes.push(format!(
+                "{name} are dated {:.1} s {side} the attitudes next to them: two clocks; they are dated by the order of the file",
+                middle.abs()
+            ));
+        }
+        notes
+    }
     /// The recording of a decoder that counted `decoded`; `found` is what the file holds, for people.
     fn recording(
-        self,
+        mut self,
         origin: &str,
         format: &'static str,
         found: &str,
@@ -135,26 +150,20 @@ impl Gather {
         let missing = self.missing();
         let mut notes = vec![match missing.is_empty() {
             true => found.to_owned(),
-            false => format!("{found}; of all that came {missing}"),
+            false => format!("{found}; there is {missing}"),
         }];
-        notes.extend(remarks.into_iter().map(|r| r.text));
+        let remarks: Vec<String> = remarks.into_iter().map(|r| r.text).collect();
+        notes.extend(remarks.iter().cloned());
+        notes.extend(self.align());
         Ok(SensorRecording {
             format,
-            measurements: self.finish(origin, found)?,
+            measurements: self.finish(origin, &[&[found.to_owned()], &remarks[..]].concat().join("; "))?,
             decoded,
             notes,
         })
     }
-    /// All measurements, or why they are unusable; `found` is what the file holds, for people.
+    /// All measurements, or the reason why they are unusable; `found` describes the file's content.
     fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
-        let first = self.first_ns.unwrap_or_default();
-        for k in 0..self.average.len() {
-            let rest = self.average.get_mut(k).and_then(Average::finish);
-            if let Some((at_ns, m)) = rest {
-                let source = m.source;
-                self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
-            }
-        }
         let whole = |message: String| LogError::new(origin, message);
         if self.overflowed {
             return Err(whole(format!(
@@ -184,7 +193,7 @@ impl Gather {
     }
 }
 
-/// Reads a recording and leaves out channels that cannot be true, with a note; `origin` names it in errors, `mount` is the
+/// Reads a recording and drops implausible channels with a note. `origin` names it in errors, and `mount` is the
 /// mounting of its sensors.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let recorded = read_format(bytes, origin, mount)?;
@@ -201,7 +210,6 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording
     })
 }
 
-/// Reads a recording as its format has it.
 fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {
@@ -222,7 +230,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
         return csv::read(bytes, origin, mount);
     }
     if sentences::is_nmea(head) {
-        // VectorNav's own sentence has the layout of NMEA 0183, and is not read live.
+        // VectorNav's sentence has the NMEA 0183 layout, but is not supported live.
         let is_vectornav = head.windows(VNINS.len()).any(|w| w == VNINS);
         let error = |e: LogError| match is_vectornav {
             true => LogError {
@@ -231,15 +239,39 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
             },
             false => e,
         };
-        return sentences::read(bytes, origin, mount).map_err(error);
+        let sentences = sentences::read(bytes, origin, mount).map_err(error);
+        // A port may have both: of a file the one counts that has more measurements.
+        let is_mixed = bytes.windows(2).any(|w| w == UBX);
+        let ubx = is_mixed.then(|| buses::read(Format::Ubx, bytes, origin, mount));
+        return match (sentences, ubx) {
+            (Ok(sentences), Some(Ok(ubx))) if sentences.measurements.len() > ubx.measurements.len() => {
+                Ok(sentences)
+            }
+            (Err(_), Some(Err(ubx))) if buses::format(&[Format::Ubx], head).is_some() => Err(ubx),
+            (_, Some(Ok(mut ubx))) => {
+                ubx.notes
+                    .push("its sentences of NMEA 0183 have no more than its UBX, and are passed over".into());
+                Ok(ubx)
+            }
+            (sentences, _) => sentences,
+        };
     }
     if let Some(format) = buses::format(&buses::STREAMS, head) {
         return buses::read(format, bytes, origin, mount);
     }
     match table::has_columns(head) {
+        _ if has_json(head) => Err(kind(
+            "the file is canboat's JSON: record its plain format, or the frames by candump -L",
+        )),
         true => Err(kind("column `t_s` is missing in the first line")),
         false => Err(kind("no known recording format begins like this")),
     }
+}
+
+/// Lines of canboat's analyzer.
+fn has_json(head: &[u8]) -> bool {
+    let pgn = b"\"pgn\":";
+    head.starts_with(b"{") && head.windows(pgn.len()).any(|w| w == pgn)
 }
 
 #[cfg(test)]
@@ -248,7 +280,7 @@ mod tests {
     use crate::fixtures::{damage, damaged, sentence};
     use proptest::prelude::*;
 
-    /// A table and a log of sentences of 20 s.
+    /// A table and a log of sentences, 20 s each.
     fn good() -> [Vec<u8>; 2] {
         let mut table =
             String::from("t_s,roll_deg,pitch_deg,heave_m,latitude_deg,longitude_deg,altitude_m\n");
@@ -324,6 +356,129 @@ mod tests {
                 e.contains(name) && e.contains("`python -m alight.convert FILE`"),
                 "{e}"
             );
+        }
+    }
+
+    #[test]
+    fn ubx_between_sentences() {
+        // A TXT sentence first, NAV-PVT at 5 Hz, TXT each second: as u-center records a port that has both.
+        let mut bytes = sentence("GNTXT,01,01,02,u-blox AG").into_bytes();
+        for k in 0..100_u32 {
+            let mut p = [0_u8; 92];
+            p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
+            (p[20], p[21]) = (3, 1);
+            let body = [&[1_u8, 7, 92, 0][..], &p].concat();
+            let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
+                (a.wrapping_add(*x), b.wrapping_add(a.wrapping_add(*x)))
+            });
+            bytes.extend([&[0xb5_u8, 0x62][..], &body, &[a, b]].concat());
+            if k % 5 == 0 {
+                bytes.extend(sentence("GNTXT,01,01,02,ANTSTATUS=OK").bytes());
+            }
+        }
+        let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
+        assert_eq!((r.format, r.measurements.len()), ("UBX", 100));
+        // With positions in its sentences, too, these count where they are more.
+        for k in 0..200 {
+            let body = format!(
+                "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
+                k / 10,
+                k % 10
+            );
+            bytes.extend(sentence(&body).bytes());
+        }
+        let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
+        assert_eq!((r.format, r.decoded.corrupted), ("NMEA 0183", 0));
+        let notes = r.notes.join("\n");
+        assert!(notes.contains("200 read"), "{notes}");
+    }
+
+    #[test]
+    fn candump_with_other_times_and_without() {
+        let frame = "can0  09F11923   [8]  FF FF 7F 52 00 21 FE FF";
+        let of = |stamp: &dyn Fn(f64) -> String, rest: &str| {
+            let lines = (0..300).map(|k| format!("{}{rest}\n", stamp(0.1 * f64::from(k))));
+            read(lines.collect::<String>().as_bytes(), "can.txt", &Mount::default())
+        };
+        let dated = |t: f64| format!(" (2026-05-20 12:00:{t:09.6})  ");
+        let from_zero = |t: f64| format!(" ({t:010.6})  ");
+        let flagged = frame.replace("can0", "can0  RX - -");
+        for (stamp, rest) in [
+            (&dated as &dyn Fn(f64) -> String, frame),
+            (&from_zero, frame),
+            (&|t| format!(" ({:.6})  ", 1_779_278_400.0 + t), &flagged),
+        ] {
+            let r = of(stamp, rest).unwrap();
+            let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
+            assert!(
+                r.measurements.len() == 300 && (last - 29.9).abs() < 1e-3,
+                "{}",
+                stamp(0.0)
+            );
+        }
+        for stamp in [&|_| String::new() as String, &|t: f64| {
+            format!(" (000.{:06})  ", 50_000 + (t * 1e6) as u64 % 300)
+        }] as [&dyn Fn(f64) -> String; 2]
+        {
+            let e = of(stamp, frame).unwrap_err().to_string();
+            assert!(e.contains("have no time: record with candump -L"), "{e}");
+        }
+        let json = "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}\n";
+        let e = read(json.repeat(60).as_bytes(), "boat.json", &Mount::default()).unwrap_err();
+        assert!(e.to_string().contains("canboat's JSON"), "{e}");
+    }
+
+    #[test]
+    fn positions_of_another_clock() {
+        // Attitudes by the server's clock; positions by a receiver's that is behind, or 1024 weeks.
+        for (behind, text) in [
+            ("11:59:{}", "positions are dated 60.0 s before"),
+            ("12:00:{}", ""),
+        ] {
+            let mut lines = String::new();
+            for k in 0..900 {
+                let t = 0.1 * f64::from(k);
+                let at = format!("12:{:02}:{:06.3}", (t / 60.0) as u32, t % 60.0);
+                lines += &format!(
+                    "{{\"updates\":[{{\"$source\":\"n2k.35\",\"timestamp\":\"2026-05-20T{at}Z\",\"values\":[{{\"path\":\
+                     \"navigation.attitude\",\"value\":{{\"roll\":{},\"pitch\":0.01}}}}]}}]}}\n",
+                    0.1 * t.sin()
+                );
+                if k % 10 == 0 {
+                    let minute = if behind.starts_with("11") {
+                        59 + (t / 60.0) as u32
+                    } else {
+                        (t / 60.0) as u32
+                    };
+                    let at = format!(
+                        "{}:{:02}:{:06.3}",
+                        if behind.starts_with("11") {
+                            11 + minute / 60
+                        } else {
+                            12
+                        },
+                        minute % 60,
+                        t % 60.0
+                    );
+                    lines += &format!(
+                        "{{\"updates\":[{{\"$source\":\"gps.GP\",\"timestamp\":\"2026-05-20T{at}Z\",\"values\":[{{\"path\":\
+                         \"navigation.position\",\"value\":{{\"latitude\":{},\"longitude\":10.6}}}}]}}]}}\n",
+                        59.5 + 2e-5 * t
+                    );
+                }
+            }
+            let r = read(lines.as_bytes(), "boat.jsonl", &Mount::default()).unwrap();
+            let notes = r.notes.join("\n");
+            assert_eq!(notes.contains("two clocks"), !text.is_empty(), "{notes}");
+            assert!(notes.contains(text), "{notes}");
+            let fixes = r
+                .measurements
+                .iter()
+                .filter(|m| m.kind() == 1)
+                .map(|m| m.at().secs());
+            for (k, at) in fixes.enumerate() {
+                assert!((at - k as f64).abs() < 0.2, "{k}: {at}");
+            }
         }
     }
 

@@ -1,17 +1,16 @@
-//! NMEA 0183 text, with or without a logger's prefix before each sentence; what became of each kind of sentence.
+//! NMEA 0183 text, with or without a logger's prefix before each sentence, and statistics of sentence kinds.
 
 use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
 use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording, buses};
-use crate::sensors::{Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
+use crate::sensors::{ANGLES, Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
 
-/// Most kinds of sentences that are distinguished, and that are named.
+/// Maximum number of kinds distinguished, and of kinds named.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
 
-/// Counts of the sentences of a kind.
 #[derive(Clone, Copy, Debug, Default)]
 struct Fate {
     read: u64,
@@ -40,12 +39,11 @@ impl Fate {
     }
 }
 
-/// The sentences of a file by kind.
 #[derive(Debug, Default)]
 struct Kinds(BTreeMap<String, Fate>);
 
 impl Kinds {
-    /// Counts what a decoder made of a line.
+    /// Counts the decoder's result for a line.
     fn count(&mut self, line: &[u8], before: &Decoded, after: &Decoded) {
         let Some((address, content)) = sentence(line) else {
             return;
@@ -68,7 +66,7 @@ impl Kinds {
             } += 1;
         }
     }
-    /// For people, the most frequent first.
+    /// Text for display, most frequent kind first.
     fn text(&self) -> String {
         let mut all: Vec<(&String, &Fate)> = self.0.iter().collect();
         all.sort_by_key(|(_, fate)| core::cmp::Reverse(fate.total()));
@@ -86,7 +84,7 @@ impl Kinds {
     }
 }
 
-/// Address and content of the sentence that ends a line.
+/// Address and content of the sentence at the end of a line.
 fn sentence(line: &[u8]) -> Option<(String, &[u8])> {
     let begin = line.iter().rposition(|b| matches!(b, b'$' | b'!'))? + 1;
     let rest = line.get(begin..)?;
@@ -97,7 +95,8 @@ fn sentence(line: &[u8]) -> Option<(String, &[u8])> {
     (3..=8).contains(&end).then(|| (address.to_owned(), content))
 }
 
-/// A sentence begins in it: a dollar, an address of capitals, a comma; or one of iKonvert with NMEA 2000.
+/// Whether the text contains the start of a sentence (a dollar, an address of capitals, a comma), or an iKonvert
+/// sentence with NMEA 2000.
 pub(super) fn is_nmea(head: &[u8]) -> bool {
     let mut lines = head.split(|b| *b == b'\n');
     lines.any(|line| Peeled::of(line).content.starts_with(b"!PDGY,")) || has_sentence(head)
@@ -109,7 +108,6 @@ fn has_sentence(head: &[u8]) -> bool {
     })
 }
 
-/// Measurements of a file, and counts of its sentences by kind.
 fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
     let (mut kinds, mut before) = (Kinds::default(), decoder.sentences());
     let gather = buses::play(Format::Nmea, bytes, decoder, |line, decoder| {
@@ -120,7 +118,6 @@ fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
     (gather, kinds)
 }
 
-/// Reads the sentences.
 pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let mounting = Mounting::new(mount);
     let mut decoder = NmeaDecoder::new(&mounting);
@@ -132,7 +129,9 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
             ((gather, kinds), decoder) = (dated, by_counter);
         }
     }
-    let remarks = decoder.carried_remarks();
+    // What became of each kind is counted; findings are in addition.
+    let (carried, mut remarks) = (decoder.carried_remarks(), decoder.remarks());
+    remarks.retain(|r| r.remedy.is_some() || r.text.contains(ANGLES) || carried.contains(r));
     gather.recording(origin, "NMEA 0183", &kinds.text(), decoder.decoded(), remarks)
 }
 
@@ -163,7 +162,7 @@ mod tests {
         }
     }
 
-    /// A minute of attitude and heading at 10 Hz in PCDIN or MXPGN.
+    /// One minute of attitude and heading at 10 Hz in PCDIN or MXPGN.
     fn carriers(kind: &str) -> String {
         let mut text = String::new();
         for k in 0..600_u32 {
@@ -196,7 +195,7 @@ mod tests {
             (r.measurements.len(), r.decoded.good, r.decoded.corrupted),
             (300, 300, 0)
         );
-        // No time, and no counter.
+        // These sentences carry neither a time nor a counter.
         let e = read(carriers("MXPGN").as_bytes(), "boat.nmea", &Mount::default());
         let e = e.unwrap_err().to_string();
         assert!(e.contains("MXPGN 1200 read"), "{e}");

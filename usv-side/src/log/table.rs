@@ -1,24 +1,23 @@
-//! Alight's table (CSV): a header line of known columns, then a row a line; cells are separated by commas.
+//! Alight's table (CSV): a header line of known columns, then one row per line with comma-separated cells.
 //!
-//! An empty cell, or NaN, was not measured; a quantity may have rows of its own. The columns are in `deploy/docs/sensors.md`.
-//! Tables of other programs are converted to this one (`deploy/docs/recordings.md`).
+//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have rows of its own.
+//! `deploy/docs/sensors.md` lists the columns. Tables of other programs are converted first
+//! (`deploy/docs/recordings.md`).
 
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use thiserror::Error;
 
-/// The command that converts what other programs record, for errors.
+/// Conversion command for other programs' recordings, for errors.
 pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
-/// Name of the column of the time.
 const TIME: &str = "t_s";
-/// The largest time, s.
 const MAX_TIME_S: f64 = 1e10;
 const MAX_ROWS: usize = 2_000_000;
-/// Rows with the time of the row above, of all, from which on the times are coarser than the rows.
+/// Maximum fraction of rows whose time equals that of the previous row. Above it, the times are too coarse.
 const COARSE: f64 = 0.2;
-/// Cell of no value, as the empty one is.
+/// Cell without a value, like an empty one.
 const NAN: &str = "nan";
 
-/// Beginnings of packed files, their formats, and what to do first.
+/// Signatures of packed files, their formats, and remedies.
 const PACKED: [(&[u8], &str, &str); 5] = [
     (b"\x1f\x8b", "gzip", "gunzip it"),
     (b"PK\x03\x04", "zip", "unzip it, or save a spreadsheet as CSV"),
@@ -27,51 +26,49 @@ const PACKED: [(&[u8], &str, &str); 5] = [
     (b"BZh", "bzip2", "bunzip2 it"),
 ];
 
-/// Content of a column, in the unit of the column's name.
+/// Quantity in a column, in the unit of the column's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// Starboard down, deg.
+    /// Roll, starboard down, deg.
     Roll,
-    /// Bow up, deg.
+    /// Pitch, bow up, deg.
     Pitch,
-    /// From true north towards east, deg.
+    /// Heading from true north towards east, deg.
     Heading,
-    /// Up, m.
+    /// Heave, up, m.
     Heave,
-    /// Forward along the mean heading, m.
+    /// Surge, forward along the mean heading, m.
     Surge,
-    /// To starboard of the mean heading, m.
+    /// Sway, to starboard of the mean heading, m.
     Sway,
     /// Angular rate about the sensor's first axis, rad/s.
     GyroX,
-    /// About its second.
+    /// Angular rate about the second axis, rad/s.
     GyroY,
-    /// About its third.
+    /// Angular rate about the third axis, rad/s.
     GyroZ,
     /// Specific force along the sensor's first axis, m/s².
     ForceX,
-    /// Along its second.
+    /// Specific force along the second axis, m/s².
     ForceY,
-    /// Along its third.
+    /// Specific force along the third axis, m/s².
     ForceZ,
     /// WGS-84, deg.
     Latitude,
     /// WGS-84, deg.
     Longitude,
-    /// m.
     Altitude,
     /// Velocity north, m/s.
     North,
-    /// East, m/s.
+    /// Velocity east, m/s.
     East,
-    /// Down, m/s.
+    /// Velocity down, m/s.
     Down,
 }
 
 impl Quantity {
-    /// Number of quantities.
     pub const COUNT: usize = 18;
-    /// All of them, in their order, with the names of their columns and the largest magnitudes of their cells.
+    /// All quantities in order, with their column names and maximum magnitudes.
     const KNOWN: [(Quantity, &'static str, f64); Quantity::COUNT] = [
         (Quantity::Roll, "roll_deg", 75.0),
         (Quantity::Pitch, "pitch_deg", 75.0),
@@ -92,7 +89,6 @@ impl Quantity {
         (Quantity::East, "east_mps", 100.0),
         (Quantity::Down, "down_mps", 100.0),
     ];
-    /// Name of the column.
     pub fn name(self) -> &'static str {
         Quantity::KNOWN.get(self as usize).map_or("", |known| known.1)
     }
@@ -105,25 +101,22 @@ impl Quantity {
     }
 }
 
-/// Measurements of one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CsvRow {
     /// Line in the file, counted from 1.
     pub line: u64,
-    /// s.
     pub t: f64,
     cells: [Option<f64>; Quantity::COUNT],
 }
 
 impl CsvRow {
-    /// Value of a quantity, in the unit of the quantity's name.
     pub fn get(&self, q: Quantity) -> Option<f64> {
         self.cells.get(q as usize).copied().flatten()
     }
-    /// All of these quantities, or none.
-    pub fn all<const N: usize>(&self, of: [Quantity; N]) -> Option<[f64; N]> {
+    /// Values of these quantities, if all are present.
+    pub fn all<const N: usize>(&self, quantities: [Quantity; N]) -> Option<[f64; N]> {
         let mut all = [0.0; N];
-        for (to, q) in all.iter_mut().zip(of) {
+        for (to, q) in all.iter_mut().zip(quantities) {
             *to = self.get(q)?;
         }
         Some(all)
@@ -137,12 +130,10 @@ impl CsvRow {
     }
 }
 
-/// Rows that cannot be used.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Bad {
-    /// Number of such rows.
     pub count: u64,
-    /// Line of the first, and what is wrong with it.
+    /// Line and fault of the first bad row.
     pub first: Option<(u64, String)>,
 }
 
@@ -153,56 +144,49 @@ impl Bad {
     }
 }
 
-/// Why a table cannot be read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TableError {
-    /// The columns lack what is needed.
+    /// Required columns are missing.
     #[error("line {line}: {message}")]
     Header {
-        /// The header's line, counted from 1.
+        /// Line of the header, counted from 1.
         line: u64,
-        /// Fault of the header.
         message: String,
     },
-    /// A row makes it unusable.
     #[error("line {line}: {message}")]
     Row {
         /// Line of the row, counted from 1.
         line: u64,
-        /// Fault of the row.
         message: String,
     },
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CsvTable {
-    /// Rows in their order, on the clock of the file.
+    /// Rows in order, on the clock of the file.
     pub rows: Vec<CsvRow>,
-    /// Number of rows of the file in them.
+    /// Number of rows in the file that were merged into `rows`.
     pub read: u64,
-    /// Rows that are left out.
     pub bad: Bad,
-    /// The first row whose time lies before that of the row above: its line and time.
+    /// First row whose time precedes that of the previous row: line and time.
     pub backwards: Option<(u64, f64)>,
-    /// The header's line.
     line: u64,
     has: [bool; Quantity::COUNT],
 }
 
-/// The error about a packed file, with what to do; None of any other.
+/// Error for a packed file with its remedy; None for other files.
 pub(super) fn packed(bytes: &[u8]) -> Option<String> {
     let (_, name, tool) = PACKED.iter().find(|(begin, _, _)| bytes.starts_with(begin))?;
     Some(format!("the file is packed ({name}): first {tool}"))
 }
 
-/// The first line with content, without the mark of UTF-8.
+/// First line with content, without the byte order mark.
 fn first_line(head: &[u8]) -> &[u8] {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let mut lines = head.split(|b| matches!(b, b'\n' | b'\r'));
     lines.find(|l| !l.trim_ascii().is_empty()).unwrap_or_default()
 }
 
-/// Whether the first line names the column of the time between commas.
 pub fn is_table(head: &[u8]) -> bool {
     let is_time = |cell: &[u8]| {
         let cell = cell.trim_ascii();
@@ -212,13 +196,13 @@ pub fn is_table(head: &[u8]) -> bool {
     first_line(head).split(|b| *b == b',').any(is_time)
 }
 
-/// Whether it is text in columns of any kind.
+/// Whether the file is text in columns of any kind.
 pub fn has_columns(head: &[u8]) -> bool {
     let is_text = |b: &u8| !b.is_ascii_control() || b.is_ascii_whitespace();
     head.iter().all(is_text) && first_line(head).iter().any(|b| b",;\t|".contains(b))
 }
 
-/// Lines of records by the byte where they begin: the count of the reader stays at the empty lines that it skips.
+/// Line numbers of records by byte offset: the reader's own count stops at skipped empty lines.
 struct Lines<'a> {
     bytes: &'a [u8],
     counted: usize,
@@ -237,7 +221,7 @@ impl Lines<'_> {
     }
 }
 
-/// Columns of a header: a quantity each; None is the time.
+/// Quantities of the header's columns; None is the time.
 fn columns(header: &StringRecord, line: u64) -> Result<Vec<Option<Quantity>>, TableError> {
     let error = |message: String| TableError::Header {
         line,
@@ -269,7 +253,7 @@ fn columns(header: &StringRecord, line: u64) -> Result<Vec<Option<Quantity>>, Ta
 fn number(name: &str, text: &str, limit: f64) -> Result<f64, String> {
     let value = text.parse::<f64>();
     let value = value.map_err(|_| format!("{name} is `{text}`, not a number"))?;
-    // A NaN is not within.
+    // NaN fails.
     match value.abs() <= limit {
         true => Ok(value),
         false => Err(format!("{name} is {text}, allowed is -{limit} to {limit}")),
@@ -305,7 +289,6 @@ fn row(record: &StringRecord, columns: &[Option<Quantity>], line: u64) -> Result
 }
 
 impl CsvTable {
-    /// Reads a table.
     pub fn read(bytes: &[u8]) -> Result<CsvTable, TableError> {
         if let Some(message) = packed(bytes) {
             return Err(TableError::Header { line: 1, message });
@@ -336,7 +319,7 @@ impl CsvTable {
                 header = Some((line, self::columns(&record, line)?));
                 continue;
             };
-            // A spreadsheet leaves lines of commas alone.
+            // A spreadsheet may leave lines that contain only commas.
             if read.is_ok() && record.iter().all(str::is_empty) {
                 continue;
             }
@@ -371,13 +354,13 @@ impl CsvTable {
         let read = rows.len() as u64;
         let rows = joined(rows);
         let repeated = || rows.windows(2).filter(|w| w[1].t == w[0].t);
-        let (count, of) = (repeated().count(), rows.len());
-        if of - count >= 3
-            && count as f64 >= COARSE * of as f64
+        let (count, total) = (repeated().count(), rows.len());
+        if total - count >= 3
+            && count as f64 >= COARSE * total as f64
             && let Some([_, first]) = repeated().next()
         {
             let message = format!(
-                "{count} of {of} rows have the time of the row above: the times are coarser than the rows, and {CONVERT} \
+                "{count} of {total} rows have the time of the row above: the times are coarser than the rows, and {CONVERT} \
                  to times that are spread evenly; or record times with fractions of a second"
             );
             return Err(TableError::Row {
@@ -399,20 +382,17 @@ impl CsvTable {
         })
     }
 
-    /// Whether it has a column of this quantity.
     pub fn has(&self, q: Quantity) -> bool {
         self.has.get(q as usize).copied().unwrap_or(false)
     }
-    /// Whether some row has this quantity.
     pub fn any(&self, q: Quantity) -> bool {
         self.rows.iter().any(|r| r.get(q).is_some())
     }
-    /// The quantities of its columns that are not among `used`.
+    /// Quantities of its columns that are not in `used`.
     pub fn unused(&self, used: &[Quantity]) -> Vec<Quantity> {
         let all = Quantity::KNOWN.iter().map(|known| known.0);
         all.filter(|q| self.has(*q) && !used.contains(q)).collect()
     }
-    /// An error about its columns.
     pub fn header_error(&self, message: String) -> TableError {
         TableError::Header {
             line: self.line,
@@ -420,14 +400,18 @@ impl CsvTable {
         }
     }
 
-    /// Quantities that mean nothing without each other: a table has columns of all or none, and where some row has all
-    /// of them, one that has only some is bad.
+    /// Requires the columns of each group to occur together. Rows with a partial group are bad if some row has all of
+    /// it.
     pub fn require_together(&mut self, groups: &[&[Quantity]]) -> Result<(), TableError> {
         for group in groups {
             let there = group.iter().find(|q| self.has(**q));
             let missing = group.iter().find(|q| !self.has(**q));
             if let (Some(there), Some(missing)) = (there, missing) {
-                let message = format!("column `{}` is there without `{}`", there.name(), missing.name());
+                let message = format!(
+                    "column `{}` is present without `{}`",
+                    there.name(),
+                    missing.name()
+                );
                 return Err(self.header_error(message));
             }
             let count = |row: &CsvRow| group.iter().filter(|q| row.get(**q).is_some()).count();
@@ -443,7 +427,8 @@ impl CsvTable {
                     bad.push(
                         row.line,
                         format!(
-                            "{name} is empty, not a number, but others of its kind are there; allowed is -{limit} to {limit}"
+                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to \
+                             {limit}"
                         ),
                     );
                 }
@@ -454,7 +439,7 @@ impl CsvTable {
     }
 }
 
-/// Rows of one time that have different quantities are one row.
+/// Merges rows of one time with different quantities.
 fn joined(rows: Vec<CsvRow>) -> Vec<CsvRow> {
     let mut out: Vec<CsvRow> = Vec::with_capacity(rows.len());
     for row in rows {
@@ -508,7 +493,7 @@ mod tests {
         ] {
             assert!(e.contains(part), "{part}: {e}");
         }
-        // A roll and a heave at one time are of two sensors.
+        // A roll and a heave at one time come from two sensors.
         let two: String = (0..100).map(|k| format!("{k},1,2,\n{k},,,3\n")).collect();
         let table =
             CsvTable::read(("t_s,roll_deg,pitch_deg,heave_m\n".to_owned() + &two).as_bytes()).unwrap();

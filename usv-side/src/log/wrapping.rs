@@ -1,24 +1,23 @@
-//! Wrapping of a line by its logger; it is taken off before the reader of any format of lines.
+//! Wrapping of lines by their logger, removed before decoding.
 
 use std::borrow::Cow;
 
-/// Longest line whose quotes are taken off, bytes.
 const MAX_QUOTED: usize = 256 << 10;
-/// Digits of milliseconds since 1970: from 2001 to 2286.
+/// Digits of milliseconds since 1970, for 2001 to 2286.
 const MILLIS_DIGITS: usize = 13;
 
-/// A line without what its logger wrote around it.
+/// Line without its logger's wrapping.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Peeled<'a> {
-    /// When the logger received it, ns since 1970.
+    /// Arrival time recorded by the logger, ns since 1970.
     pub(super) arrival_ns: Option<i64>,
-    /// The line, with its end.
+    /// The line with its end.
     pub(super) content: Cow<'a, [u8]>,
 }
 
 impl<'a> Peeled<'a> {
-    /// Takes off the milliseconds and the name of a Signal K server's raw log (`milliseconds;name;line`), and the quotes of
-    /// a table's cell.
+    /// Removes the milliseconds and the name in a Signal K server's raw log (`milliseconds;name;line`), and the quotes
+    /// of a table cell.
     pub(super) fn of(line: &'a [u8]) -> Self {
         let (arrival_ns, rest) = match raw_log(line) {
             Some((at_ns, rest)) => (Some(at_ns), rest),
@@ -29,7 +28,7 @@ impl<'a> Peeled<'a> {
     }
 }
 
-/// Time and line behind the prefix of a raw log.
+/// Time and line after the prefix of a raw log.
 fn raw_log(line: &[u8]) -> Option<(i64, &[u8])> {
     let mut parts = line.splitn(3, |b| *b == b';');
     let (millis, _name, rest) = (parts.next()?, parts.next()?, parts.next()?);
@@ -40,7 +39,7 @@ fn raw_log(line: &[u8]) -> Option<(i64, &[u8])> {
     Some((millis.checked_mul(1_000_000)?, rest))
 }
 
-/// The longest quoted cell of a line, as a line of its own. Quotes inside of a sentence or an object are its own.
+/// Longest quoted cell of a line, as a separate line. Quotes inside a sentence or object belong to it.
 fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     let first = line.iter().find(|b| matches!(b, b'"' | b'{' | b'$' | b'!'))?;
     if *first != b'"' || line.len() > MAX_QUOTED {
@@ -51,7 +50,7 @@ fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     while let Some(b) = bytes.next() {
         match (b, cell.take()) {
             (b'"', None) => cell = Some(Vec::new()),
-            // Two of them are one.
+            // A doubled quote is one quote.
             (b'"', Some(mut open)) if bytes.next_if_eq(&b'"').is_some() => {
                 open.push(b'"');
                 cell = Some(open);

@@ -1,4 +1,4 @@
-//! Bad input to the node: counted, no panic, no unsafe message.
+//! Tests that invalid input to the node is counted, and causes neither a panic nor an unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
@@ -20,7 +20,7 @@ fn time(tick: i64) -> Time<VesselClock> {
 fn imu(tick: i64) -> ImuSample {
     ImuSample {
         header: Header::new(1, 0, 1, tick as u32, time(tick)),
-        // A step of noise: one that never changes is stuck.
+        // Small changing noise, because constant samples count as stuck.
         gyro: [1e-6 * (tick % 3) as f64, 0.0, 0.0],
         accelerometer: [0.0, 0.0, -9.806_65],
         ..ImuSample::default()
@@ -30,7 +30,7 @@ fn fix(tick: i64) -> GnssFix {
     GnssFix {
         header: Header::new(1, 0, 1, tick as u32, time(tick)),
         datum: Default::default(),
-        // The antenna of a level vessel at (10, 20), heading north.
+        // Antenna of a level vessel at (10, 20), heading north.
         position: [9.2, 20.2, -2.0],
         velocity: [0.0; 3],
         position_sd: [0.3; 3],
@@ -76,7 +76,7 @@ fn stuck_inertial_sensor_with_a_good_one() {
     for k in 0..500 {
         step(k, &|k| vec![imu(k)]);
     }
-    // It sticks with fresh stamps, and the other stands in for it as after a silence.
+    // The sensor sticks with fresh stamps, and the other replaces it as after a silence.
     let both = |k: i64| vec![frozen(k), ImuSample { source: 1, ..imu(k) }];
     let mut at = (SourceCounts::default(), SourceCounts::default());
     for k in 500..700 {
@@ -93,7 +93,7 @@ fn stuck_inertial_sensor_with_a_good_one() {
     assert_eq!(n.rejected().of(RejectionReason::Stuck) as u64, 200 - repeated);
 }
 
-/// An accelerometer that clips below gravity, of a vessel at rest: 1.3 m/s² by which it sinks.
+/// An accelerometer of a vessel at rest that clips below gravity: apparent downward acceleration of 1.3 m/s².
 #[test]
 fn accelerometer_that_clips_for_a_while() {
     let mut n = node();
@@ -109,7 +109,7 @@ fn accelerometer_that_clips_for_a_while() {
     };
     assert!(!run(0..2000, 10.0).is_empty());
     run(2000..2300, 8.5);
-    assert_eq!(run(2300..4500, 8.5), [], "no estimate of what it measures");
+    assert_eq!(run(2300..4500, 8.5), [], "no estimate from clipped samples");
     run(4500..4800, 10.0);
     let after = run(4800..6000, 10.0);
     assert!(after.len() > 350, "{}", after.len());
@@ -120,7 +120,107 @@ fn accelerometer_that_clips_for_a_while() {
     let observed_s = filter.map(|f| f.motion.observed_s());
     assert!(
         observed_s.is_some_and(|s| s < 15.0),
-        "{observed_s:?}: its modes are begun again"
+        "{observed_s:?}: the modes start again"
+    );
+}
+
+/// The node of a vessel that heads north at this speed (m/s) with compasses that read `off` (second) more, rad, and an
+/// estimate of each second.
+fn headed<const N: usize>(
+    (until_s, speed): (i64, f64),
+    off: impl Fn(f64) -> [f64; N],
+) -> (VesselNode, Vec<VesselEstimate<VesselClock>>) {
+    let (mut n, mut estimates) = (node(), Vec::new());
+    for k in 0..100 * until_s {
+        let (t, mut input) = (0.01 * k as f64, rest(k));
+        let noise = 0.01 * (k / 10 % 3 - 1) as f64;
+        for fix in &mut input.gnss {
+            fix.position[0] += speed * t;
+            fix.velocity[0] = speed;
+        }
+        let headings = input.heading.drain(..).flat_map(|h| {
+            let read = |(source, off)| HeadingFix {
+                source: source as u8,
+                heading: alight_shared::frames::wrap_angle(h.heading + off + noise),
+                ..h
+            };
+            off(t).into_iter().enumerate().map(read).collect::<Vec<_>>()
+        });
+        input.heading = headings.collect();
+        let estimate = n.step(time(k), &input.into()).estimate;
+        if estimate.is_some() && estimates.len() as i64 <= k / 100 {
+            estimates.extend(estimate);
+        }
+    }
+    (n, estimates)
+}
+/// Error of the heading, rad, and its standard deviation.
+fn heading_error(e: &VesselEstimate<VesselClock>) -> (f64, f64) {
+    (e.eta[5].abs(), e.covariance(5)[0].sqrt())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn heading_whose_first_second_was_wrong(
+        off in prop_oneof![0.1..core::f64::consts::PI, Just(core::f64::consts::PI)],
+        sign in prop::sample::select(vec![-1.0, 1.0]),
+    ) {
+        let (_, all) = headed((20, 0.0), |t| [if t < 1.0 { sign * off } else { 0.0 }]);
+        for e in all.iter().filter(|e| e.header.at >= time(500)) {
+            let (error, sd) = heading_error(e);
+            prop_assert!(error <= 3.0 * sd, "{error} +- {sd} at {:?}", e.header.at);
+            prop_assert!(e.header.at < time(1500) || error < 0.1, "{error} at {:?}", e.header.at);
+        }
+    }
+}
+
+/// By its gyroscope the vessel has not turned: the compass is off, or was before.
+#[test]
+fn compass_that_is_corrected() {
+    for (speed, limit) in [(0.0, 0.35), (2.0, 0.15)] {
+        let (n, all) = headed((50, speed), |t| [if t < 30.0 { 0.3 } else { 0.0 }]);
+        assert!(n.source(HEADING, 0).gated < 40, "{:?}", n.source(HEADING, 0));
+        for e in all.iter().filter(|e| e.header.at >= time(3500)) {
+            let (error, sd) = heading_error(e);
+            assert!(error <= 3.0 * sd, "{error} +- {sd} at {:?}", e.header.at);
+        }
+        let (error, _) = heading_error(&all[49]);
+        assert!(error < limit, "{error} at {speed} m/s");
+    }
+}
+
+#[test]
+fn compass_that_is_disturbed() {
+    for lasts_s in [2.0, 8.0] {
+        let off = |t: f64| {
+            [if (30.0..30.0 + lasts_s).contains(&t) {
+                0.5
+            } else {
+                0.0
+            }]
+        };
+        let (_, all) = headed((50, 0.0), off);
+        assert!(all.iter().all(|e| heading_error(e).0 < 0.05), "{lasts_s} s");
+        let (_, sd) = heading_error(&all[49]);
+        assert!(sd < 0.03, "{sd} after {lasts_s} s");
+    }
+}
+
+#[test]
+fn compass_beside_another() {
+    let (n, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }, 0.0]);
+    let (error, sd) = heading_error(&all[44]);
+    assert!(
+        error < 0.02 && sd < 0.03,
+        "{error} +- {sd}: the other contradicts it"
+    );
+    assert!(n.source(HEADING, 0).gated > 140 && n.source(HEADING, 1).gated == 0);
+    let (_, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }; 2]);
+    let (error, sd) = heading_error(&all[44]);
+    assert!(
+        (error - 0.5).abs() < 0.05 && sd < 0.05,
+        "{error} +- {sd}: both say so"
     );
 }
 
@@ -142,15 +242,13 @@ fn estimate_of_a_vessel_at_rest() {
         "{e:?}"
     );
     assert!(e.eta[HEAVE].abs() < 0.05 && e.eta[ROLL].abs() < 0.005 && e.eta[PITCH].abs() < 0.005);
-    // 20 s at 30, 5 and 1 Hz.
+    // The expected numbers are those of 20 s at 30, 5 and 1 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (19..=20).contains(&predictions));
     assert_eq!(n.rejected(), Rejections::default());
 }
 
-/// Slamming pushes a hull aside by 2 m/s, and the gate rejects the inertial samples of it. Two rejected rows of six
-/// in each fix must not leave the estimate astray.
-/// Height above the ellipsoid and its standard deviation, m, of the last estimate of `ticks` at rest with these fixes.
+/// Height above the ellipsoid and its standard deviation, m, of the last estimate in `ticks` at rest with these fixes.
 fn height_of(
     n: &mut VesselNode,
     ticks: core::ops::Range<i64>,
@@ -175,11 +273,12 @@ fn height_whose_reference_is_uncertain() {
         height_spread: 3.0,
         ..g
     };
-    // It is one error in all fixes: it does not average out.
+    // The error is common to all fixes and does not average out.
     let mut n = node();
     let [_, sd] = height_of(&mut n, 0..6000, |g| vec![uncertain(g)]);
     assert!((3.0..3.5).contains(&sd), "{sd}");
-    // A receiver that measures it is the better witness, and the other does not draw the height away.
+    // A receiver that reports the height above the ellipsoid is more accurate, and the uncertain one does not bias the
+    // height.
     let [height, sd] = height_of(&mut n, 6000..12_000, |g| {
         let up = GnssFix {
             source: 2,
@@ -189,7 +288,7 @@ fn height_whose_reference_is_uncertain() {
         vec![g, up]
     });
     assert!(sd < 1.2 && (height - 0.0).abs() < 1.0, "{height} +- {sd}");
-    // Where it is gone, the uncertain one is all there is.
+    // Without that receiver, only the uncertain one remains.
     let [_, sd] = height_of(&mut n, 12_000..13_500, |g| vec![uncertain(g)]);
     assert!((3.0..4.0).contains(&sd), "{sd}");
 }
@@ -203,7 +302,7 @@ fn height_that_is_not_measured() {
     let mut n = node();
     let [_, sd] = height_of(&mut n, 0..6000, |g| vec![flat(g)]);
     assert!(sd > 100.0, "no height is not a height of zero: {sd}");
-    // The first one that comes is it, whatever was assumed.
+    // The first measured height replaces any assumed one.
     let [height, sd] = height_of(&mut n, 6000..6500, |g| {
         vec![GnssFix {
             datum: alight_shared::geodesy::Datum::new(0.0, 0.0, 48.0),
@@ -237,8 +336,8 @@ fn lateral_push_observed_by_gnss_only() {
     assert_eq!(n.estimator.gated().restarts, 0);
 }
 
-/// Angular frequency of the mode that rolls most, rad/s, by an inertial sensor of this rate on a vessel that rolls by
-/// 0.1 rad in 2.5 s; the sensor is silent in these ticks.
+/// Angular frequency of the strongest roll mode, rad/s, identified with an inertial sensor of this rate on a vessel
+/// that rolls by 0.1 rad with a period of 2.5 s; the sensor is silent in these ticks.
 fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
     let omega = 2.0 * core::f64::consts::PI / 2.5;
     let mut n = node();
@@ -273,8 +372,8 @@ fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
     most.map_or(f64::NAN, |m| m.pole.im.abs())
 }
 
-/// A sensor of 50 Hz was taken in pairs of 40 ms, of which the identification made steps of 20 ms: frequencies were a
-/// fifth too high.
+/// The identification assumes the actual sampling step: pairs of 50 Hz samples, 40 ms apart, taken for 20 ms would give
+/// frequencies one fifth too high.
 #[test]
 fn identified_frequency_at_any_inertial_rate() {
     for rate_hz in [20, 50, 80, 100, 125, 400] {
@@ -283,7 +382,7 @@ fn identified_frequency_at_any_inertial_rate() {
     }
 }
 
-/// The record of the motion began again after a gap of more than 0.15 s: for 5.7 s no mode was known.
+/// A gap must not restart the motion record, which would leave no known mode for 5.7 s.
 #[test]
 fn modes_half_a_second_after_an_inertial_gap() {
     for gap in [20, 50, 90] {
@@ -292,13 +391,14 @@ fn modes_half_a_second_after_an_inertial_gap() {
     }
 }
 
-/// Measurements of a vessel on a circle at 2 m/s and 0.05 rad/s that rolls by 3 deg in 2.5 s about a heel of 3 deg.
+/// Measurements of a vessel on a circle at 2 m/s and 0.05 rad/s that rolls by 3 deg with a period of 2.5 s about a heel
+/// of 3 deg.
 fn circling(k: i64) -> Readings {
     let (speed, turn, omega) = (2.0, 0.05, 2.0 * core::f64::consts::PI / 2.5);
     let t = k as f64 * 1e-2;
     let ((s, c), yaw) = ((omega * t).sin_cos(), turn * t);
     let (roll, roll_rate) = (0.052 + 0.052 * s, 0.052 * omega * c);
-    // Level, along and across the heading: the acceleration of the circle less gravity.
+    // Specific force in level axes along and across the heading: centripetal acceleration minus gravity.
     let force = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), -roll)
         * nalgebra::Vector3::new(0.0, speed * turn, -9.806_65);
     let mut input = rest(k);
@@ -317,8 +417,8 @@ fn circling(k: i64) -> Readings {
     input
 }
 
-/// In a turn the trim of the last minutes is not the heel of now, nor the mean velocity the velocity: what is predicted
-/// begins at the estimate all the same, and where she will be holds its interval.
+/// In a turn, the recent mean trim differs from the present heel, and the mean velocity from the present one. The
+/// prediction still starts at the estimate, and its interval covers the later position.
 #[test]
 fn prediction_that_begins_at_the_estimate() {
     let mut n = node();
@@ -335,13 +435,13 @@ fn prediction_that_begins_at_the_estimate() {
             alight_shared::frames::wrap_angle(a - b)
         }
     };
-    // The estimate at a time: the newest sample of the identification is up to a tenth of a second old.
+    // Estimate at a time; the newest sample of the identification is up to a tenth of a second old.
     let at = |t: Time<VesselClock>| -> Option<[f64; 6]> {
         let k = estimates.partition_point(|e| e.header.at <= t);
         let (a, b) = (estimates.get(k.checked_sub(1)?)?, estimates.get(k)?);
-        let share = (t - a.header.at).secs() / (b.header.at - a.header.at).secs();
+        let fraction = (t - a.header.at).secs() / (b.header.at - a.header.at).secs();
         Some(core::array::from_fn(|d| {
-            a.eta[d] + share * difference(d, b.eta[d], a.eta[d])
+            a.eta[d] + fraction * difference(d, b.eta[d], a.eta[d])
         }))
     };
     let (mut compared, mut inside) = (0, 0);
@@ -355,7 +455,7 @@ fn prediction_that_begins_at_the_estimate() {
             let limit = if d < 3 { 0.02 } else { 4e-3 };
             assert!(
                 off.abs() < limit,
-                "{:?}: degree {d} begins {off} off",
+                "{:?}: degree of freedom {d} starts {off} off",
                 p.header.at
             );
         }
@@ -371,7 +471,7 @@ fn prediction_that_begins_at_the_estimate() {
     );
 }
 
-/// A receiver that reports once a second, half a second late.
+/// Receiver with one fix per second, half a second late.
 #[test]
 fn start_with_a_slow_and_late_receiver() {
     let mut n = node();
@@ -402,12 +502,12 @@ fn output_before_all_sensors_and_after_imu_loss() {
     for k in 100..400 {
         n.step(time(k), &rest(k).into());
     }
-    // Then silence: the estimate is withheld after a second.
+    // During a silence, the estimate is withheld after one second.
     for k in 400..700 {
         let out = n.step(time(k), &VesselIn::default());
         assert!(k < 505 || out.estimate.is_none(), "{k}");
     }
-    // And comes back.
+    // The estimate returns.
     let mut back = false;
     for k in 700..900 {
         back |= n.step(time(k), &rest(k).into()).estimate.is_some();
@@ -465,7 +565,7 @@ fn time_replies() {
 fn modes_of_identified_motion() {
     let mut n = node();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    // An inertial sensor is never without noise.
+    // An inertial sensor always has noise.
     let mut noisy =
         |v: f64, sd: f64| v + sd * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
     let modes: Vec<usize> = (0..3000)
@@ -551,7 +651,7 @@ proptest! {
                 prop_assert!(p.check().is_ok());
             }
         }
-        // It has returned to the vessel at rest, or publishes nothing.
+        // The estimate has returned to the vessel at rest, or is not published.
         let mut last = None;
         for k in 700..2200 {
             last = n.step(time(k), &rest(k).into()).estimate.or(last);

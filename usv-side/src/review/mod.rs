@@ -1,7 +1,7 @@
-//! Evaluation of a recording with the vessel's own node (offline).
+//! Offline evaluation of a recording with the vessel's node.
 //!
-//! The truth of a recording is unknown. Evaluated are the innovations of the filter and the node's predictions
-//! against its own later estimates.
+//! The truth of a recording is unknown. The evaluation uses the filter's innovations, and compares the node's
+//! predictions with its own later estimates.
 
 mod predictions;
 pub mod ridge;
@@ -22,118 +22,100 @@ use crate::sensors::{Measurement, Readings};
 use predictions::Predictions;
 pub use predictions::{HORIZONS_S, PredictionReview};
 
-/// The node's step, as in the vessel's process.
+/// Step of the node, as in the vessel's process.
 const TICK: Span = Span::from_millis(10);
-/// A silence of all sources that is jumped over instead of stepped through, s.
+/// Silence of all sources that is skipped instead of stepped through, s.
 const JUMP_S: f64 = 5.0;
-/// Measurements after one that lies far ahead, of which one must be back for it to be an outlier.
+/// Number of following measurements among which one must return to the former time for a lead to count as an outlier.
 const LOOK_AHEAD: usize = 20;
-/// Evaluation begins after this long, or after a third of a shorter recording, s: the length of the record that the
-/// sea is identified from.
-const SETTLE_S: f64 = 60.0;
-/// A source's gap is where this many of its usual steps are missing, and at least the time below.
+/// Start of the evaluation, s: the record length needed to identify the sea. A shorter recording is evaluated after its
+/// first third.
+const WARM_UP_S: f64 = 60.0;
+/// Minimum length of a gap in usual steps, but at least `GAP_S`, s.
 const GAP_STEPS: f64 = 5.0;
-/// Shortest gap, s.
 const GAP_S: f64 = 0.3;
-/// Position and velocity that stand in for a receiver that a recording lacks, m, m/s: a boat that keeps
-/// to a place.
+/// Standard deviations of assumed position and velocity without a recorded receiver, m, m/s: a boat on station.
 const STANDING_SD: [f64; 2] = [5.0, 1.0];
-/// Heading that stands in for a sensor that it lacks, rad.
+/// Standard deviation of an assumed heading without a recorded sensor, rad.
 const UNKNOWN_HEADING_SD: f64 = 0.2;
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SourceReview {
     /// Kind of measurement, of [`KINDS`].
     pub kind: &'static str,
-    /// Which of its kind.
+    /// Number of the source within its kind.
     pub source: usize,
-    /// Measurements recorded.
     pub samples: u64,
-    /// Their usual rate (median step), Hz.
+    /// Usual rate (median step), Hz.
     pub rate_hz: f64,
-    /// Silences longer than five usual steps and 0.3 s.
+    /// Number of silences that are longer than five usual steps and longer than 0.3 s.
     pub gaps: u64,
-    /// The longest silence, s.
     pub longest_gap_s: f64,
-    /// Use that the node made of them.
+    /// Use of the measurements by the node.
     #[serde(flatten)]
     pub counts: SourceCounts,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SeaReview {
-    /// Median of the significant height, 4 standard deviations of heave, m; none where heave is not observable.
+    /// Median of the significant height, 4 standard deviations of heave, m; None if heave is not observable.
     pub significant_height_m: Option<f64>,
-    /// Median of the period of the strongest mode, s.
+    /// Median period of the strongest mode, s.
     pub peak_period_s: Option<f64>,
-    /// Fraction of the time in which the sea was identified, 0 to 1.
+    /// Fraction of the time with an identified sea, 0 to 1.
     pub identified_fraction: f64,
-    /// Mean confidence while it was, 0 to 1.
+    /// Mean confidence with an identified sea, 0 to 1.
     pub confidence: f64,
-    /// The modes at the end, strongest first.
     pub modes: Vec<ModeReview>,
 }
 
-/// A mode of the motion at the end of the recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModeReview {
-    /// Period as the vessel meets it, s.
+    /// Period of encounter, s.
     pub period_s: f64,
     pub damping_ratio: f64,
-    /// Amplitude of heave, m; none where heave is not observable.
+    /// Amplitude of heave, m; None if heave is not observable.
     pub heave_m: Option<f64>,
-    /// Amplitude of the tilt, deg.
     pub tilt_deg: f64,
 }
 
-/// Innovations of one channel.
 #[derive(Clone, Debug, Serialize)]
 pub struct FitReview {
-    /// Channel that was measured.
     pub channel: InnovationChannel,
-    /// Scalars fused.
     pub fused: u64,
-    /// Scalars that the gate rejected.
+    /// Scalars rejected by the gate.
     pub gated: u64,
-    /// Mean normalised innovation squared; 1 in a consistent filter.
+    /// Mean normalised innovation squared; 1 for a consistent filter.
     pub nis_mean: f64,
-    /// Fraction inside the 95 % point.
+    /// Fraction within the 95 % bound.
     pub inside_95: f64,
 }
 
-/// The evaluation of a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Review {
-    /// Kind of file.
     pub format: &'static str,
-    /// From the first measurement to the last, s.
+    /// Duration from the first to the last measurement, s.
     pub duration_s: f64,
-    /// Innovations and predictions are evaluated from here on, s after the first measurement.
+    /// Start of the evaluation after the first measurement, s.
     pub evaluated_from_s: f64,
-    /// Statistics of the decoder.
     pub decoded: Decoded,
-    /// Measurements dated far ahead of those after them.
+    /// Measurements dated far ahead of the following ones.
     pub outliers_in_time: u64,
-    /// Sources of the recording.
     pub sources: Vec<SourceReview>,
-    /// Restarts of the estimator.
     pub restarts: u64,
-    /// Estimates given.
     pub estimates: u64,
     /// Standard deviation of heave (m), roll and pitch (deg) of the estimates.
     pub motion_sd: [Option<f64>; 3],
     pub sea: SeaReview,
-    /// Courses at the end, the last one first: the deck's motion and the likelihood of a landing; none where the waves'
-    /// directions are not known.
+    /// Courses at the end, last one first: the deck's motion and the probability of a landing. Empty if the wave
+    /// directions are unknown.
     pub courses: Vec<CourseOutlook>,
     pub innovations: Vec<FitReview>,
-    /// Predictions against later estimates.
     pub predictions: Vec<PredictionReview>,
     /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Runs a recording through the node.
 pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     let all = without_outliers(&recorded.measurements);
     let first = all.first().map(|m| m.at()).unwrap_or_default();
@@ -146,17 +128,19 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     let no_heading = !has(|m| matches!(m, Measurement::Heading(_)));
     let no_place = !has(is_place) && !has(is_velocity);
     if !has(is_place) && has(is_velocity) {
-        notes.push("no position recorded: the boat begins anywhere and goes by its velocity".into());
+        notes.push(
+            "no position recorded: an arbitrary start is assumed, and motion by the recorded velocity".into(),
+        );
     }
     if no_place {
-        notes.push("no position recorded: the boat is taken to keep to a place, within 5 m".into());
+        notes.push("no position recorded: a boat on station is assumed, within 5 m".into());
     }
     if no_heading {
-        notes.push("no heading recorded: it is taken to head north".into());
+        notes.push("no heading recorded: a heading of north is assumed".into());
     }
     let mut node = VesselNode::new(config, 1, 1);
     let mut evaluation = Evaluation {
-        from: first + Span::from_secs(SETTLE_S.min((last - first).secs() / 3.0)),
+        from: first + Span::from_secs(WARM_UP_S.min((last - first).secs() / 3.0)),
         heave: heave_is_observable(&all),
         ..Evaluation::default()
     };
@@ -197,7 +181,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     }
 }
 
-/// All measurements but those that are dated far ahead of what follows them.
+/// Measurements that are not dated far ahead of the following ones.
 fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
     let mut newest: Option<Time<VesselClock>> = None;
     let mut out = Vec::with_capacity(all.len());
@@ -218,7 +202,7 @@ fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
     out
 }
 
-/// Some measurement makes heave observable.
+/// Whether any measurement makes heave observable.
 fn heave_is_observable(all: &[&Measurement]) -> bool {
     all.iter().any(|m| match m {
         Measurement::Imu(_) => true,
@@ -228,7 +212,7 @@ fn heave_is_observable(all: &[&Measurement]) -> bool {
     })
 }
 
-/// Stands in for what a recording lacks.
+/// Assumed measurements in place of missing sensors.
 struct Substitute {
     next: Time<VesselClock>,
     place: bool,
@@ -263,11 +247,10 @@ impl Substitute {
     }
 }
 
-/// Period of a mode, s; infinite for one that only fades.
+/// Period of a mode, s; infinite for a decaying mode.
 fn period(m: &WaveMode) -> f64 {
     core::f64::consts::TAU / f64::from(m.pole[1].abs())
 }
-/// Present amplitude of a mode in a degree of freedom.
 fn amplitude(m: &WaveMode, dof: usize) -> f64 {
     let [re, im] = m.shape.get(dof).copied().unwrap_or_default().map(f64::from);
     re.hypot(im)
@@ -281,7 +264,7 @@ fn strongest(modes: &[WaveMode], heave: bool) -> Option<&WaveMode> {
     waves.max_by(|a, b| size(a).total_cmp(&size(b)))
 }
 
-/// Whether a mode oscillates and fades: heel and trim do not.
+/// Whether a mode oscillates and decays; heel and trim do not.
 fn is_oscillation(m: &&WaveMode) -> bool {
     m.pole.iter().all(|p| *p != 0.0)
 }
@@ -305,7 +288,6 @@ impl Spread {
     }
 }
 
-/// Data collected for the review.
 #[derive(Default)]
 struct Evaluation {
     from: Time<VesselClock>,
@@ -322,7 +304,6 @@ struct Evaluation {
 }
 
 impl Evaluation {
-    /// Steps the node and collects what it publishes.
     fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, readings: Readings) {
         let out = node.step(now, &readings.into());
         let counted = now >= self.from;
@@ -403,7 +384,7 @@ impl Evaluation {
     }
 }
 
-/// Rates and gaps of every source, and what the node made of it.
+/// Rates and gaps of every source, and the node's counts.
 fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
     let mut out = Vec::new();
     for (kind, name) in KINDS.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Predictions against the node's own later estimates, compared with a ridge regression and holding the last estimate.
+//! Comparison of predictions with the node's later estimates, a ridge regression, and the last estimate held constant.
 
 use std::collections::VecDeque;
 
@@ -9,34 +9,28 @@ use serde::Serialize;
 
 use super::ridge::{PublishedMotion, RefittedRidge};
 
-/// Times ahead, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
-/// Degrees of freedom, as in the estimate.
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
-/// Most predictions that wait for their time.
 const MAX_PENDING: usize = 64;
-/// Degrees of freedom that the regression predicts.
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
-/// Longest time between two estimates over which they are interpolated, s.
+/// Maximum time between two estimates for interpolation, s.
 const MAX_GAP_S: f64 = 0.2;
 
-/// One degree of freedom.
 #[derive(Clone, Debug, Serialize)]
 pub struct PredictionReview {
-    /// Which: position north, east, down, then roll, pitch, yaw.
+    /// Degree of freedom: position north, east, down, then roll, pitch, yaw.
     pub what: &'static str,
-    /// m or deg.
+    /// Unit: m or deg.
     pub unit: &'static str,
-    /// Predictions compared.
     pub count: u64,
-    /// Root mean square difference to the later estimate, per horizon.
+    /// Root mean square difference from the later estimate, per horizon.
     pub rms: [f64; 3],
-    /// That of a ridge regression on the estimates of the last two minutes; none where it does not predict.
+    /// RMS of a ridge regression on the estimates of the last two minutes; None if it makes no prediction.
     pub ridge_rms: [Option<f64>; 3],
-    /// That of holding the last estimate.
+    /// RMS of holding the last estimate.
     pub hold_rms: [f64; 3],
-    /// Fraction of differences within 1.96 of the standard deviation that came with the prediction.
+    /// Fraction of differences within 1.96 of the predicted standard deviation.
     pub inside_95: [f64; 3],
 }
 
@@ -47,7 +41,7 @@ struct Pending {
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
-    /// By the regression: roll, pitch, height.
+    /// Prediction of the regression for roll, pitch and height.
     ridge: Option<[f64; 3]>,
 }
 
@@ -61,14 +55,14 @@ struct Sums {
     ridge_squares: [f64; 3],
 }
 
-/// Predictions that wait for their time, and the errors of those before them.
+/// Pending predictions, and errors of past ones.
 #[derive(Default)]
 pub(super) struct Predictions {
     pending: VecDeque<Pending>,
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: PublishedMotion,
-    /// Since the first estimate.
+    /// Regression; None before the first estimate.
     ridge: Option<RefittedRidge>,
 }
 
@@ -77,7 +71,7 @@ fn difference(dof: usize, a: f64, b: f64) -> f64 {
 }
 
 impl Predictions {
-    /// Keeps a prediction, made when the mean water level was at `level` (m down).
+    /// Stores a prediction made with the mean water level at `level`, m down.
     pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>, level: f64) {
         let Some((held, _)) = p.at(0.0) else { return };
         let ridge = self
@@ -102,7 +96,7 @@ impl Predictions {
             }
         }
     }
-    /// Compares what is due with an estimate, made when the mean water level was at `level` (m down).
+    /// Compares due predictions with an estimate made with the mean water level at `level`, m down.
     pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
         let (at, eta) = (estimate.header.at, estimate.eta);
         if self.last.is_none_or(|(before, _)| at > before) {
@@ -118,14 +112,14 @@ impl Predictions {
                 if p.due > at {
                     return true;
                 }
-                let share = (p.due - before).secs() / whole;
+                let fraction = (p.due - before).secs() / whole;
                 if let Some(s) = sums.get_mut(p.horizon)
                     && sound
-                    && (0.0..=1.0).contains(&share)
+                    && (0.0..=1.0).contains(&fraction)
                 {
                     s.n += 1;
                     let then: [f64; 6] =
-                        core::array::from_fn(|d| was[d] + share * difference(d, eta[d], was[d]));
+                        core::array::from_fn(|d| was[d] + fraction * difference(d, eta[d], was[d]));
                     if let Some(ridge) = p.ridge {
                         s.ridge += 1;
                         for (k, d) in RIDGE_DOFS.into_iter().enumerate() {
@@ -143,7 +137,7 @@ impl Predictions {
             });
         }
     }
-    /// The errors per degree of freedom, with heave where it is observable.
+    /// Errors per degree of freedom; with heave if it is observable.
     pub(super) fn reviews(&self, heave: bool) -> Vec<PredictionReview> {
         let count = self.sums.iter().map(|s| s.n).min().unwrap_or_default();
         if count == 0 {
@@ -152,18 +146,18 @@ impl Predictions {
         let dofs = (0..6).filter(|d| *d != HEAVE || heave);
         dofs.map(|d| {
             let scale = if d < 3 { 1.0 } else { 1.0_f64.to_degrees() };
-            let each = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);
+            let per_horizon = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);
             PredictionReview {
                 what: DOFS[d],
                 unit: if d < 3 { "m" } else { "deg" },
                 count,
-                rms: each(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
+                rms: per_horizon(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
                 ridge_rms: self.sums.each_ref().map(|s| {
                     let k = RIDGE_DOFS.iter().position(|r| *r == d)?;
                     (s.ridge > 0).then(|| scale * (s.ridge_squares[k] / s.ridge as f64).sqrt())
                 }),
-                hold_rms: each(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
-                inside_95: each(&|s| s.inside[d] as f64 / s.n as f64),
+                hold_rms: per_horizon(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
+                inside_95: per_horizon(&|s| s.inside[d] as f64 / s.n as f64),
             }
         })
         .collect()

@@ -1,28 +1,25 @@
-//! Reference predictor without a model: ridge regression on the node's own published estimates.
+//! Model-free reference predictor: ridge regression on the node's published estimates.
 //!
 //! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
-//! ahead (Hoerl and Kennard 1970); fitted to the last 120 s.
+//! ahead (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
 use alight_shared::msg::VesselEstimate;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use nalgebra::{DMatrix, DVector};
 
-/// Time between two samples, s.
 const STEP_S: f64 = 0.1;
 /// Lags, samples.
 const LAGS: [usize; 24] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
-/// Weight of the ridge, times the number of rows.
+/// Weight of the ridge, multiplied by the number of rows.
 const RIDGE: f64 = 3e-3;
-/// It is fitted to so much of the past, s, and as often, s.
+/// Length of the past used for the fit, s.
 const WINDOW_S: f64 = 120.0;
-/// Time after which it is fitted again, s.
 const REFIT_S: f64 = 10.0;
-/// Before that the estimator has not settled, s.
-const SETTLED_S: f64 = 10.0;
-/// Fewest rows of a fit.
+/// Settling time of the estimator, s.
+const WARM_UP_S: f64 = 10.0;
 const MIN_ROWS: usize = 200;
 const CHANNELS: usize = 6;
 const FEATURES: usize = LAGS.len() * CHANNELS;
@@ -30,7 +27,7 @@ const FEATURES: usize = LAGS.len() * CHANNELS;
 /// Roll, pitch (rad) and heave about the mean water level (m down), and their rates.
 pub type RollPitchHeave = [f64; CHANNELS];
 
-/// Estimates that the node has published, oldest first.
+/// Estimates published by the node, oldest first.
 #[derive(Clone, Debug, Default)]
 pub struct PublishedMotion {
     times: Vec<Time<VesselClock>>,
@@ -38,7 +35,7 @@ pub struct PublishedMotion {
 }
 
 impl PublishedMotion {
-    /// Takes an estimate, later than those before, and the mean water level (m down) at that time.
+    /// Adds an estimate, later than its predecessors, with the mean water level (m down) at that time.
     pub fn push(&mut self, e: &VesselEstimate<VesselClock>, level: f64) {
         let rate = |d: usize| f64::from(e.eta_dot[d]);
         self.push_motion(
@@ -53,23 +50,22 @@ impl PublishedMotion {
             ],
         );
     }
-    /// Takes a motion, later than those before.
+    /// Adds a motion later than its predecessors.
     pub fn push_motion(&mut self, at: Time<VesselClock>, motion: RollPitchHeave) {
         self.times.push(at);
         self.values.push(motion);
     }
-    /// Forgets what no fit reads any more.
+    /// Drops estimates that no fit uses any more.
     pub fn forget(&mut self) {
         let Some(last) = self.times.last() else { return };
         let from = *last - Span::from_secs(WINDOW_S + REFIT_S);
-        // Seldom, for all that is kept moves.
+        // Entries are dropped rarely, because all remaining ones are moved.
         let old = self.times.partition_point(|t| *t < from);
         if old > self.times.len() / 2 {
             self.times.drain(..old);
             self.values.drain(..old);
         }
     }
-    /// Estimates published until `t`.
     pub fn until(&self, t: Time<VesselClock>) -> Past<'_> {
         let n = self.times.partition_point(|at| *at <= t);
         Past {
@@ -79,7 +75,7 @@ impl PublishedMotion {
     }
 }
 
-/// Estimates published until some time.
+/// Estimates published until a given time.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     times: &'a [Time<VesselClock>],
@@ -87,7 +83,8 @@ pub struct Past<'a> {
 }
 
 impl Past<'_> {
-    /// At time `t`: cubic between two estimates, from the last one on by its rates; None before the first.
+    /// Motion at time `t`: cubic between two estimates, extrapolated by the rates after the last; None before the
+    /// first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
@@ -109,27 +106,26 @@ impl Past<'_> {
     }
 }
 
-/// The regression, fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ridge {
     mean: RollPitchHeave,
     scale: RollPitchHeave,
-    /// By horizon: weights of the features for roll, pitch, heave.
+    /// Weights of the features for roll, pitch, heave, by horizon.
     weights: Vec<DMatrix<f64>>,
 }
 
 impl Ridge {
-    /// Fitted for these times ahead (s) to what was published in the two minutes before `t` and not before `settled`;
-    /// None where that is too little.
+    /// Fits to estimates published in the two minutes before `t` and not before `valid_from`, for these horizons (s). None
+    /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,
-        settled: Time<VesselClock>,
+        valid_from: Time<VesselClock>,
         horizons_s: &[f64],
     ) -> Option<Ridge> {
         let past = all.until(t);
         let last = *past.times.last()?;
-        let begin = (t - Span::from_secs(WINDOW_S)).max(settled);
+        let begin = (t - Span::from_secs(WINDOW_S)).max(valid_from);
         let begin = begin.max(*past.times.first()?);
         let reach = LAGS.iter().max().copied().unwrap_or(0);
         let count = ((last - begin).secs() / STEP_S).floor();
@@ -152,12 +148,12 @@ impl Ridge {
             weights: Vec::with_capacity(horizons_s.len()),
         };
         let scaled: Vec<RollPitchHeave> = samples.iter().map(|s| ridge.scaled(s)).collect();
-        // One row per sample that has all its lags.
+        // One row per sample with all lags.
         let z = DMatrix::from_fn(scaled.len() - reach, FEATURES, |r, f| {
             scaled[reach + r - LAGS[f / CHANNELS]][f % CHANNELS]
         });
         for horizon in horizons_s {
-            // Rows whose target was published by now.
+            // Number of rows whose target has already been published.
             let known = z.nrows().checked_sub((horizon / STEP_S).ceil() as usize)?;
             if known < MIN_ROWS.min(FEATURES) {
                 return None;
@@ -189,25 +185,25 @@ impl Ridge {
                 features[i * CHANNELS + c] = value;
             }
         }
-        let of = |w: &DMatrix<f64>| {
+        let prediction = |w: &DMatrix<f64>| {
             let y = w.tr_mul(&features);
             core::array::from_fn(|q| self.mean[q] + self.scale[q] * y[q])
         };
-        Some(self.weights.iter().map(of).collect())
+        Some(self.weights.iter().map(prediction).collect())
     }
 }
 
-/// The regression in use: fitted again every 10 s since the node began, once the estimator has settled.
+/// Regression fitted every 10 s from the start of the node, once the estimator has settled.
 #[derive(Clone, Debug)]
 pub struct RefittedRidge {
     began: Time<VesselClock>,
     horizons_s: Vec<f64>,
-    /// By which 10 s.
+    /// Number of the current 10 s interval, and the fit at its start; the fit is None if it failed.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 
 impl RefittedRidge {
-    /// For these times ahead (s), of a node that began to publish at `began`.
+    /// Regression for these horizons (s) and a node that began to publish at `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
@@ -215,15 +211,15 @@ impl RefittedRidge {
             fitted: None,
         }
     }
-    /// Roll, pitch and heave at every horizon after `t`, of what was published until then; times do not decrease.
+    /// Roll, pitch and heave at every horizon after `t`, from estimates published until then; times must not decrease.
     pub fn predict(&mut self, published: &PublishedMotion, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
         let period = ((t - self.began).secs() / REFIT_S).floor();
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
             let at = self.began + Span::from_secs(period * REFIT_S);
-            let settled = self.began + Span::from_secs(SETTLED_S);
+            let valid_from = self.began + Span::from_secs(WARM_UP_S);
             self.fitted = Some((
                 period as u64,
-                Ridge::fit(published, at, settled, &self.horizons_s),
+                Ridge::fit(published, at, valid_from, &self.horizons_s),
             ));
         }
         let (_, ridge) = self.fitted.as_ref()?;
@@ -237,17 +233,17 @@ mod tests {
 
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-    /// Two lines, and their rates.
+    /// Two linear motions with their rates.
     fn motion(t: Time<VesselClock>) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;
             [a * x.sin(), a * w * x.cos()]
         };
-        let of = |a: f64, b: f64, p: f64| {
+        let wave = |a: f64, b: f64, p: f64| {
             let (x, y) = (wave(a, 1.1, p), wave(b, 1.7, 2.0 * p));
             [x[0] + y[0], x[1] + y[1]]
         };
-        let (roll, pitch, heave) = (of(0.1, 0.05, 0.3), of(0.03, 0.06, 1.0), of(0.4, 0.2, 2.0));
+        let (roll, pitch, heave) = (wave(0.1, 0.05, 0.3), wave(0.03, 0.06, 1.0), wave(0.4, 0.2, 2.0));
         [roll[0] + 0.05, pitch[0], heave[0], roll[1], pitch[1], heave[1]]
     }
 
@@ -258,15 +254,15 @@ mod tests {
             let t = Time::from_secs(f64::from(k) / 30.0);
             published.push_motion(t, motion(t));
         }
-        let settled = Time::from_secs(10.0);
+        let valid_from = Time::from_secs(10.0);
         let t = Time::from_secs(80.0);
-        let ridge = Ridge::fit(&published, t, settled, &AHEAD_S).unwrap();
+        let ridge = Ridge::fit(&published, t, valid_from, &AHEAD_S).unwrap();
         let mut known = PublishedMotion::default();
         for k in 0..=30 * 80 {
             let t = Time::from_secs(f64::from(k) / 30.0);
             known.push_motion(t, motion(t));
         }
-        let again = Ridge::fit(&known, t, settled, &AHEAD_S).unwrap();
+        let again = Ridge::fit(&known, t, valid_from, &AHEAD_S).unwrap();
         assert_eq!(ridge, again);
         let t = Time::from_secs(85.0);
         let predicted = ridge.predict(&published.until(t), t).unwrap();
@@ -277,8 +273,8 @@ mod tests {
                 assert!((predicted[q] - then[q]).abs() < 0.1 * sd, "{ahead} {q}");
             }
         }
-        assert!(Ridge::fit(&published, Time::from_secs(30.0), settled, &AHEAD_S).is_none());
-        assert!(Ridge::fit(&PublishedMotion::default(), t, settled, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&published, Time::from_secs(30.0), valid_from, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&PublishedMotion::default(), t, valid_from, &AHEAD_S).is_none());
     }
 
     #[test]

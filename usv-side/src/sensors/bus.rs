@@ -7,18 +7,20 @@
 //! position, which is the newer one.
 
 mod devices;
+mod network;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
 
-use super::config::{BusDevices, device_name};
-use super::heights::DOUBTFUL_M;
+use super::heights::{ANTENNA_M, DOUBTFUL_M};
 use super::nmea::account::{Account, Why};
 use super::nmea::sentences::{MAGNETIC_SD, STILL_MPS, VELOCITY_SD, accuracy};
 use super::{Measurement, Mounting, Remark};
-use devices::{DeviceGroup, DeviceNames, DeviceSample, GROUPS, PLACES, RATES, VELOCITIES};
-pub(super) use devices::{PAIR_NS, is_near};
+pub(super) use devices::PLACES;
+pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, TILTS, TURNS, is_near};
+use devices::{RATES, VELOCITIES};
+pub(super) use network::{Devices, Variations};
 
 /// A fix's quality and height are used so long, ns: its period is a second.
 const FIX_NS: i64 = 2_500_000_000;
@@ -27,12 +29,6 @@ const CAUTION: f64 = 3.0;
 /// Standard deviation of a variation by a model of the Earth's field, rad: 0.4 deg.
 /// Source: WMM2020's error model, at a horizontal field of 20 000 nT.
 const VARIATION_SD: f64 = 0.007;
-/// Time from the first message on after which a chosen device is missed, ns.
-const MISSED_NS: i64 = 5_000_000_000;
-/// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
-/// high water.
-const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
-
 /// Something that a device sent, and when, ns.
 pub(super) type LatestValue<T> = Option<(T, i64)>;
 
@@ -124,13 +120,8 @@ impl Content {
 #[derive(Clone, Debug, Default)]
 pub(super) struct SensorBus {
     mounting: Mounting,
-    /// Name of the device that the configuration chooses for each group; empty: none.
-    choices: [String; GROUPS],
-    groups: [DeviceGroup; GROUPS],
-    names: DeviceNames,
-    /// Times of the first and the newest message, ns.
-    times_ns: Option<[i64; 2]>,
-    variation: Option<f64>,
+    devices: Devices,
+    variation: Variations,
     rate: LatestValue<f64>,
     rates: LatestValue<[f64; 3]>,
     heave: LatestValue<f64>,
@@ -155,37 +146,14 @@ impl SensorBus {
     pub(super) fn new(mounting: &Mounting) -> Self {
         SensorBus {
             mounting: mounting.clone(),
-            choices: choices(&mounting.mount.devices),
+            devices: Devices::new(mounting),
             ..SensorBus::default()
         }
     }
     /// Names a device: the name under which it sends, and another that it claimed (empty: none). The caller bounds the number
     /// of devices.
     pub(super) fn name(&mut self, device: u32, names: [&str; 2]) {
-        self.names.insert(device, names);
-    }
-    /// Whether the configuration chooses this device for group `k`.
-    fn is_chosen(&self, k: usize, device: u32) -> bool {
-        let choice = self.choices.get(k).filter(|choice| !choice.is_empty());
-        choice.is_some_and(|choice| self.names.is_named(device, choice))
-    }
-    /// The device of group `k` at that time. A velocity is of the receiver that gives the positions, unless it is chosen.
-    fn giving(&self, k: usize, at_ns: i64) -> Option<u32> {
-        let own = self.groups.get(k)?.giving(at_ns);
-        if k != VELOCITIES {
-            return own;
-        }
-        let chosen = own.filter(|of| self.is_chosen(k, *of));
-        chosen.or_else(|| self.groups.get(PLACES)?.giving(at_ns))
-    }
-    fn is_spare(&self, k: usize, device: u32, at_ns: i64) -> bool {
-        if self.is_chosen(k, device) {
-            return false;
-        }
-        match k {
-            VELOCITIES => self.giving(k, at_ns).is_some_and(|of| of != device),
-            _ => self.groups.get(k).is_some_and(|g| g.is_spare(device, at_ns)),
-        }
+        self.devices.names.insert(device, names);
     }
     /// Measurements that a message of `device` gives, alone or with those before it.
     pub(super) fn take(
@@ -195,32 +163,34 @@ impl SensorBus {
         content: Content,
     ) -> Result<Option<Measurement>, Why> {
         let k = content.group();
-        let [first_ns, _] = self.times_ns.unwrap_or([at_ns; 2]);
-        self.times_ns = Some([first_ns, at_ns]);
+        self.devices.arrive(at_ns);
         self.observe(device, at_ns, &content);
-        if self.is_spare(k, device, at_ns) {
+        if self.devices.is_spare(k, device, at_ns) {
             return Err(Why::Spare);
         }
         let given = self.measurement(device, at_ns, content)?;
-        let is_chosen = self.is_chosen(k, device);
+        let is_chosen = self.devices.is_chosen(k, device);
         // A velocity that is not chosen goes with its receiver's positions.
-        if let Some(group) = self.groups.get_mut(k).filter(|_| k != VELOCITIES || is_chosen) {
-            group.gave(device, at_ns, is_chosen);
+        if k != VELOCITIES || is_chosen {
+            self.devices.gave(k, device, at_ns, false);
         }
         Ok(given)
     }
     /// Takes a message as evidence for or against its device.
     fn observe(&mut self, device: u32, at_ns: i64, content: &Content) {
         let k = content.group();
-        let Some(sample) = self.sample(content) else {
+        if let Content::Variation(variation)
+        | Content::Heading {
+            variation: Some(variation),
+            ..
+        } = content
+        {
+            self.variation.state(device, *variation);
+        }
+        let Some(sample) = self.sample(device, content) else {
             return;
         };
-        let used = self.giving(k, at_ns);
-        let kept = self.groups.get(k).and_then(DeviceGroup::kept);
-        let is_free = !kept.is_some_and(|of| self.is_chosen(k, of));
-        if let Some(group) = self.groups.get_mut(k) {
-            group.observe(k, (device, at_ns), &sample, used, is_free);
-        }
+        self.devices.observe(k, (device, at_ns), &sample);
         let part = match content {
             Content::Velocity { .. } => 0,
             Content::Gnss(fix) if fix.altitude_m.is_some() => 1,
@@ -233,12 +203,12 @@ impl SensorBus {
             | Content::Position(_)
             | Content::Gnss(_) => return,
         };
-        if let Some(places) = self.groups.get_mut(PLACES) {
+        if let Some(places) = self.devices.groups.get_mut(PLACES) {
             places.note_part(device, part, at_ns);
         }
     }
     /// Value and standard deviation of a message; None where it is magnetic and the variation is not known.
-    fn sample(&self, content: &Content) -> Option<DeviceSample> {
+    fn sample(&self, device: u32, content: &Content) -> Option<DeviceSample> {
         let mounting = &self.mounting;
         let (value, sd, stated_sd) = match content {
             Content::Heading {
@@ -247,7 +217,7 @@ impl SensorBus {
                 deviation,
                 magnetic,
             } => {
-                let north = self.north(*magnetic, *variation, *deviation).ok()?;
+                let north = self.north(device, *magnetic, *variation, *deviation).ok()?;
                 let sd = if *magnetic { MAGNETIC_SD } else { 0.0 };
                 ([heading + north, 0.0], mounting.heading_sd().hypot(sd), None)
             }
@@ -266,32 +236,40 @@ impl SensorBus {
                 speed,
                 magnetic,
             } => {
-                let (sin, cos) = (course + self.north(*magnetic, None, None).ok()?).sin_cos();
+                let (sin, cos) = (course + self.north(device, *magnetic, None, None).ok()?).sin_cos();
                 ([speed * cos, speed * sin], VELOCITY_SD, None)
             }
         };
         Some(DeviceSample { value, sd, stated_sd })
     }
     /// The angle from the north to an angle's own zero, by its device's variation or that of the network, rad.
-    fn north(&self, magnetic: bool, variation: Option<f64>, deviation: Option<f64>) -> Result<f64, Why> {
-        match magnetic {
-            true => Ok(variation.or(self.variation).ok_or(Why::Magnetic)? + deviation.unwrap_or_default()),
-            false => Ok(0.0),
+    fn north(
+        &self,
+        device: u32,
+        magnetic: bool,
+        variation: Option<f64>,
+        deviation: Option<f64>,
+    ) -> Result<f64, Why> {
+        if !magnetic {
+            return Ok(0.0);
         }
+        let own = variation.map(|_| device);
+        let variation = self.variation.of(own, &self.devices).ok_or(Why::Magnetic)?;
+        Ok(variation + deviation.unwrap_or_default())
     }
     fn measurement(&mut self, device: u32, at_ns: i64, content: Content) -> Result<Option<Measurement>, Why> {
         match content {
             Content::Rate(rate) => self.rate = Some((rate, at_ns)),
             Content::Rates(rates) => self.rates = Some((rates, at_ns)),
             Content::Heave(heave) => self.heave = Some((heave, at_ns)),
-            Content::Variation(variation) => self.variation = Some(variation),
+            Content::Variation(_) => {}
             Content::Heading {
                 heading,
                 variation,
                 deviation,
                 magnetic,
             } => {
-                let north = self.north(magnetic, variation, deviation)?;
+                let north = self.north(device, magnetic, variation, deviation)?;
                 return Ok(Some(self.heading(at_ns, heading + north, magnetic)));
             }
             Content::Attitude(tilt) => return Ok(Some(self.attitude(at_ns, tilt))),
@@ -300,7 +278,7 @@ impl SensorBus {
                 speed,
                 magnetic,
             } => {
-                let (sin, cos) = (course + self.north(magnetic, None, None)?).sin_cos();
+                let (sin, cos) = (course + self.north(device, magnetic, None, None)?).sin_cos();
                 self.velocity = Some((([speed * cos, speed * sin], device), at_ns));
             }
             Content::Position(place) => {
@@ -360,7 +338,7 @@ impl SensorBus {
             None => (0.0, NOT_MEASURED_SD, 0.0),
         };
         let velocity = paired(self.velocity, at_ns, PAIR_NS);
-        let velocity = velocity.filter(|(_, of)| *of == device || self.is_chosen(VELOCITIES, *of));
+        let velocity = velocity.filter(|(_, of)| *of == device || self.devices.is_chosen(VELOCITIES, *of));
         let [north, east] = velocity.map(|(v, _)| v).unwrap_or_default();
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
         let datum = Datum { height_m, ..place };
@@ -397,7 +375,8 @@ impl SensorBus {
     }
     /// Remarks on its devices and heights, and those of the account of its messages.
     pub(super) fn remarks(&self, account: &Account) -> Vec<Remark> {
-        let mut all = self.device_remarks();
+        let mut all = self.devices.remarks();
+        all.extend(self.variation.remarks(&self.devices));
         if self.cautions > 0 {
             all.push(Remark::fault(
                 format!(
@@ -416,40 +395,8 @@ impl SensorBus {
         all.extend(account.remarks());
         all
     }
-    fn device_remarks(&self) -> Vec<Remark> {
-        let Some([first_ns, now_ns]) = self.times_ns else {
-            return Vec::new();
-        };
-        let is_missed = !is_near(now_ns, first_ns, MISSED_NS);
-        let mut all = Vec::new();
-        for (k, (group, choice)) in self.groups.iter().zip(&self.choices).enumerate() {
-            // A device that is chosen for its attitude may give no angular rates.
-            if is_missed && !choice.is_empty() && k != RATES {
-                all.extend(group.missing_choice(k, (choice.as_str(), &self.names), now_ns));
-            }
-            all.extend(group.remarks(k, &self.names, now_ns));
-        }
-        all
-    }
 }
 
-/// Names of the chosen devices by group; a NAME of NMEA 2000 with all its digits.
-fn choices(d: &BusDevices) -> [String; GROUPS] {
-    [
-        &d.heading,
-        &d.rate_of_turn,
-        &d.attitude,
-        &d.attitude,
-        &d.heave,
-        &d.variation,
-        &d.position,
-        &d.velocity,
-    ]
-    .map(|name| match device_name(name) {
-        Some(number) => name_text(number),
-        None => name.clone(),
-    })
-}
 /// A NAME of NMEA 2000 as text: `0x` and 16 hexadecimal digits.
 pub(super) fn name_text(number: u64) -> String {
     format!("0x{number:016x}")

@@ -27,8 +27,9 @@ pub enum HeaveSign {
 
 config! {
     /// Device of a boat's network that is used for each quantity, as a plotter's menu has it. NMEA 2000: its address, "0" to
-    /// "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. Empty: the first, until another proves
-    /// better. While a chosen device is silent another stands in.
+    /// "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. NMEA 0183: its talker, "HE", or the
+    /// name of a maker's own sentence, "PASHR". Empty: the first, until another proves better. While a chosen device is silent another
+    /// stands in.
     pub struct BusDevices {
         /// Device of the heading.
         pub heading: String = String::new();
@@ -65,14 +66,16 @@ impl BusDevices {
         let allowed = match format {
             Format::N2k => "an address, 0 to 253, or a NAME, 0x and up to 16 hexadecimal digits",
             Format::SignalK => "a $source of the server, of 64 characters at most",
-            Format::Nmea | Format::Ubx | Format::Mavlink | Format::Rtcm => {
-                "empty: only n2k and signalk have devices to choose from"
+            Format::Nmea => "a talker of two letters (HE), or the name of a maker's sentence (PASHR)",
+            Format::Ubx | Format::Mavlink | Format::Rtcm => {
+                "empty: only nmea, n2k and signalk have devices to choose from"
             }
         };
         let fits = |device: &str| match format {
             Format::N2k => is_address(device) || device_name(device).is_some(),
             Format::SignalK => device.trim() == device && device.chars().count() <= MAX_DEVICE_NAME,
-            Format::Nmea | Format::Ubx | Format::Mavlink | Format::Rtcm => false,
+            Format::Nmea => (2..=8).contains(&device.len()) && device.bytes().all(|b| b.is_ascii_uppercase()),
+            Format::Ubx | Format::Mavlink | Format::Rtcm => false,
         };
         let mut chosen = self.each().into_iter().filter(|(_, device)| !device.is_empty());
         chosen.try_for_each(|(key, device)| at.require(fits(device), key, format!("{device:?}"), allowed))
@@ -168,14 +171,14 @@ impl Format {
         }
     }
     /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
-    /// sensor's, AIS).
+    /// sensor's, AIS). Other formats may: the decoder names them.
     pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
         move |datagram| match self {
             Format::Nmea => {
                 let mut decoder = NmeaDecoder::new(&Mounting::default());
                 decoder.push(datagram, &mut Vec::new());
                 let found = decoder.decoded();
-                found.good > 0 || found.ignored == 0
+                found.good > 0 || found.ignored == 0 || decoder.is_foreign()
             }
             Format::Ubx | Format::Mavlink | Format::N2k | Format::SignalK | Format::Rtcm => true,
         }
@@ -441,6 +444,10 @@ mod tests {
             (Format::SignalK, " can0.35", false),
             (Format::Nmea, "35", false),
             (Format::Nmea, "", true),
+            (Format::Nmea, "HE", true),
+            (Format::Nmea, "PASHR", true),
+            (Format::Nmea, "he", false),
+            (Format::Ubx, "HE", false),
         ] {
             let mut source = SourceConfig {
                 format,

@@ -240,7 +240,7 @@ impl MavlinkDecoder {
                 .filter(|h| *h != 0.0)
                 .map(|h| h - sea_m);
             self.separation = stated.or(self.separation);
-            let (separation, height_spread) = self.heights.separation(&place, self.separation);
+            let (separation, height_spread) = self.heights.separation(&place, sea_m, self.separation);
             let down = if kind >= 3 {
                 down.max(0.005)
             } else {
@@ -291,7 +291,7 @@ impl MavlinkDecoder {
         let Some(origin) = self.origin else {
             return Some(());
         };
-        let (separation, height_spread) = self.heights.separation(&origin, self.separation);
+        let (separation, height_spread) = self.heights.separation(&origin, origin.height_m, self.separation);
         let datum = Datum {
             height_m: origin.height_m + separation,
             ..origin

@@ -4,7 +4,6 @@
 //! offset between the source's clock and the vessel's.
 
 mod age_counts;
-mod average;
 mod bus;
 mod clock;
 mod config;
@@ -19,12 +18,12 @@ mod signalk;
 mod stuck;
 mod ubx;
 
-pub use average::Average;
 pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;
 pub use n2k::N2kDecoder;
 pub use nmea::NmeaDecoder;
+pub(crate) use nmea::account::ANGLES;
 pub use node::{MAX_STEP_BYTES, SensorNode, SensorPorts, SensorsIn, SensorsOut};
 pub use signalk::{MAX_MESSAGE as MAX_SIGNALK_MESSAGE, SignalKDecoder};
 pub use stuck::{MAX_REPEATED, RepeatedSamples};

@@ -10,8 +10,11 @@
 pub(super) mod account;
 mod attribution;
 mod carried;
+mod devices;
+pub(super) mod foreign;
 pub(super) mod partner;
 pub(super) mod sentences;
+mod shape;
 
 use alight_shared::estimation::Rollover;
 use alight_shared::geodesy::Datum;
@@ -21,12 +24,14 @@ use alight_shared::time::{Time, VesselClock};
 use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::{NmeaFrame, parse_frame};
 
+use super::bus::{Devices, HEADINGS, PLACES, TILTS, TURNS, Variations};
 use super::clock::{DAY_NS, time_of_day_ns};
 use super::heights::EllipsoidHeights;
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;
 use carried::{Carried, CarriedMessage};
+use foreign::UbxSkip;
 use partner::Partner;
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
@@ -63,10 +68,17 @@ pub struct NmeaDecoder {
     timeless: Vec<Measurement>,
     /// Newest rate of turn that has its own time, rad/s, and when it arrived.
     own_rate: Option<(f64, i64)>,
-    /// Magnetic variation, rad, east positive, as the source stated it last.
-    variation: Option<f64>,
-    /// Half of an attitude in XDR: roll, pitch, rad.
+    variation: Variations,
+    /// Devices are talkers, and the makers' own sentences; their number is their place.
+    devices: Devices,
+    talkers: Vec<String>,
+    /// Half of an attitude in XDR: roll, pitch, rad, and its device.
     half_tilt: [Option<f64>; 2],
+    half_of: Option<u32>,
+    /// The sentence whose times count, the newest of them, ns, and how many more came of another clock.
+    clock: Option<(String, i64, u8)>,
+    /// Bytes of a message of UBX that are still to come.
+    ubx: UbxSkip,
     /// Parts that complete an epoch: velocity of a position, rate of a heading, height of a position.
     velocity: Partner,
     rate: Partner,
@@ -151,8 +163,13 @@ impl NmeaDecoder {
             spread: Vec::new(),
             timeless: Vec::new(),
             own_rate: None,
-            variation: None,
+            variation: Variations::default(),
+            devices: Devices::new(mounting).merged(),
+            talkers: Vec::new(),
             half_tilt: [None; 2],
+            half_of: None,
+            clock: None,
+            ubx: UbxSkip::default(),
             velocity: Partner::default(),
             rate: Partner::default(),
             height: Partner::default(),
@@ -174,6 +191,10 @@ impl NmeaDecoder {
             ..self.decoded
         }
     }
+    /// Another format came among the sentences.
+    pub(super) fn is_foreign(&self) -> bool {
+        self.account.has_foreign()
+    }
     /// Remarks on the NMEA 2000 in its sentences.
     pub(crate) fn carried_remarks(&self) -> Vec<Remark> {
         self.carried.remarks()
@@ -183,6 +204,11 @@ impl NmeaDecoder {
             self.decoded.corrupted += 1;
             return;
         };
+        if let Some((name, why)) = foreign::line(text) {
+            self.decoded.ignored += 1;
+            self.account.leave_out(name, why);
+            return;
+        }
         if !text.contains(['$', '!', '*']) {
             self.decoded.ignored += 1;
             return;
@@ -208,7 +234,7 @@ impl NmeaDecoder {
     /// A sentence of a kind that is not read.
     fn pass_over(&mut self, address: &str) {
         self.decoded.ignored += 1;
-        self.account.leave_out(address, Why::NotRead);
+        self.account.leave_out(address, foreign::not_read(address));
     }
     /// Takes a message of NMEA 2000; the inner None is one whose bytes' order is not known yet.
     fn carrier(&mut self, address: &str, message: Option<Option<CarriedMessage>>) {
@@ -248,13 +274,16 @@ impl NmeaDecoder {
         if *count < UNCHECKED_STREAM {
             return None;
         }
-        let frame = parse_frame(sentence).ok().filter(sentences::is_whole)?;
+        let frame = parse_frame(sentence).ok().filter(shape::is_whole)?;
         self.account.unchecked += 1;
         Some(frame)
     }
     fn sentence(&mut self, frame: &NmeaFrame<'_>, out: &mut Vec<SourceMeasurement>) {
         let address = format!("{}{}", frame.talker, frame.sentence_type);
         let fields = &frame.fields;
+        if let Err(why) = shape::is_shifted(frame) {
+            return self.leave_out(&address, why);
+        }
         match NmeaSentence::parse(frame) {
             NmeaSentence::Gga(s) => self.gga(&address, &s, fields, out),
             NmeaSentence::Gns(s) => self.gns(&address, &s, fields, out),
@@ -286,7 +315,7 @@ impl NmeaDecoder {
                 "PTNL" if fields.first() == Some(&"AVR") => self.avr("PTNL-AVR", fields, out),
                 "PTNTHPR" => self.ptnthpr(&address, fields, out),
                 "HPR" => self.hpr(&address, fields, out),
-                _ => self.pass_over(&address),
+                _ => self.pass_over(&foreign::name(&address, fields)),
             },
         }
     }
@@ -317,8 +346,13 @@ impl NmeaDecoder {
             self.decoded.corrupted += 1;
             return None;
         };
-        self.decoded.good += 1;
         let at_ns = self.day.unwrap(of_day);
+        if !self.is_of_clock(address, at_ns) {
+            self.day.last = self.clock.as_ref().map(|(_, newest_ns, _)| *newest_ns);
+            self.leave_out(address, Why::OtherClock);
+            return None;
+        }
+        self.decoded.good += 1;
         self.account.stamp(address, at_ns);
         let is_new = self.epoch.as_ref().is_none_or(|e| e.at_ns != at_ns);
         self.attribution.timed(is_new);
@@ -498,6 +532,14 @@ impl SensorDecoder for NmeaDecoder {
     }
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for byte in bytes {
+            if self.ubx.is_inside(*byte) {
+                if self.ubx.begins() {
+                    drop(self.lines.restart());
+                    self.decoded.ignored += 1;
+                    self.account.leave_out("UBX", Why::Foreign(foreign::UBX));
+                }
+                continue;
+            }
             // A sentence begins in the middle of a line where bytes were lost.
             if *byte == b'$' {
                 // The prefix that a logger writes before a sentence is no damage.
@@ -531,6 +573,8 @@ impl SensorDecoder for NmeaDecoder {
         self.heights
             .remark()
             .into_iter()
+            .chain(self.devices.remarks())
+            .chain(self.variation.remarks(&self.devices))
             .chain(self.account.remarks())
             .chain(self.carried_remarks())
             .collect()

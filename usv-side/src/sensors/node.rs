@@ -3,17 +3,19 @@
 
 use alight_shared::bus::wiring;
 use alight_shared::estimation::SourceClock;
+use alight_shared::frames::{Vector, VesselNed};
+use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, RtcmFrames, SensorReadings, SourceStatus};
+use alight_shared::msg::{Header, NOT_MEASURED_SD, RtcmFrames, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::age_counts::AgeCounts;
-use super::plausible::Plausibility;
+use super::plausible::{Movement, Plausibility};
 use super::rtcm::RtcmTraffic;
 use super::{
-    Average, Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
+    Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
     SourcesConfig,
 };
 use crate::VesselNodeConfig;
@@ -68,7 +70,6 @@ struct Source {
     latency: Span,
     /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and of headings, which the estimator takes a little late.
@@ -94,7 +95,6 @@ impl Source {
             rtcm: config.is_base().then(|| RtcmTraffic::new(antenna_m)),
             latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),
-            average: Default::default(),
             newest: Default::default(),
             ages: no_ages(),
             plausible: Default::default(),
@@ -123,16 +123,6 @@ impl Source {
         if let (Format::Rtcm, Some(rtcm)) = (self.format, &self.rtcm) {
             rtcm.count(&mut self.status);
         }
-    }
-
-    /// Inertial samples at the filter's rate; other measurements as they are.
-    fn average(&mut self, m: SourceMeasurement) -> [Option<SourceMeasurement>; 2] {
-        let Measurement::Imu(sample) = m.measurement else {
-            return [Some(m), None];
-        };
-        let average = self.average.get_mut(usize::from(sample.source).min(1));
-        let means = average.map(|a| a.push(m.at_ns, &sample)).unwrap_or_default();
-        means.map(|mean| mean.map(|(at_ns, mean)| SourceMeasurement::new(at_ns, mean)))
     }
 
     /// The vessel's time of a time of the source's own clock.
@@ -187,10 +177,12 @@ impl Source {
         all
     }
 
-    /// The measurement without channels that cannot be true; None where nothing of it can be.
-    fn plausible(&mut self, m: Measurement) -> Option<Measurement> {
-        match self.plausible.get_mut(usize::from(m.source())) {
-            Some(of_sensor) => of_sensor.take(m).measurement,
+    /// The measurement of source `number` without channels that cannot be true; None where nothing of it can be.
+    fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
+        let within = usize::from(m.source());
+        let still = boat.take((number * self.plausible.len() + within) as u8, &m);
+        match self.plausible.get_mut(within) {
+            Some(of_sensor) => of_sensor.take(m, &still).measurement,
             None => Some(m),
         }
     }
@@ -246,6 +238,19 @@ impl Source {
     }
 }
 
+/// Place of a fix that has one.
+fn fixed(m: &Measurement) -> Option<Datum> {
+    match m {
+        Measurement::Gnss(fix) if fix.position_sd[0] < NOT_MEASURED_SD => {
+            let [x, y, z] = fix.position;
+            Some(fix.datum.at::<VesselNed>(&Vector::new(x, y, z)))
+        }
+        Measurement::Gnss(_) | Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
+            None
+        }
+    }
+}
+
 /// Ages of no measurement yet, before an estimator as it comes.
 fn no_ages() -> [AgeCounts; 2] {
     let estimator = VesselNodeConfig::default();
@@ -258,6 +263,8 @@ fn no_ages() -> [AgeCounts; 2] {
 /// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
+    /// What moves on the boat, by all of them.
+    movement: Movement,
     /// Headers of the newest measurement, of the newest message, and of the newest frame of RTCM.
     headers: [Header<VesselClock>; 3],
 }
@@ -267,6 +274,7 @@ impl SensorNode {
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
+            movement: Movement::default(),
             headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 3],
         }
     }
@@ -301,24 +309,22 @@ impl Node for SensorNode {
     fn step(&mut self, now: Time<VesselClock>, input: &SensorsIn) -> SensorsOut {
         let (mut readings, mut requests) = (Readings::default(), Vec::new());
         let [measured, sent, framed] = &mut self.headers;
-        let (mut decoded, mut rtcm) = (Vec::new(), Vec::new());
+        let (mut decoded, mut rtcm, mut place) = (Vec::new(), Vec::new(), None);
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
                 source.push(now, bytes, &mut decoded, &mut rtcm);
             }
             decoded.extend(input.samples.get(k).into_iter().flatten().copied());
-            let mut dated = Vec::new();
-            for m in decoded.drain(..) {
-                let averaged = source.average(m).into_iter().flatten();
-                dated.extend(averaged.filter_map(|m| source.date(now, &m)));
-            }
+            let mut dated: Vec<_> = decoded.drain(..).filter_map(|m| source.date(now, &m)).collect();
             for m in source.decoder.timeless() {
                 dated.extend(source.date_by_arrival(now, m));
             }
-            for m in dated.into_iter().filter_map(|m| source.plausible(m)) {
+            let boat = &mut self.movement;
+            for m in dated.into_iter().filter_map(|m| source.plausible(k, boat, m)) {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 measured.at = m.at();
+                place = fixed(&m).or(place);
                 readings.push(m.headed(number, *measured));
                 measured.sequence = measured.sequence.wrapping_add(1);
             }
@@ -327,6 +333,8 @@ impl Node for SensorNode {
                 requests.extend(source.decoder.request().map(|bytes| (k, bytes)));
             }
         }
+        let bases = self.sources.iter_mut().filter_map(|s| s.rtcm.as_mut());
+        bases.zip(place).for_each(|(rtcm, place)| rtcm.fix(place));
         sent.at = now;
         let readings = readings.messages(sent);
         framed.at = now;

@@ -7,6 +7,8 @@
 
 mod agreement;
 mod heave;
+mod part;
+mod standstill;
 mod verdict;
 
 use alight_shared::frames::{VesselNed, wrap_angle};
@@ -16,6 +18,9 @@ use alight_shared::time::{Span, Time, VesselClock};
 
 use self::agreement::{Agreement, Lengths};
 use self::heave::Heave;
+use self::part::{Part, Texts};
+pub(crate) use self::standstill::Movement;
+use self::standstill::Still;
 use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 use super::{Measurement, Remark};
 
@@ -35,8 +40,14 @@ const HEIGHT_JUMP_M: f64 = 20.0;
 const HEIGHT_JUMP_SDS: f64 = 6.0;
 /// Fastest climb of an antenna on a mast in waves, m/s.
 const MAX_CLIMB_MPS: f64 = 20.0;
-/// Standard deviation of a heave in which a boat rolls or pitches by more than any sensor's resolution, m.
-const MOVING_M: f64 = 0.3;
+
+/// Time constant of a mean specific force, s, and the angle from down at which it is that of another axis: 60 deg, as a boat
+/// that lies over by 30 deg rolls by as much.
+const GRAVITY_S: f64 = 10.0;
+const MAX_MEAN_TILT_RAD: f64 = 1.05;
+/// [`Measurement::kind`] of headings and attitudes.
+const HEADING: usize = 2;
+const ATTITUDE: usize = 3;
 
 /// Standard deviations of a difference of two values that are noise, sqrt 2 times 3.
 const NOISE: f64 = 3.0 * core::f64::consts::SQRT_2;
@@ -72,136 +83,6 @@ const OF_POSITION: Lengths = Lengths {
     window: 12,
 };
 
-/// Channels that are left out by themselves.
-#[derive(Clone, Copy, Debug)]
-enum Part {
-    /// Heave of an attitude.
-    Heave,
-    /// Angular rates of an attitude, by its roll and pitch.
-    Rates,
-    /// Rate of turn, by the heading.
-    YawRate,
-    /// Rate of turn of a heading.
-    RateOfTurn,
-    /// Velocity of a fix.
-    Velocity,
-    /// Height of a fix.
-    Height,
-    /// Roll and pitch, and the attitude with them.
-    Tilt,
-}
-
-/// Texts about a part: name, unit, its number in an SI unit, quantity of comparison, channels that are used, remedy.
-struct Texts {
-    name: &'static str,
-    unit: &'static str,
-    factor: f64,
-    compared: &'static str,
-    used: &'static str,
-    remedy: &'static str,
-}
-
-impl Part {
-    /// Takes the channel out of a measurement; false where it is not in it.
-    fn leave_out(self, m: &mut Measurement) -> bool {
-        match (self, m) {
-            (Part::Heave, Measurement::Attitude(m)) => m.heave.take().is_some(),
-            (Part::Rates | Part::YawRate, Measurement::Attitude(m)) => m.rates.take().is_some(),
-            (Part::RateOfTurn, Measurement::Heading(m)) => m.rate.take().is_some(),
-            (Part::Velocity, Measurement::Gnss(m)) => {
-                let was_there = has_velocity(m);
-                (m.velocity, m.velocity_sd) = ([0.0; 3], [NOT_MEASURED_SD; 3]);
-                was_there
-            }
-            (Part::Height, Measurement::Gnss(m)) => {
-                let was_there = has_height(m);
-                (m.datum.height_m, m.position[2], m.height_spread) = (0.0, 0.0, 0.0);
-                m.position_sd[2] = NOT_MEASURED_SD;
-                was_there
-            }
-            (
-                Part::Heave
-                | Part::Rates
-                | Part::YawRate
-                | Part::RateOfTurn
-                | Part::Velocity
-                | Part::Height
-                | Part::Tilt,
-                _,
-            ) => false,
-        }
-    }
-    fn texts(self) -> Texts {
-        let degrees = 1_f64.to_degrees();
-        let (name, unit, factor, compared, used, remedy) = match self {
-            Part::Heave => (
-                "heave",
-                "m",
-                1.0,
-                "height",
-                "roll and pitch are used",
-                "set mount.heave = \"none\" for this source, or repair the sensor",
-            ),
-            Part::Rates => (
-                "angular rate",
-                "deg/s",
-                degrees,
-                "roll and pitch",
-                "roll and pitch are used",
-                "check unit, sign and mounting of the sensor's rates",
-            ),
-            Part::YawRate => (
-                "yaw rate",
-                "deg/s",
-                degrees,
-                "heading",
-                "roll and pitch are used",
-                "check unit, sign and mounting of the sensor's rates",
-            ),
-            Part::RateOfTurn => (
-                "rate of turn",
-                "deg/s",
-                degrees,
-                "heading",
-                "the heading is used",
-                "check unit and sign of the rate of turn at its sensor",
-            ),
-            Part::Velocity => (
-                "velocity",
-                "m/s",
-                1.0,
-                "position",
-                "the position is used",
-                "check the receiver's set-up, or replace it",
-            ),
-            Part::Height => (
-                "height",
-                "m",
-                1.0,
-                "place",
-                "latitude and longitude are used",
-                "give the antenna a free view of the sky, or check the receiver's set-up",
-            ),
-            Part::Tilt => (
-                "attitude",
-                "deg",
-                degrees,
-                "heave",
-                "nothing of it is used",
-                "check the sensor and its mount.mounting_deg",
-            ),
-        };
-        Texts {
-            name,
-            unit,
-            factor,
-            compared,
-            used,
-            remedy,
-        }
-    }
-}
-
 /// The fate of one measurement.
 #[derive(Clone, Debug)]
 pub(crate) struct Judged {
@@ -225,8 +106,11 @@ pub(crate) struct Plausibility {
     /// Newest height, m.
     newest_height: Option<(Time<VesselClock>, f64)>,
     tilt: ChannelState,
-    /// Roll and pitch, bit by bit, and since when they are the same.
-    standing: Option<([u64; 2], Time<VesselClock>)>,
+    place: ChannelState,
+    heading: ChannelState,
+    force: ChannelState,
+    /// Mean specific force, m/s², and since when.
+    mean_force: Option<([f64; 3], Time<VesselClock>, Time<VesselClock>)>,
 }
 
 impl Default for Plausibility {
@@ -241,17 +125,28 @@ impl Default for Plausibility {
             height: ChannelState::default(),
             newest_height: None,
             tilt: ChannelState::default(),
-            standing: None,
+            place: ChannelState::default(),
+            heading: ChannelState::default(),
+            force: ChannelState::default(),
+            mean_force: None,
         }
     }
 }
 
 impl Plausibility {
-    /// Takes a measurement with its time of validity, after those before it.
-    pub(crate) fn take(&mut self, mut m: Measurement) -> Judged {
+    /// Takes a measurement with its time of validity, after those before it, and its channels that stand still.
+    pub(crate) fn take(&mut self, mut m: Measurement, still: &Still) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
+        let passed = Taken {
+            believed: true,
+            since: None,
+        };
+        let none = (Part::Tilt, None);
         let parts = match &m {
-            Measurement::Imu(_) => [(Part::Tilt, None); 3],
+            Measurement::Imu(sample) => {
+                let force = self.force(at, sample.accelerometer);
+                [(Part::Force, Some(force)), none, none, none]
+            }
             Measurement::Attitude(fix) => {
                 let heave = fix.heave.map(|h| self.heave.take(at, h, fix.heave_sd));
                 let rates = fix.rates.map(|r| self.rates(fix, r));
@@ -259,40 +154,80 @@ impl Plausibility {
                     believed: !self.yaw_rate.verdict.is_out(),
                     since: None,
                 });
-                is_kept = self.tilt(fix);
                 [
                     (Part::Heave, heave),
                     (Part::Rates, rates),
                     (Part::YawRate, by_heading),
+                    (Part::Tilt, Some(self.tilt(fix))),
                 ]
             }
             Measurement::Heading(fix) => {
                 let since = self.compare_yaw_rate(fix);
                 retracted.extend(since.map(|since| (Part::YawRate, since)));
                 let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
-                [(Part::RateOfTurn, rate), (Part::Tilt, None), (Part::Tilt, None)]
+                self.heading.judge(at, None);
+                [
+                    (Part::RateOfTurn, rate),
+                    (Part::Heading, Some(passed)),
+                    none,
+                    none,
+                ]
             }
             Measurement::Gnss(fix) => {
                 let velocity = (has_velocity(fix) && has_place(fix)).then(|| self.velocity(fix));
                 let height = has_height(fix).then(|| self.height(fix));
+                self.place.judge(at, None);
                 [
                     (Part::Velocity, velocity),
                     (Part::Height, height),
-                    (Part::Tilt, None),
+                    (Part::Place, has_place(fix).then_some(passed)),
+                    none,
                 ]
             }
         };
         for (part, taken) in parts {
-            let Some(taken) = taken else { continue };
+            let Some(mut taken) = taken else { continue };
+            if let Some(standstill) = part
+                .channel()
+                .filter(|_| taken.believed)
+                .and_then(|c| still.of(c))
+            {
+                self.verdict(part).reject(at, Doubt::Standstill(standstill, at));
+                taken.believed = false;
+                taken.since = standstill.is_new.then_some(standstill.since);
+            }
             self.verdict(part).count(taken.believed);
             if !taken.believed {
                 part.leave_out(&mut m);
+                is_kept &= !part.is_whole();
             }
             retracted.extend(taken.since.map(|since| (part, since)));
         }
         Judged {
             measurement: is_kept.then_some(m),
             retracted,
+        }
+    }
+
+    /// Gravity shows whether a sensor's third axis is down: over many waves the mean specific force is up.
+    fn force(&mut self, at: Time<VesselClock>, force: [f64; 3]) -> Taken {
+        let (mean, newest, begun) = self.mean_force.unwrap_or((force, at, at));
+        let gap_s = (at - newest).secs();
+        let is_gap = !(-1.0..=1.0).contains(&gap_s) || !force.iter().all(|f| f.is_finite());
+        let part = (gap_s.max(0.0) / GRAVITY_S).min(1.0);
+        let mean: [f64; 3] = core::array::from_fn(|k| mean[k] + part * (force[k] - mean[k]));
+        self.mean_force = (!is_gap).then_some((mean, at, begun));
+        let [x, y, z] = mean;
+        let (size, off) = (x.hypot(y).hypot(z), x.hypot(y).atan2(-z));
+        let lasts = !is_gap && (at - begun).secs() > 2.0 * GRAVITY_S && size > 1.0;
+        let doubt = (lasts && off > MAX_MEAN_TILT_RAD).then_some(Doubt::Axes(off));
+        match doubt {
+            Some(doubt) => self.force.reject(at, doubt),
+            None => self.force.judge(at, None),
+        };
+        Taken {
+            believed: doubt.is_none(),
+            since: None,
         }
     }
 
@@ -381,32 +316,27 @@ impl Plausibility {
         }
     }
 
-    /// Whether roll and pitch are used: within their bounds, and not the same, bit by bit, while the heave moves.
-    fn tilt(&mut self, fix: &AttitudeFix) -> bool {
+    /// Whether roll and pitch are within their bounds.
+    fn tilt(&mut self, fix: &AttitudeFix) -> Taken {
         let at = fix.header.at;
-        let numbers = fix.tilt.map(f64::to_bits);
-        let since = match self.standing {
-            Some((same, since)) if same == numbers => since,
-            Some(_) | None => at,
-        };
-        self.standing = Some((numbers, since));
-        let stands_s = (at - since).secs();
-        let moves = self.heave.spread_m().is_some_and(|spread| spread > MOVING_M);
-        let doubt = bounded(&fix.tilt, MAX_TILT_RAD)
-            .err()
-            .or((moves && stands_s >= WINDOW_S).then_some(Doubt::Standstill(stands_s)));
+        let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
         // A boat without its attitude is estimated no more, so a good one is used at once.
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
             None => self.tilt.judge(at, None),
         };
-        self.tilt.count(doubt.is_none());
-        doubt.is_none()
+        Taken {
+            believed: doubt.is_none(),
+            since: None,
+        }
     }
 
-    fn verdicts(&self) -> [(Part, &ChannelState); 7] {
+    fn verdicts(&self) -> [(Part, &ChannelState); 10] {
         [
+            (Part::Force, &self.force),
             (Part::Tilt, &self.tilt),
+            (Part::Heading, &self.heading),
+            (Part::Place, &self.place),
             (Part::Heave, &self.heave.verdict),
             (Part::Rates, &self.rates.verdict),
             (Part::YawRate, &self.yaw_rate.verdict),
@@ -424,6 +354,9 @@ impl Plausibility {
             Part::Velocity => &mut self.velocity.verdict,
             Part::Height => &mut self.height,
             Part::Tilt => &mut self.tilt,
+            Part::Place => &mut self.place,
+            Part::Heading => &mut self.heading,
+            Part::Force => &mut self.force,
         }
     }
     /// A remark on each part of which something was left out; `whose` names the sensor ("" or "second receiver: ").
@@ -455,7 +388,14 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
         Doubt::Drift(x) => format!("drifts by {} a minute", size(x)),
         Doubt::Mean(x) => format!("has a mean of {}, in waves it has none", size(x)),
         Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
-        Doubt::Standstill(s) => format!("stands still for {s:.0} s while the {} moves", t.compared),
+        Doubt::Standstill(s, at) => format!(
+            "stands still for {:.0} s at {:.1} {} while the {} moves",
+            (at - s.since).secs(),
+            t.factor * s.value,
+            t.unit,
+            s.by
+        ),
+        Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
     }
 }
 
@@ -496,6 +436,7 @@ fn has_height(fix: &GnssFix) -> bool {
 /// a channel was found implausible are left out afterwards, too.
 pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     let mut sources: [Plausibility; MAX_SOURCES] = Default::default();
+    let mut movement = Movement::default();
     let mut kept = Vec::with_capacity(all.len());
     for m in all {
         let number = m.source();
@@ -503,7 +444,7 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
             kept.push(m);
             continue;
         };
-        let judged = source.take(m);
+        let judged = source.take(m, &movement.take(number, &m));
         kept.extend(judged.measurement);
         for (part, since) in judged.retracted {
             let count = retract(&mut kept, number, part, since);
@@ -521,7 +462,17 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
 }
 
 /// Leaves a part out of the newest measurements of a source, those since then; returns how many had it.
-fn retract(kept: &mut [Measurement], number: u8, part: Part, since: Time<VesselClock>) -> u64 {
+fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<VesselClock>) -> u64 {
+    if part.is_whole() {
+        let count = kept.len();
+        let kind = if matches!(part, Part::Heading) {
+            HEADING
+        } else {
+            ATTITUDE
+        };
+        kept.retain(|m| m.source() != number || m.at() < since || m.kind() != kind);
+        return (count - kept.len()) as u64;
+    }
     // Measurements of other kinds, and late ones, stand between them.
     let begin = since - Span::from_secs(WINDOW_S);
     let recent = kept.iter_mut().rev().take_while(|m| m.at() >= begin);

@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{RtcmFrames, Seq, SourceStatus};
-use alight_shared::rtcm::{RtcmDecoder, RtcmNumber};
+use alight_shared::rtcm::{self, RtcmDecoder, RtcmNumber};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::topics;
 
@@ -46,12 +47,30 @@ impl Arrivals {
     }
 }
 
+/// Stations that are distinguished.
+const MAX_STATIONS: usize = 4;
+/// Largest distance of a base that is on the vessel from her own fix, m, and of her way while the base keeps its place.
+const ABOARD_M: f64 = 100.0;
+const MOVED_M: f64 = 15.0;
+
+/// The base's place by 1005 or 1006, since when it is the same, and where the vessel was then.
+#[derive(Clone, Copy, Debug)]
+struct Base {
+    place: Datum,
+    since: Time<VesselClock>,
+    own: Option<Datum>,
+}
+
 /// Frames of a source whose receiver is the drones' moving base.
 #[derive(Clone, Debug)]
 pub(super) struct RtcmTraffic {
     decoder: RtcmDecoder,
     antenna_m: [f64; 3],
     numbers: BTreeMap<RtcmNumber, Arrivals>,
+    /// Newest frame of each station, and its base.
+    stations: BTreeMap<u16, (Time<VesselClock>, Option<Base>)>,
+    /// The vessel's place by her own fixes.
+    own: Option<Datum>,
     frames: u64,
     /// Newest frame, and newest bytes.
     newest: Option<Time<VesselClock>>,
@@ -65,6 +84,8 @@ impl RtcmTraffic {
             decoder: RtcmDecoder::default(),
             antenna_m,
             numbers: BTreeMap::new(),
+            stations: BTreeMap::new(),
+            own: None,
             frames: 0,
             newest: None,
             now: Time::EPOCH,
@@ -86,11 +107,25 @@ impl RtcmTraffic {
     ) -> Vec<u8> {
         let (mut others, antenna_m) = (Vec::new(), self.antenna_m.map(|m| m as f32));
         let (numbers, frames, newest) = (&mut self.numbers, &mut self.frames, &mut self.newest);
+        let (stations, own) = (&mut self.stations, self.own);
         let found = |number: RtcmNumber, frame: &[u8]| {
             (*frames, *newest) = (*frames + 1, Some(now));
             if numbers.len() < MAX_NUMBERS || numbers.contains_key(&number) {
                 let arrivals = numbers.entry(number).or_default();
                 arrivals.take(now, frame.len() as f64);
+            }
+            let of = rtcm::station(frame).filter(|_| number.message != rtcm::UBLOX);
+            if let Some(of) = of.filter(|of| stations.len() < MAX_STATIONS || stations.contains_key(of)) {
+                let (at, base) = stations.entry(of).or_insert((now, None));
+                *at = now;
+                let place = rtcm::base_place(frame).filter(|_| matches!(number.message, 1005 | 1006));
+                if let Some(place) = place.filter(|p| base.is_none_or(|b| b.place != *p)) {
+                    *base = Some(Base {
+                        place,
+                        since: now,
+                        own,
+                    });
+                }
             }
             if out.len() < MAX_STEP_FRAMES {
                 out.push(RtcmFrames {
@@ -106,6 +141,75 @@ impl RtcmTraffic {
         self.decoder.split(bytes, found, other);
         self.now = now;
         others
+    }
+    /// The vessel's place by a fix of her own.
+    pub(super) fn fix(&mut self, place: Datum) {
+        self.own = Some(place);
+        let bases = self.stations.values_mut().filter_map(|(_, base)| base.as_mut());
+        bases.for_each(|base| base.own = base.own.or(Some(place)));
+    }
+    /// What the base's places and stations contradict: a caster's corrections, a base that stands, two bases.
+    fn contradictions(&self) -> Vec<Remark> {
+        let comes = |at: Time<VesselClock>| self.now - at <= ABSENT;
+        let (mut all, mut stations) = (Vec::new(), Vec::new());
+        for (number, (_, base)) in self.stations.iter().filter(|(_, (at, _))| comes(*at)) {
+            stations.push(number.to_string());
+            let (Some(base), Some(own)) = (base, self.own) else {
+                continue;
+            };
+            let apart_m = own.distance_m(&base.place);
+            let moved_m = base.own.map_or(0.0, |then| then.distance_m(&own));
+            let text = if apart_m > ABOARD_M {
+                format!(
+                    "RTCM's base (station {number}) is {:.1} km away: corrections of a caster",
+                    1e-3 * apart_m
+                )
+            } else if moved_m > MOVED_M {
+                format!(
+                    "RTCM's base (station {number}) has not moved for {:.0} s, and the boat by {moved_m:.0} m: it \
+                     was surveyed in",
+                    (self.now - base.since).secs()
+                )
+            } else {
+                continue;
+            };
+            let remedy = "set the vessel's receiver up as a moving base, without a survey, and pass no other corrections on";
+            all.push(Remark::fault(text, remedy));
+        }
+        if stations.len() > 1 {
+            all.push(Remark::fault(
+                format!("RTCM of {} stations: {}", stations.len(), stations.join(" and ")),
+                "pass on the vessel's own receiver alone: a drone's receiver has one base",
+            ));
+        }
+        let rate = |is: &dyn Fn(RtcmNumber) -> bool| {
+            let of = self
+                .numbers
+                .iter()
+                .filter(|(n, a)| is(**n) && a.0.back().is_some_and(|(at, _)| comes(*at)));
+            of.map(|(_, a)| a.rates()[0])
+                .fold(None, |most: Option<f64>, r| Some(most.unwrap_or(0.0).max(r)))
+        };
+        let standing = rate(&|n| matches!(n.message, 1005 | 1006));
+        if standing.is_some() && rate(&|n| n.is_base() && n.message == rtcm::UBLOX).is_some() {
+            all.push(Remark::fault(
+                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover stays with a base that stands".into(),
+                "switch 1005 and 1006 off at this port of the vessel's receiver",
+            ));
+        }
+        let (base_hz, observed_hz) = (rate(&RtcmNumber::is_base), rate(&RtcmNumber::is_observation));
+        if let Some((base_hz, observed_hz)) = base_hz
+            .zip(observed_hz)
+            .filter(|(b, o)| stations.len() < 2 && *b > 0.0 && *o > 2.0 * *b)
+        {
+            all.push(Remark::fault(
+                format!(
+                    "RTCM has the base's place at {base_hz:.1} Hz, and observations at {observed_hz:.1} Hz"
+                ),
+                "let the vessel's receiver send its place with each observation",
+            ));
+        }
+        all
     }
     /// Counts the frames in the statistics of a source that has nothing else.
     pub(super) fn count(&self, status: &mut SourceStatus) {
@@ -140,6 +244,7 @@ impl RtcmTraffic {
                 "switch them on at this port of the vessel's receiver, 1 Hz or more (docs/sensors.md, Moving base)",
             ));
         }
+        all.extend(self.contradictions());
         let bytes_per_s: f64 = coming.iter().map(|(_, a)| a.rates()[1]).sum();
         if bytes_per_s > BYTES_PER_S {
             all.push(Remark::fault(

@@ -7,13 +7,13 @@ mod parts;
 
 use alight_shared::estimation::Rollover;
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket};
 
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
-use parts::{FixPart, FixParts, FixPlace, FixState};
+use parts::{FixPart, FixParts, FixPlace, FixState, Grade};
 
 /// Longest unfinished message, bytes: above the longest message that is used.
 const MAX_WAITING: usize = 2048;
@@ -40,6 +40,8 @@ pub struct UbxDecoder {
 enum Content {
     /// A measurement, or why the message has none.
     Measurement(Result<Measurement, Why>),
+    /// Roll, pitch, and the heading where there is one.
+    Attitude(AttitudeFix, Option<HeadingFix>),
     /// A heading of two antennas whose carrier solution is float.
     Float,
     /// A part of a fix.
@@ -53,7 +55,7 @@ fn sd(stated_m: f64) -> f64 {
 }
 
 /// The messages that are read: one of these of a length that the parser does not know is of another generation of receivers.
-const READ: [&str; 8] = [
+const READ: [&str; 10] = [
     "NAV-PVT",
     "NAV-RELPOSNED",
     "NAV-POSLLH",
@@ -61,6 +63,8 @@ const READ: [&str; 8] = [
     "NAV-VELNED",
     "NAV-SOL",
     "NAV-STATUS",
+    "NAV-POSECEF",
+    "NAV-ATT",
     "TIM-TP",
 ];
 
@@ -145,6 +149,11 @@ impl UbxDecoder {
                 }
                 self.leave_out(name, why);
             }
+            Content::Attitude(attitude, heading) => {
+                let at_ns = self.week.unwrap(of_week);
+                out.push(SourceMeasurement::new(at_ns, attitude));
+                out.extend(heading.map(|h| SourceMeasurement::new(at_ns, h)));
+            }
             Content::Float => {
                 let _at_ns = self.week.unwrap(of_week);
                 self.decoded.left_out += 1;
@@ -169,7 +178,10 @@ impl UbxDecoder {
         if self.parts.are_spare(at_ns) {
             return self.leave_out(name, Why::Spare);
         }
-        if part == FixPart::State(FixState::NoFix) {
+        if matches!(
+            part,
+            FixPart::State(FixState::NoFix) | FixPart::Solution(FixState::NoFix, _)
+        ) {
             self.leave_out(name, Why::NoFix);
         }
         self.parts.take(at_ns, part, &self.mounting, out);
@@ -265,6 +277,24 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
             };
             (p.itow(), moving_base(p.flags_raw(), heading))
         }
+        // An accuracy of a right angle is no heading.
+        PacketRef::NavAtt(p) => {
+            let [roll, pitch, heading] =
+                [p.vehicle_roll(), p.vehicle_pitch(), p.vehicle_heading()].map(f64::to_radians);
+            let [roll, pitch, yaw] = mounting.attitude([roll, pitch, heading]);
+            let sd = |degrees: f64| degrees.to_radians().max(1e-3);
+            let tilt_sd = sd(p.vehicle_roll_accuracy().max(p.vehicle_pitch_accuracy()));
+            let of_heading = HeadingFix {
+                heading_sd: sd(p.vehicle_heading_accuracy()),
+                ..mounting.heading_fix(yaw)
+            };
+            let heading = (p.vehicle_heading_accuracy() < 90.0).then_some(of_heading);
+            let attitude = AttitudeFix {
+                tilt_sd,
+                ..mounting.tilt([roll, pitch])
+            };
+            (p.itow(), Content::Attitude(attitude, heading))
+        }
         PacketRef::TimTp(p) => (p.tow_ms(), Content::Pulse),
         _ => return part(packet).map(|(of_week_ms, part)| (of_week_ms, Content::Part(part))),
     })
@@ -295,7 +325,7 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
                 datum: Datum::new(p.lat_degrees(), p.lon_degrees(), p.height_meters()),
                 across_m: p.h_ack(),
                 down_m: p.v_acc(),
-                is_fine: false,
+                grade: Grade::Geodetic,
             };
             (p.itow(), FixPart::Place(place))
         }
@@ -309,7 +339,7 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
                 ),
                 across_m: 1e-3 * p.horizontal_accuracy(),
                 down_m: 1e-3 * p.vertical_accuracy(),
-                is_fine: true,
+                grade: Grade::Fine,
             };
             (p.itow(), FixPart::Place(place))
         }
@@ -317,9 +347,30 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
             let velocity = [p.vel_north(), p.vel_east(), p.vel_down()];
             (p.itow(), FixPart::Velocity(velocity, p.speed_accuracy_estimate()))
         }
-        PacketRef::NavSol(p) => (p.itow(), FixPart::State(state(p.fix_type(), p.flags_raw()))),
+        PacketRef::NavSol(p) => {
+            let at = [p.ecef_x(), p.ecef_y(), p.ecef_z()];
+            let state = state(p.fix_type(), p.flags_raw());
+            let place = ecef_place(at, p.position_accuracy_estimate());
+            let part = place.map_or(FixPart::State(state), |place| FixPart::Solution(state, place));
+            (p.itow(), part)
+        }
+        PacketRef::NavPosEcef(p) => {
+            let at = [p.ecef_x_meters(), p.ecef_y_meters(), p.ecef_z_meters()];
+            (p.itow(), FixPart::Place(ecef_place(at, p.p_acc_meters())?))
+        }
         PacketRef::NavStatus(p) => (p.itow(), FixPart::State(state(p.fix_type(), p.flags_raw()))),
         _ => return None,
+    })
+}
+
+/// A place by its Earth-centred coordinates, m, whose stated error is that of all three; None at the Earth's centre.
+fn ecef_place(at: [f64; 3], error_m: f64) -> Option<FixPlace> {
+    let datum = Datum::from_ecef(at);
+    datum.is_on_earth().then_some(FixPlace {
+        datum,
+        across_m: error_m,
+        down_m: error_m,
+        grade: Grade::Ecef,
     })
 }
 

@@ -1,32 +1,32 @@
-//! Sources of the images of the drone's cameras.
+//! Image sources of the drone's cameras.
 
 use alight_shared::config;
 
-/// The source's name of images that the simulated world renders.
+/// Source name for images that the simulated world renders.
 const SIMULATION: &str = "simulation";
 
 config! {
-    /// Source of images.
+    /// Image source of a camera.
     pub struct CameraSource {
-        /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
+        /// V4L2 device (/dev/video0), PGM file or directory of PGM files, named pipe of raw grey images, or
         /// "simulation"; empty: no camera process, another program publishes detections.
         pub source: String = String::new();
-        /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
-        /// Source: What most USB cameras speak.
+        /// Pixel format requested from a V4L2 device: GREY, YUYV, NV12 or YU12.
+        /// Source: Format of most USB cameras.
         pub format: String = "YUYV".into();
-        /// Images per second that a device is asked for, and at which files are shown.
+        /// Images per second requested from a device, or shown from files.
         pub rate_hz: f64 = 30.0, in 1.0..=120.0;
-        /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
-        /// arrival), s.
+        /// Time from the middle of the exposure to the image's time stamp (V4L2: the driver's, otherwise the arrival),
+        /// s.
         /// Chosen: half an exposure and the transfer of a USB camera.
         pub delay_s: f64 = 0.02, in 0.0..=1.0;
-        /// Longest exposure of a V4L2 device, s, up to which it is metered on the tag; 0: the device's own automatic
-        /// exposes. Longer than that with which the tag can still be decoded from `tracking_height_m` at the
-        /// planner's maximum rate (`limits.rates_rps`) is rejected.
+        /// Maximum exposure of a V4L2 device, s, up to which it is metered on the tag; 0: the device's own automatic
+        /// exposure. An exposure too long for decoding the tag from `tracking_height_m` at the planner's maximum rate
+        /// (`limits.rates_rps`) is rejected.
         /// Chosen: motion during 4 ms is 2.6 px at 2 rad/s and 320 px of focal length; the tag is decoded with 11 px.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
-        /// Fixed gain of a V4L2 device in its own unit (v4l2-ctl --list-ctrls), which fixes the exposure at `exposure_s`;
-        /// -1: both are metered.
+        /// Fixed gain of a V4L2 device in its own unit (v4l2-ctl --list-ctrls), which also fixes the exposure at
+        /// `exposure_s`; -1: both are metered.
         pub gain: i64 = -1, in -1.0..=1e6;
     }
     check |this, at| {
@@ -40,19 +40,17 @@ config! {
 }
 
 impl CameraSource {
-    /// Whether there is a camera process.
     pub fn is_there(&self) -> bool {
         !self.source.is_empty()
     }
-    /// Whether the simulated world renders its images.
     pub fn is_simulation(&self) -> bool {
         self.source == SIMULATION
     }
-    /// The gain that is fixed, and with it the exposure.
+    /// Fixed gain, which also fixes the exposure; None if both are metered.
     pub fn fixed_gain(&self) -> Option<f64> {
         (self.gain >= 0).then_some(self.gain as f64)
     }
-    /// The simulated camera, if it is on.
+    /// Source of the simulated camera if `on`, otherwise of no camera.
     pub fn of_simulation(on: bool) -> CameraSource {
         CameraSource {
             source: if on { SIMULATION.into() } else { String::new() },
@@ -62,7 +60,7 @@ impl CameraSource {
 }
 
 config! {
-    /// Source of an ultraviolet camera's images; their rate is that of the markers' bits.
+    /// Image source of an ultraviolet camera; the image rate is the rate of the markers' bits.
     pub struct UltravioletSource {
         /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
         pub source: String = String::new();
@@ -72,9 +70,9 @@ config! {
         /// As [`CameraSource::delay_s`].
         pub delay_s: f64 = CameraSource::default().delay_s;
         /// Fixed exposure of a V4L2 device, s, short enough that only the markers reach their threshold; 0: the
-        /// device's own automatic exposes.
+        /// device's own automatic exposure.
         pub exposure_s: f64 = 0.0, in 0.0..=0.1;
-        /// Gain that goes with it, in the device's own unit.
+        /// Gain at that exposure, in the device's own unit.
         pub gain: i64 = 0, in 0.0..=1e6;
     }
     check |this, at| {
@@ -91,7 +89,7 @@ config! {
 }
 
 impl UltravioletSource {
-    /// With the rate of the markers' bits.
+    /// Camera source with the rate of the markers' bits.
     pub fn at_rate(&self, rate_hz: f64) -> CameraSource {
         CameraSource {
             source: self.source.clone(),

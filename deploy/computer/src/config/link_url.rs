@@ -1,50 +1,50 @@
-//! Addresses of autopilots and sensors, as MAVSDK writes them. One that listens may name the only address that is
-//! listened to (`?from=HOST`), and a Signal K server may ask for a token (`?token=FILE`).
+//! Addresses of autopilots and sensors, as MAVSDK writes them. A listening one may name the only address from which it
+//! receives (`?from=HOST`), and a Signal K server may need a token (`?token=FILE`).
 
 use std::fmt;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Ports and rates that are usual when none is given: PX4's link for companions, ArduPilot's for the
-/// first TCP client, a Pixhawk's telemetry port; Signal K's server.
+/// Usual ports and rates, as defaults: PX4's link for companions, ArduPilot's for the first TCP client, a Pixhawk's
+/// telemetry port, Signal K's server.
 const UDP_PORT: u16 = 14540;
 const TCP_PORT: u16 = 5760;
 const BAUD: u32 = 57600;
 const SIGNALK_PORT: u16 = 3000;
-/// Longest name of a network interface (IFNAMSIZ without its end).
+/// Maximum length of a network interface's name (IFNAMSIZ without the terminator).
 const MAX_INTERFACE: usize = 15;
-/// Rates that serial ports know; NMEA 0183 is of 4800.
+/// Rates of serial ports, Bd; NMEA 0183 uses 4800.
 const BAUDS: [u32; 12] = [
     4800, 9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
 ];
 
-/// A link by its name.
+/// Address of a link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkUrl {
-    /// Listens, where one is named to this address only; answers the first peer.
+    /// Listens, for this address only if one is named; answers the first peer.
     UdpIn(String, Option<IpAddr>),
     /// Sends to a peer.
     UdpOut(String),
-    /// Listens for one connection, where one is named from this address only.
+    /// Listens for one connection, from this address only if one is named.
     TcpIn(String, Option<IpAddr>),
     TcpOut(String),
-    /// A serial port and its rate, Bd.
+    /// Serial port and its rate, Bd.
     Serial(PathBuf, u32),
-    /// A CAN interface, read only.
+    /// CAN interface, read only.
     Can(String),
-    /// Connects to a Signal K server, with the token in a file where it asks for one.
+    /// Connects to a Signal K server, with the token in a file if it needs one.
     SignalK(String, Option<PathBuf>),
 }
 
-/// The accepted forms.
+/// Accepted forms.
 const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT, \
                      tcpout://HOST:PORT, tcpin://127.0.0.1:PORT or serial:///dev/ttyACM0:921600; a sensor may be at \
                      can://can0 or ws://HOST:3000, too";
 
 impl LinkUrl {
-    /// An address that an autopilot may be at. One that listens to every computer of a network would fly whichever sends
-    /// first, so it has to name the one that is the autopilot.
+    /// Address of an autopilot. An address that listens to every computer of a network has to name the autopilot's
+    /// address, because otherwise the first sender would be flown.
     pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "and the first that sends would be taken for the autopilot: write udpin://127.0.0.1:PORT for one on this \
@@ -52,8 +52,8 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "no autopilot's link")
     }
-    /// An address at which a receiver's sentences are read: any but a boat's bus. One that listens names the receiver, as for an
-    /// autopilot: whoever else sends there would lead the drone.
+    /// Address of a receiver's sentences: any but a boat's bus. A listening one has to name the receiver's address,
+    /// because otherwise any other sender could lead the drone.
     pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could lead the drone: write {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or \
@@ -61,7 +61,7 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "no line of NMEA 0183")
     }
-    /// An address at which the drone's own GNSS receiver is: any but a boat's bus, one that listens as for sentences.
+    /// Address of the drone's own GNSS receiver: any but a boat's bus; a listening one as for sentences.
     pub fn of_receiver(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could give the drone a false place: write {text}?from=IP for a receiver at the address IP, \
@@ -69,7 +69,8 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "no GNSS receiver's line")
     }
-    /// An address at which one sender is; the danger of one that is `open` to all, and what a boat's `bus` is not.
+    /// Address of a single sender. `open` is the danger of an address that is open to all, `bus` what a boat's bus does
+    /// not provide.
     fn of_one_sender(text: &str, open: &str, bus: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
         match &url {
@@ -88,14 +89,14 @@ impl LinkUrl {
     }
 }
 
-/// Only this computer reaches it.
+/// Whether only this computer reaches it.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
     let address = host.trim_matches(['[', ']']).parse::<IpAddr>();
     address.map_or(host == "localhost", |a| a.is_loopback())
 }
 
-/// Serial port of an address without its kind: path of the device and baud rate.
+/// Serial port from an address without its scheme: path of the device and baud rate.
 fn serial(rest: &str) -> Result<LinkUrl, &'static str> {
     let (path, baud) = match rest.rsplit_once(':') {
         Some((path, baud)) => (path, baud.parse().map_err(|_| "not a baud rate")?),
@@ -122,7 +123,7 @@ impl FromStr for LinkUrl {
             Some((rest, file)) if kind == "ws" && file.starts_with('/') => (rest, Some(file.into())),
             Some(_) => {
                 return Err(wrong(
-                    "token= belongs to ws, and names the absolute path of a file",
+                    "token= is only for ws, and names the absolute path of a file",
                 ));
             }
             None => (rest, None),
@@ -138,7 +139,7 @@ impl FromStr for LinkUrl {
             None => (rest, None),
         };
         if from.is_some() && !matches!(kind, "udpin" | "tcpin") {
-            return Err(wrong("from= belongs to udpin and tcpin"));
+            return Err(wrong("from= is only for udpin and tcpin"));
         }
         let host = |port: u16| -> Result<String, String> {
             let (host, port) = match rest.rsplit_once(':') {

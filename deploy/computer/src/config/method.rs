@@ -1,4 +1,4 @@
-//! Keys that belong to the method: no flight sets them, studies do, with a lab file (`--tuning`).
+//! Keys that belong to the method: studies set them with a lab file (`--tuning`), files of a flight do not.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,7 @@ use toml::{Table, Value};
 
 use crate::config::{DroneComputerConfig, VesselComputerConfig};
 
-/// Clocks of the simulated computers: those of a vessel and of a drone are the system's.
+/// Clocks of the simulated computers; those of real computers are the system's.
 const BENCH: &str = "clock";
 /// Tables and keys of the method in the files of both computers.
 const METHOD: &[&str] = &[
@@ -78,19 +78,19 @@ const OF_FLIGHT: &[&str] = &[
     "drone.planner.kind",
 ];
 
-/// The owner of a configuration key.
+/// Owner of a configuration key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeyOwner {
-    /// An installer or an operator, in a computer's file.
+    /// Installer or operator, in a computer's file.
     Flight,
-    /// A study, in a lab file.
+    /// Study, in a lab file.
     Method,
     /// The simulated world.
     Bench,
 }
 
 impl KeyOwner {
-    /// The owner of the key with this dotted name.
+    /// Owner of the key with this dotted name.
     pub fn of(key: &str) -> KeyOwner {
         let is_within = |name: &&str| {
             let rest = key.strip_prefix(*name);
@@ -104,7 +104,7 @@ impl KeyOwner {
             KeyOwner::Flight
         }
     }
-    /// The part of a table that is this owner's; `at` is the table's dotted name.
+    /// Part of a table that belongs to this owner; `at` is the table's dotted name.
     fn part(self, table: &Table, at: &str) -> Table {
         let own = table.iter().filter_map(|(name, value)| {
             let key = dotted(at, name);
@@ -121,12 +121,12 @@ impl KeyOwner {
     }
 }
 
-/// The dotted name of a key in the table `at`.
+/// Dotted name of a key in the table `at`.
 fn dotted(at: &str, key: &str) -> String {
     [at, key].join(if at.is_empty() { "" } else { "." })
 }
 
-/// The keys of a text with their places in it, in its order; text that is not TOML has none, and its reader reports why.
+/// Keys of a text with their positions in it, in order. Text that is not TOML has none; its reader reports why.
 fn keys(text: &str) -> Vec<(usize, String)> {
     fn collect(table: &DeTable<'_>, at: &str, all: &mut Vec<(usize, String)>) {
         for (name, value) in table {
@@ -145,7 +145,7 @@ fn keys(text: &str) -> Vec<(usize, String)> {
     all
 }
 
-/// Rejects a text in which `fault` finds something wrong with a key: each with its line.
+/// Rejects a text with a key for which `fault` returns a reason; the error names the line of each.
 fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>) -> Result<(), ConfigError> {
     let line = |start: usize| {
         text.get(..start)
@@ -164,7 +164,7 @@ fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>
     })
 }
 
-/// Rejects the text of a computer's file that sets a key of the method, key by key.
+/// Rejects the text of a computer's file that sets keys of the method; the error names each key.
 pub fn check_flight(text: &str, origin: &str) -> Result<(), ConfigError> {
     reject(text, origin, |key| match KeyOwner::of(key) {
         KeyOwner::Flight => None,
@@ -177,13 +177,13 @@ pub fn check_flight(text: &str, origin: &str) -> Result<(), ConfigError> {
     })
 }
 
-/// Parses and checks a computer's file, in which no key of the method is set.
+/// Parses and checks a computer's file, which must not set keys of the method.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     check_flight(text, origin)?;
     config::parse(text, origin)
 }
 
-/// Reads, parses and checks a computer's file, in which no key of the method is set.
+/// Reads, parses and checks a computer's file, which must not set keys of the method.
 pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> {
     parse(&read(path)?, &path.display().to_string())
 }
@@ -195,7 +195,7 @@ fn read(path: &Path) -> Result<String, ConfigError> {
     })
 }
 
-/// Lays a table over another, key by key.
+/// Overwrites values of a table with those of another, key by key.
 pub fn lay(over: &Table, base: &mut Table) {
     for (key, value) in over {
         match (base.get_mut(key), value) {
@@ -207,15 +207,15 @@ pub fn lay(over: &Table, base: &mut Table) {
     }
 }
 
-/// A configuration as the two files that make it again: what a computer's file may set, and the keys of the method that
-/// differ from their defaults.
+/// Divides a configuration into the two files that produce it: the keys that a computer's file may set, and the keys of
+/// the method that differ from their defaults.
 pub fn divided<T: Serialize + Default>(config: &T) -> Result<[Table; 2], toml::ser::Error> {
     let [all, default] = [Table::try_from(config)?, Table::try_from(T::default())?];
     let [tuned, default] = [all.clone(), default].map(|t| KeyOwner::Method.part(&t, ""));
     Ok([KeyOwner::Flight.part(&all, ""), unlike(&tuned, &default)])
 }
 
-/// The part of a table that is not alike in another.
+/// Part of a table that differs from another.
 fn unlike(table: &Table, other: &Table) -> Table {
     let differing = table.iter().filter_map(|(key, value)| {
         let there = other.get(key);
@@ -231,7 +231,7 @@ fn unlike(table: &Table, other: &Table) -> Table {
     differing.collect()
 }
 
-/// A lab file: keys of the method of both computers, laid over their configurations.
+/// Lab file: keys of the method of both computers, which override their configurations.
 #[derive(Clone, Debug, Default)]
 pub struct Tuning {
     table: Table,
@@ -239,7 +239,7 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// Reads a file of keys of the method alone.
+    /// Reads a file that contains only keys of the method.
     pub fn load(path: &Path) -> Result<Tuning, ConfigError> {
         Tuning::parse(&read(path)?, &path.display().to_string())
     }
@@ -257,7 +257,7 @@ impl Tuning {
                 }
                 KeyOwner::Bench => Some("belongs to the simulated world: set its clocks in --scenario"),
                 KeyOwner::Flight | KeyOwner::Method => Some(
-                    "is no key: `alight config vessel --tuning` and `alight config drone --tuning` print them",
+                    "is not a key: `alight config vessel --tuning` and `alight config drone --tuning` print them",
                 ),
             }
         })?;
@@ -266,7 +266,7 @@ impl Tuning {
             origin: origin.into(),
         })
     }
-    /// A computer's configuration with its part of the file laid over it, checked.
+    /// Configuration of a computer with its part of the lab file applied, checked.
     pub fn over<T: Serialize + DeserializeOwned + Check>(&self, config: T) -> Result<T, ConfigError> {
         let fault = |message: String| ConfigError::Parse {
             origin: self.origin.clone(),
@@ -294,7 +294,7 @@ impl Tuning {
 mod tests {
     use super::*;
 
-    /// The keys of a text whose owner is this.
+    /// Keys of a text that belong to this owner.
     fn of(owner: KeyOwner, text: &str) -> Vec<String> {
         let all = keys(text).into_iter().map(|(_, key)| key);
         all.filter(|key| KeyOwner::of(key) == owner).collect()
@@ -342,7 +342,7 @@ mod tests {
             e.contains("line 2: clock.offset_s belongs to the simulated world"),
             "{e}"
         );
-        // A fault of the text is its reader's.
+        // The text's reader reports a syntax error.
         let e = parse::<DroneComputerConfig>("[drone", "drone.toml")
             .unwrap_err()
             .to_string();
@@ -370,7 +370,7 @@ mod tests {
         let e = Tuning::parse(text, "tuning.toml").unwrap_err().to_string();
         for line in [
             "line 2: drone.planner.kind does not belong to the method",
-            "line 3: drone.planner.pres_m is no key",
+            "line 3: drone.planner.pres_m is not a key",
             "line 5: drone.airframe.mass_kg does not belong to the method",
             "line 7: clock.offset_s belongs to the simulated world",
         ] {

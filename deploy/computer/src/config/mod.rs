@@ -1,4 +1,4 @@
-//! One configuration file per computer: the vessel's and the drone's.
+//! Configuration files of the vessel's and the drone's computer.
 
 pub mod camera;
 pub mod link_url;
@@ -11,6 +11,7 @@ use alight_bridge::BridgeConfig;
 use alight_shared::admission::Sender;
 use alight_shared::config;
 use alight_shared::process::ProcessKind;
+use alight_shared::wire::MAX_RECORD_BYTES;
 use alight_transport::clock::ProcessClock;
 use alight_transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -28,43 +29,43 @@ use crate::config::supervision::Supervision;
 use crate::config::view::ViewConfig;
 
 config! {
-    /// The vessel's computer.
+    /// Configuration of the vessel's computer.
     pub struct VesselComputerConfig {
         /// Number of this vessel.
         pub vessel_id: u32 = 1;
         /// Name of the set of processes that share memory.
         pub instance: String = "vessel".into();
-        /// The real sensors.
+        /// Real sensors.
         pub sensor: SourcesConfig;
-        /// The clock.
+        /// Clock of the processes.
         pub clock: ProcessClock;
-        /// The radio; it listens.
+        /// Radio; the vessel listens.
         /// Source: Zenoh's usual port.
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
         /// Reservation of the deck for drones.
         pub deck: DeckConfig;
         /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
-        /// The view of it in a browser.
+        /// View in a browser.
         pub view: ViewConfig;
-        /// The node.
+        /// Nodes of the vessel.
         pub vessel: VesselNodeConfig;
     }
     former &[(
         "vessel.helm",
-        "the computer no longer steers the boat: her skipper steers, by its advice (docs/operate.md); move heading_change_deg, \
+        "the computer no longer steers the boat: the skipper steers by its advice (docs/operate.md); move heading_change_deg, \
          speed_mps and keep_out_deg to [vessel.advice] and remove the rest",
     )];
 }
 
 impl VesselComputerConfig {
-    /// The processes, in the order of its rows: its sensors' where some are configured.
+    /// Processes, in the order of their rows; the sensors' process only if sensors are configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
         let all = alight_usv::computer::PROCESSES.iter().copied();
         all.filter(|kind| Some(*kind) != absent).collect()
     }
-    /// Configuration of the nodes, the real sensors each in its place on board.
+    /// Configuration of the nodes, with the real sensors' positions on board.
     pub fn nodes(&self) -> VesselNodes {
         let admitted = |peer: &String| match Sender::of_key(&format!("alight/{peer}")) {
             Sender::Drone(n) => Some(n),
@@ -78,47 +79,47 @@ impl VesselComputerConfig {
             drones: self.radio.tls.peers.iter().filter_map(admitted).collect(),
         }
     }
-    /// The real sensors, each in its place on board.
+    /// Real sensors with their positions on board.
     pub fn placed_sensors(&self) -> SourcesConfig {
         self.sensor.placed(&self.vessel.imu, &self.vessel.gnss)
     }
 }
 
 config! {
-    /// The drone's file: `[bridge]` and `[drone.*]`.
+    /// Configuration file of a drone's nodes: `[bridge]` and `[drone.*]`.
     pub struct DroneFile {
-        /// The bridge.
+        /// Bridge to the vessel's radio.
         pub bridge: BridgeConfig;
-        /// Predictor, mission, planner, pilot and what they know of drone and deck.
+        /// Predictor, mission, planner, pilot, and their parameters of drone and deck.
         pub drone: DroneSettings;
     }
 }
 
 config! {
-    /// The drone's computer. Its own number and its vessel's are the bridge's.
+    /// Configuration of the drone's computer. The numbers of drone and vessel are in `[bridge]`.
     pub struct DroneComputerConfig {
         /// Name of the set of processes that share memory.
         pub instance: String = "drone".into();
-        /// The clock.
+        /// Clock of the processes.
         pub clock: ProcessClock;
-        /// The radio; it connects.
+        /// Radio; the drone connects.
         /// Source: Ours, the vessel's address on its own network.
         pub radio: RadioConfig = RadioConfig::dialling("udp/192.168.7.1:7447", TlsConfig::default()), table;
-        /// The link to a real autopilot.
+        /// Link to a real autopilot.
         pub autopilot: AutopilotLinkConfig;
-        /// The bridge.
+        /// Bridge to the vessel's radio.
         pub bridge: BridgeConfig;
-        /// Source of its camera's images.
+        /// Image source of the belly camera.
         pub camera: CameraSource;
-        /// Source of its ultraviolet camera's images.
+        /// Image source of the ultraviolet camera.
         pub uvdar: UltravioletSource;
         /// Supervision of the processes.
         pub supervision: Supervision;
         /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
-        /// The view of it in a browser and in Foxglove.
+        /// View in a browser and in Foxglove.
         pub view: ViewConfig;
-        /// The other nodes.
+        /// Other nodes.
         pub drone: DroneSettings;
     }
     check |this, at| {
@@ -133,6 +134,16 @@ config! {
             at.table("autopilot").require(false, "receiver", receiver, &why)?;
         }
         let own = &this.drone;
+        let (lens, uv) = (&own.camera.lens, &own.camera.uvdar.lens);
+        let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+        let largest = pixels([lens.width_px, lens.height_px]).max(pixels([uv.width_px, uv.height_px]));
+        // A step has two images at most.
+        at.table("recorder").require(
+            !this.recorder.images || 2 * largest + 200 <= MAX_RECORD_BYTES as u64,
+            "images",
+            this.recorder.images,
+            &format!("false: an image of {largest} px is too large for a recording"),
+        )?;
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(
             fx.max(fy),
@@ -156,7 +167,7 @@ impl DroneComputerConfig {
             drone: self.drone.clone(),
         }
     }
-    /// The processes, in the order of its rows: those of a device where that is configured.
+    /// Processes, in the order of their rows; those of a device only if it is configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let of_devices = [
             (ProcessKind::Autopilot, self.supervision.autopilot),
@@ -167,7 +178,7 @@ impl DroneComputerConfig {
         let all = computer::PROCESSES.iter().copied();
         all.filter(|kind| !is_absent(*kind)).collect()
     }
-    /// Source of the ultraviolet camera's images, at the rate of the markers' bits.
+    /// Image source of the ultraviolet camera, at the rate of the markers' bits.
     pub fn ultraviolet(&self) -> CameraSource {
         self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)
     }
@@ -228,7 +239,7 @@ mod tests {
             "{e}"
         );
         assert_eq!(check("udpin://127.0.0.1:14540", true), Ok(()));
-        // Another program has the link.
+        // Another program holds the link.
         assert_eq!(check("udpin://0.0.0.0:14540", false), Ok(()));
     }
 

@@ -1,4 +1,4 @@
-//! The flight recorder's place and size.
+//! Directory and size of the flight recorder.
 
 use alight_shared::config;
 
@@ -8,20 +8,23 @@ const GB: f64 = 1e9;
 config! {
     /// The flight recorder.
     pub struct RecorderConfig {
-        /// Directory of the flights: each start of the computer's processes records in a directory of its own below it.
-        /// Empty: nothing is recorded.
+        /// Directory of the flights: each start of the computer's processes records into a subdirectory. Empty: nothing
+        /// is recorded.
         pub directory: String = String::new();
-        /// All flights together take no more, GB: the oldest are removed, whole; where one alone takes more, its oldest
-        /// parts. 256 MB of the disk are left to the rest of the computer in any case.
+        /// Maximum size of all flights together, GB: the oldest are removed whole; if one flight alone exceeds it, its
+        /// oldest parts are. 256 MB of the disk are always left to the rest of the computer.
         /// Source: Measured: a drone's computer writes 8 GB an hour while it receives a vessel, a vessel's 0.05.
         pub max_gb: f64 = 32.0, in 1.0..=100000.0;
+        /// Images of the cameras are recorded whole, and their detections can be replayed; otherwise by their hashes. A
+        /// camera of 640 x 480 px and 30 Hz writes 9 MB/s, one of 1280 x 800 px 31 MB/s.
+        pub images: bool = false;
     }
 }
 
 impl RecorderConfig {
-    /// Limit of all flights, bytes.
+    /// Maximum size of all flights, bytes.
     pub fn max_bytes(&self) -> u64 {
-        // Above zero, by its range.
+        // Positive by its range.
         (self.max_gb * GB) as u64
     }
 }

@@ -2,24 +2,24 @@
 
 use alight_shared::config;
 
-/// Processors that a process can be kept to, at most.
+/// Maximum number of processors that a process can be restricted to.
 const MAX_PROCESSORS: usize = 64;
 
 config! {
     /// Supervision of the drone's processes.
     pub struct Supervision {
-        /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
-        /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both
-        /// below the kernel's own threads (50).
+        /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link, if the system permits it; 0: none.
+        /// Source: Above the planner, because a set-point takes microseconds and a plan milliseconds. Both below the
+        /// kernel's own threads (50).
         pub pilot_priority: u8 = 30, in 0.0..=49.0;
-        /// Period of the planner.
+        /// Real-time priority of the planner; 0: none.
         pub planner_priority: u8 = 20, in 0.0..=49.0;
-        /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
+        /// Processors for pilot, planner and the autopilot's link; empty: all.
         pub processors: Vec<u16> = Vec::new();
-        /// The link to the autopilot is one of the processes; false where another program connects to it.
-        /// Source: Every drone; false only where another program links to the autopilot.
+        /// The link to the autopilot is one of the processes; false if another program connects to the autopilot.
+        /// Source: Every drone except those whose autopilot another program connects to.
         pub autopilot: bool = true;
-        /// A process that reports nothing for this long is killed and restarted, s.
+        /// Silence after which a process is killed and restarted, s.
         /// Source: Six times the period of the reports.
         pub silent_s: f64 = 3.0, in 1.5..=600.0;
     }

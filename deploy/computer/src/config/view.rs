@@ -6,27 +6,27 @@ use alight_shared::config;
 
 /// Default address of the page.
 pub const PAGE: &str = "127.0.0.1:7450";
-/// Address at which Foxglove looks unless another is given.
+/// Default address at which Foxglove looks for a server.
 pub const FOXGLOVE: &str = "127.0.0.1:8765";
 
 config! {
-    /// View of a landing while it goes on: `alight view`.
+    /// View of a landing in progress: `alight view`.
     pub struct ViewConfig {
         /// The service starts the viewers' server as one more process.
-        /// Source: Where somebody looks on; it takes a few per cent of a processor.
+        /// Source: For boats with a display; it takes a few per cent of a processor.
         pub on: bool = false;
-        /// Address of the page for browsers. On loopback only this computer sees it; the address of a network shows it to
-        /// everybody there.
+        /// Address of the page for browsers. On loopback only this computer can reach it; at the address of a network,
+        /// every computer there.
         /// Source: Ours.
         pub listen: String = PAGE.into();
         /// Address at which Foxglove connects; empty: none.
         /// Source: Foxglove's usual port is 8765.
         pub foxglove: String = String::new();
-        /// The page and `alight status` give winds and the vessel's speed in knots in place of m/s.
-        /// Source: What the crew reads.
+        /// The page and `alight status` show winds and the vessel's speed in knots instead of m/s.
+        /// Source: Unit that the crew uses.
         pub knots: bool = false;
-        /// The page offers orders of the local crew: on the drone's computer abort, on the vessel's the closing of the deck.
-        /// Everybody who reaches the page can then give it.
+        /// The page offers the crew's orders: abort on the drone's computer, closing the deck on the vessel's. Everyone
+        /// who reaches the page can give them.
         pub abort: bool = false;
     }
     check |this, at| {

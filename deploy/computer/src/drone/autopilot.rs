@@ -1,9 +1,10 @@
-//! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
-//! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
-//! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver and messages of the drone's own
-//! GNSS receiver come by links of their own, and are frames without a sender to the node. Its metrics: uncertainty of the autopilot's
-//! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
-//! reopened, datagrams of others than the autopilot, frames of RTCM passed on and dropped, frames by their signatures.
+//! Process of the link to a real autopilot, which replaces the simulated one: it passes the link's bytes to the node
+//! and back, and the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
+//! to the supervisor, which republishes it to a restarted link. Sentences of an AIS receiver and messages of the
+//! drone's own GNSS receiver arrive on links of their own and reach the node as frames without a sender. Metrics:
+//! uncertainty of the autopilot's clock (s), samples rejected, resets of its clock, hover thrust, set-points sent,
+//! times the link was reopened, datagrams from others than the autopilot, RTCM frames passed on and dropped, frames by
+//! their signatures.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -36,25 +37,26 @@ use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// A step is due after this long without input.
+/// Time without input after which a step is due.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
 
-/// Who speaks as the autopilot over UDP, and the signatures of those who do not.
+/// Filter for the sender that counts as the autopilot over UDP, with counts of rejected signatures.
 pub struct Speakers {
     signing: Option<Signing>,
     rejected: Arc<Mutex<Signatures>>,
 }
 
 impl Speakers {
-    /// With this key, if there is one.
+    /// Filter with this signing key, if there is one.
     pub fn new(signing: Option<&Signing>) -> Speakers {
-        // At whatever time: an autopilot without GNSS learns the time from our answers.
+        // The time of signatures is not checked: an autopilot without GNSS learns the time from Alight's answers.
         Speakers {
             signing: signing.map(Signing::at_any_time),
             rejected: Arc::default(),
         }
     }
-    /// Datagrams of the autopilot with this system number, 0: of any. Whoever sends them is flown.
+    /// Accepts datagrams of the autopilot with this system number, or of any for 0. The accepted sender is the one that
+    /// is flown.
     pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
         let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
         Arc::new(move |datagram| {
@@ -76,7 +78,7 @@ impl Speakers {
             frames.into_iter().any(|frame| from_autopilot(frame.from))
         })
     }
-    /// Frames of others by their signatures.
+    /// Counts of other senders' frames by their signatures.
     pub fn rejected(&self) -> Signatures {
         self.rejected
             .lock()
@@ -84,11 +86,9 @@ impl Speakers {
     }
 }
 
-/// Decodes the bytes of a receiver with a link of its own.
+/// Decoder of the bytes of a receiver on its own link.
 trait ReceiverBytes: Default {
-    /// Takes bytes as they come.
     fn take(&mut self, bytes: &[u8]);
-    /// The next report.
     fn next_message(&mut self) -> Option<MavlinkMessage>;
 }
 
@@ -110,7 +110,6 @@ impl ReceiverBytes for ReceiverDecoder {
     }
 }
 
-/// A receiver with a link of its own, where there is one.
 #[derive(Default)]
 struct LinkedReceiver<D> {
     link: Option<ByteLink>,
@@ -118,7 +117,7 @@ struct LinkedReceiver<D> {
 }
 
 impl<D: ReceiverBytes> LinkedReceiver<D> {
-    /// At this address; empty: none.
+    /// Opens the link at this address; empty: none.
     async fn at(
         address: &str,
         url: fn(&str) -> Result<LinkUrl, String>,
@@ -132,20 +131,19 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
             ..LinkedReceiver::default()
         })
     }
-    /// Waits for bytes; for ever without a receiver.
+    /// Waits for bytes; without a receiver, for ever.
     async fn read(&mut self) {
         match &mut self.link {
             Some(link) => link.read(|bytes| self.decoder.take(bytes)).await,
             None => pending().await,
         }
     }
-    /// Sends bytes to it.
     fn write(&mut self, bytes: &[u8]) {
         if let Some(link) = &mut self.link {
             link.write(bytes);
         }
     }
-    /// The next report, from no system of the autopilot's link.
+    /// Next report, as a frame of no system on the autopilot's link.
     fn next_frame(&mut self) -> Option<MavlinkFrame> {
         let message = self.decoder.next_message()?;
         let from = Address::new(0, 0);
@@ -154,28 +152,25 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
     fn last_error(&mut self) -> Option<String> {
         self.link.as_mut()?.last_error()
     }
-    /// Messages to it that could not be sent.
     fn unsent(&self) -> u64 {
         self.link.as_ref().map_or(0, ByteLink::unsent)
     }
 }
 
-/// Receivers with links of their own.
 struct Receivers {
     ais: LinkedReceiver<AisDecoder>,
-    /// The drone's own, whose moving base is the vessel's.
+    /// The drone's own receiver, whose moving base is the vessel's.
     gnss: LinkedReceiver<ReceiverDecoder>,
 }
 
 impl Receivers {
-    /// Those that are configured.
     async fn of(c: &AutopilotLinkConfig) -> Result<Receivers, CliError> {
         Ok(Receivers {
             ais: LinkedReceiver::at(&c.ais, LinkUrl::of_sentences).await?,
             gnss: LinkedReceiver::at(&c.receiver, LinkUrl::of_receiver).await?,
         })
     }
-    /// Waits for bytes of one; for ever without any.
+    /// Waits for bytes of a receiver; without any, for ever.
     async fn read(&mut self) {
         tokio::select! {
             () = self.ais.read() => {}
@@ -190,7 +185,6 @@ impl Receivers {
     }
 }
 
-/// Runs until it is asked to end.
 pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     runtime::block_on(fly(args))
 }
@@ -207,7 +201,6 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     process.run_awaiting(&mut edge).await
 }
 
-/// The links to the autopilot and to receivers.
 struct MavlinkEdge {
     link: ByteLink,
     receivers: Receivers,
@@ -217,12 +210,11 @@ struct MavlinkEdge {
     encoder: Encoder,
     steps: Interval,
     received: Vec<MavlinkFrame>,
-    /// More frames may have come than one step takes.
+    /// More frames may be waiting than one step takes.
     more: bool,
 }
 
 impl MavlinkEdge {
-    /// To the autopilot at this address.
     async fn open(config: &AutopilotLinkConfig, url: LinkUrl) -> Result<MavlinkEdge, CliError> {
         let signing = mavlink_key::read("autopilot.signing_key", &config.signing_key)?;
         let speakers = Speakers::new(signing.as_ref());
@@ -257,14 +249,14 @@ impl Edge<AutopilotLink> for MavlinkEdge {
         out: &mut AutopilotOut,
         ports: &mut AutopilotPorts<B>,
     ) -> bool {
-        // The link first: set-points wait for nothing.
+        // The link comes first: set-points wait for nothing.
         let frames = out
             .messages
             .iter()
             .filter_map(|m| self.encoder.frame(out.from, m));
         frames.for_each(|bytes| self.link.write(&bytes));
         out.rtcm.iter().for_each(|frame| self.receivers.gnss.write(frame));
-        // The node has no frames, and knows nothing of their signatures.
+        // Signatures belong to frames, which the node does not process.
         let own = out.checkpoint;
         let signing = self.signing.as_ref().map(Signing::times).unwrap_or_default();
         out.checkpoint = own.map(|own| LinkCheckpoint { signing, ..own });
@@ -281,7 +273,7 @@ impl ProcessEdge<AutopilotLink> for MavlinkEdge {
             info!("autopilot: {text}");
         }
     }
-    /// With those of the node, and of the frames by their signatures.
+    /// Adds the node's metrics and the counts of frames by their signatures.
     fn metrics(&mut self, at: &NodeView<'_, AutopilotLink>) -> Vec<Metric> {
         let of_node = at.node.metrics(at.now);
         let own = [
@@ -291,7 +283,6 @@ impl ProcessEdge<AutopilotLink> for MavlinkEdge {
             MetricName::HoverThrust.fraction(of_node.hover_thrust),
             MetricName::SetPointsSent.count(of_node.set_points),
             MetricName::LinkReopened.count(self.link.opened()),
-            // Datagrams of others than the autopilot.
             MetricName::PacketsDropped.count(self.link.foreign()),
             MetricName::RtcmPassedOn.count(of_node.rtcm_passed_on),
             MetricName::RtcmDropped.count(of_node.rtcm_dropped),
@@ -322,7 +313,7 @@ impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
         let frames = core::iter::from_fn(|| decoder.next_frame().or_else(|| receivers.next_frame()));
         self.received = frames.take(MAX_FRAMES).collect();
         self.more = self.received.len() == MAX_FRAMES;
-        // Without a frame and no other cause: a part of one.
+        // Without a complete frame, only part of one was received.
         Ok(due || !self.received.is_empty())
     }
 }

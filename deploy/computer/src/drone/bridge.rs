@@ -1,4 +1,4 @@
-//! The drone's bridge as a process: zenoh in, shared memory out.
+//! Process of the drone's bridge: from zenoh to shared memory.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_port::RadioPort;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
+/// Runs until stopped. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(relay(args))
 }
@@ -38,7 +38,6 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     process.run_awaiting(&mut RadioEdge::open(&computer)?).await
 }
 
-/// The drone's end of the radio.
 struct RadioEdge {
     port: RadioPort,
     clock: ProcessClock,
@@ -46,7 +45,7 @@ struct RadioEdge {
     second_sender: Option<u32>,
     age_s: f64,
     received_bytes: u64,
-    /// Reports of the vessel's process that came, and how many were none.
+    /// Reports of the vessel's process, and the number of invalid ones.
     shown: Vec<ProcessState>,
     rejected: u64,
 }
@@ -104,7 +103,7 @@ impl ProcessEdge<Bridge> for RadioEdge {
         self.port.send(RadioTopic::TimeRequest, &out.time_request);
         self.port.send(RadioTopic::Status, &out.status);
     }
-    /// With why the node rejected what.
+    /// Adds the node's counts of rejections by reason.
     fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
         let counts = radio.counts();
@@ -143,7 +142,6 @@ impl AwaitedEdge<Bridge> for RadioEdge {
     }
 }
 
-/// Opens the drone's end of its vessel's radio.
 fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportError> {
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
     RadioPort::open(&computer.radio, RadioEnd::Drone, |row| match row.from {
@@ -152,21 +150,21 @@ fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportErro
     })
 }
 
-/// Logs that a second computer speaks as the vessel, by its boot, or no longer does.
+/// Logs that a second computer, with this boot id, sends as the vessel, or no longer does.
 fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     match second_sender {
         Some(boot) => warn!(
-            "a second computer speaks as vessel {vessel} with her certificate (boot {boot:08x}), and nothing of it \
-             is used: switch one of the two off"
+            "a second computer sends as vessel {vessel} with its certificate (boot {boot:08x}), and its messages \
+             are ignored: switch one of the two off"
         ),
-        None => info!("one computer speaks as vessel {vessel} again"),
+        None => info!("only one computer sends as vessel {vessel} again"),
     }
 }
 
-/// The report of the vessel's process, for observers; None where it is no such report.
+/// Report of the vessel's process, for observers; None if the bytes are not one.
 fn vessel_report(bytes: &[u8]) -> Option<ProcessState> {
     let report = wire::decode::<ProcessState>(bytes).ok()?;
-    // Its times are the other computer's; their difference is the same here.
+    // Its times are of the other computer's clock; their difference is kept.
     let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
     (report.kind == ProcessKind::Vessel).then_some(ProcessState {

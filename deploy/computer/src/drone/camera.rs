@@ -1,9 +1,10 @@
-//! A camera of the drone as a process: images in; detections of the deck's tag (belly camera) or fixes of the
-//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads. Metrics of the
-//! first: images, those with the tag, other tags, too faint, misshapen, without a pose, of another size,
-//! contrast and saturation of the tag; of the second: images, those with a fix, markers, images with one marker
-//! only, without a place, of another size. Of both: the time from exposure to detection (median, 99 %), times
-//! its source was opened again, exposure and gain.
+//! Process of one of the drone's cameras, from images to the topic that the predictor reads: detections of the deck's
+//! tags (belly camera) or fixes of the deck by its blinking markers (ultraviolet camera).
+//!
+//! Metrics of the belly camera: images; images with the tag, with other tags, too faint, misshapen, without a pose, of
+//! another size; contrast and saturation of the tag. Metrics of the ultraviolet camera: images; images with a fix;
+//! markers; images with a single marker, without a position, of another size. Metrics of both: time from exposure to
+//! detection (median, 99 %), times the source was reopened, exposure and gain.
 
 use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -15,7 +16,6 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
 use alight_shared::node::Node;
-use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::ProcessClock;
 use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
@@ -40,41 +40,35 @@ use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 use crate::process::supervisor::pause;
 use crate::terminal;
 
-/// Pause when there is no image.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
-/// Images that wait for the node; more are lost.
+/// Maximum number of images that wait for the node; further ones are lost.
 const QUEUE_LENGTH: usize = 2;
-/// A source that broke is opened again after this long.
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
-/// The light on the tag is reported for so long after it was detected.
+/// Time after a detection for which the light on the tag is reported.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
-/// Time between two images for people.
+/// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
 /// A node that detects something in a camera's images.
-pub trait Detector: Installed + Node<In = CameraIn, Out: Recorded, Clock = DroneClock> {
+pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
     /// The source of its images, and their width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
-    /// Sets the source in a configuration.
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
-    /// Times of what was detected, each with a line for people.
+    /// Times of the detections, each with its printed line.
     fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
-    /// Counts of images: as metrics and as text.
     fn counted(&self) -> (Vec<Metric>, Value);
-    /// The light where it is reported.
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
         None
     }
-    /// Light of the newest image; None where nothing is metered.
+    /// Light of the newest image; None if it is not metered.
     fn metered(&self) -> Option<Light> {
         None
     }
-    /// An image with what was detected in it, for people who are shown them.
+    /// Image with the detections drawn into it, for display.
     fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
         None
     }
-    /// People are shown its images.
     const IS_SHOWN: bool = false;
 }
 
@@ -156,7 +150,7 @@ impl Detector for UvdarNode {
     }
 }
 
-/// Images for people, made only while somebody looks.
+/// Displayed images, made only while there is a viewer.
 struct Shown {
     images: ImagePublisher,
     deck: DeckGeometry,
@@ -164,12 +158,12 @@ struct Shown {
 }
 
 impl Shown {
-    /// None, and reported, where there is no place for them: what is detected does not wait for what people see.
+    /// None, with a warning, if there is no place for the images: detection does not depend on the display.
     fn open(memory: &Memory, deck: DeckGeometry) -> Option<Shown> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
             warn!(
-                "{e}: the tag is detected all the same, and the page shows no image; restart `alight drone` for one"
+                "{e}: detection continues, but the page shows no image; restart `alight drone` to restore it"
             );
         });
         Some(Shown {
@@ -178,7 +172,7 @@ impl Shown {
             next: Time::EPOCH,
         })
     }
-    /// Shows an image that `node` has processed, where one is due.
+    /// Shows an image that `node` has processed, when one is due.
     fn show(&mut self, frame: &CameraFrame, node: &impl Detector) {
         let early = self.next - frame.at;
         if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
@@ -196,16 +190,13 @@ impl Shown {
     }
 }
 
-/// Source of images.
 enum Source {
-    /// The simulated world, through shared memory.
     Simulation(ImageSubscriber),
-    /// A thread that waits for a device, a pipe or files; it takes the light of images by their number.
+    /// Thread that waits for a device, a pipe or files; it receives the light of images by their number.
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
 impl<D: Detector> CameraEdge<D> {
-    /// Takes the images that have come.
     fn poll(&mut self) {
         match &mut self.source {
             Source::Simulation(images) => {
@@ -213,8 +204,8 @@ impl<D: Detector> CameraEdge<D> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
-                    // The one copy: the node's input outlives the place in shared memory. Our publisher sends no image of
-                    // another size than its header has.
+                    // The only copy: the node's input outlives the slot in shared memory. Alight's publisher sends no
+                    // image of another size than in its header.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
                         self.input.frames.push(CameraFrame { at, image: grey });
@@ -227,7 +218,7 @@ impl<D: Detector> CameraEdge<D> {
                     self.input.frames.push(frame);
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
-                    "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check prints \
+                    "{}: {} {why}: the camera's own automatic exposure is in use, perhaps longer than the motion permits; alight check prints \
                      the remedy",
                     D::KIND.name(),
                     self.name
@@ -244,29 +235,25 @@ impl<D: Detector> CameraEdge<D> {
     }
 }
 
-/// Report of that thread.
 enum SourceEvent {
-    /// An image, its number, and what exposed it where that is known.
+    /// Image, its number, and the exposure setting if known.
     Image(CameraFrame, u64, Option<Exposed>),
-    /// The device's own automatic exposes its images.
+    /// The device's own automatic exposure is in use, for this reason.
     Automatic(String),
-    /// It broke; it is tried again.
     Failed(String),
-    /// There are no more images.
     Finished,
 }
 
-/// The light of images, as it is reported and metered.
+/// Light of images, reported and metered.
 #[derive(Default)]
 struct LightRecord {
     exposed: Option<Exposed>,
     tag: Option<(Time<DroneClock>, TagLight)>,
-    /// The newest report.
     report: Option<CameraLight>,
 }
 
 impl LightRecord {
-    /// The detector has looked at an image; `metered` takes what is metered of number `number`.
+    /// Records that the detector has processed an image; `metered` takes the light of image number `number`.
     fn looked(
         &mut self,
         frame: &CameraFrame,
@@ -281,7 +268,7 @@ impl LightRecord {
             let _full = lights.try_send((number, light));
         }
     }
-    /// The light was reported: why it is too dark or too bright, where it has become so.
+    /// Records reported light. Returns the reason if it has become too dark or too bright.
     fn reported(&mut self, light: CameraLight) -> Option<Reason> {
         let before = self.report.and_then(|r| r.hides_tags()).map(|r| r.code);
         self.report = Some(light);
@@ -311,7 +298,7 @@ impl LightRecord {
     }
 }
 
-/// The drone's configuration with the named source, that source, and the size of its images.
+/// Configuration of the drone with the named source, that source, and the size of its images.
 fn configured<D: Detector>(
     args: &CameraArgs,
 ) -> Result<(DroneComputerConfig, CameraSource, [u32; 2]), CliError> {
@@ -320,7 +307,7 @@ fn configured<D: Detector>(
         D::set_source(&mut computer, source);
     }
     let (config, size) = D::source(&computer);
-    // What was named here is held to the same rules.
+    // A source named on the command line has to satisfy the same rules.
     computer.check(&Keys::ROOT)?;
     if !config.is_there() {
         return Err(CliError(format!(
@@ -333,7 +320,7 @@ fn configured<D: Detector>(
     Ok((computer, config, size))
 }
 
-/// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
+/// Runs a camera's process until stopped.
 pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
     let (computer, config, size) = configured::<D>(args)?;
     let alone = args.print && !config.is_simulation();
@@ -342,7 +329,7 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
         computer.clock,
     );
     let make = |boot| Ok(D::installed(&computer.nodes(), boot));
-    let process = Process::start(D::KIND, &args.process.unrecorded(), of, make)?;
+    let process = Process::start(D::KIND, &args.process, of, make)?;
     let memory = process.memory.as_ref();
     let shown = memory.filter(|_| D::IS_SHOWN);
     let mut edge = CameraEdge::<D> {
@@ -355,6 +342,7 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
         input: CameraIn::default(),
         number: 0,
         over: false,
+        keeps_images: computer.recorder.images,
         opened: 0,
         light: LightRecord::default(),
         ages: Quantiles::default(),
@@ -368,22 +356,22 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
     ended
 }
 
-/// A camera, and reports on it for people.
 struct CameraEdge<D> {
     source: Source,
-    /// Name of the source.
     name: String,
-    /// Images that have come, the number of the newest, and whether there are no more.
+    /// Received images, the number of the newest, and whether there are no more.
     input: CameraIn,
     number: u64,
     over: bool,
+    /// They are recorded whole.
+    keeps_images: bool,
     /// The source broke so often.
     opened: u32,
     light: LightRecord,
-    /// From exposure to detection, s.
+    /// Time from exposure to detection, s.
     ages: Quantiles,
     shown: Option<Shown>,
-    /// Each detection is printed; the counts so far.
+    /// Counts so far, if each detection is printed.
     printed: Option<Value>,
     detector: PhantomData<D>,
 }
@@ -392,6 +380,9 @@ impl<D: Detector> Edge<D> for CameraEdge<D> {
     fn read(&mut self, input: &mut CameraIn) {
         *input = core::mem::take(&mut self.input);
         input.exposed = self.light.exposed;
+        if self.keeps_images {
+            input.frames.iter_mut().for_each(|frame| frame.image.keep());
+        }
     }
     fn write<B: Bus>(&mut self, _input: &CameraIn, out: &mut D::Out, ports: &mut D::Ports<B>) -> bool {
         ports.write(out);
@@ -444,7 +435,7 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
 }
 
 impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
-    /// Nothing wakes it but its source, for which this waits without the runtime.
+    /// Only the source wakes the process; this waits for it outside the runtime.
     async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
         self.poll();
         let due = !self.input.frames.is_empty();
@@ -455,10 +446,10 @@ impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
     }
 }
 
-/// Waits for images on a thread of its own, so that the process goes on saying that it lives.
+/// Waits for images on a thread of its own, so that the process continues to report.
 fn spawn_source(config: &CameraSource, size: [u32; 2], clock: ProcessClock) -> Result<Source, CliError> {
     let size = size.map(|s| s as usize);
-    // Bad input is rejected at once; what breaks later is tried again.
+    // Bad input is rejected at once; a source that breaks later is tried again.
     let images = Images::open(config, size)?;
     let (events, received) = sync_channel(QUEUE_LENGTH);
     let (lights, metered) = sync_channel(1);
@@ -489,19 +480,16 @@ fn spawn_source(config: &CameraSource, size: [u32; 2], clock: ProcessClock) -> R
     Ok(Source::Thread(received, lights))
 }
 
-/// The thread that waits for images.
 struct SourceThread {
     images: Images,
     events: SyncSender<SourceEvent>,
     metered: Receiver<(u64, Light)>,
-    /// Images so far.
     number: u64,
-    /// It was reported that the device's own automatic exposes.
     automatic: bool,
 }
 
 impl SourceThread {
-    /// Shows images until the source breaks: why. None when there are no more, or without a viewer.
+    /// Sends images until the source breaks, and returns the reason; None when there are no more images or no receiver.
     fn show(&mut self, clock: &ProcessClock) -> Option<String> {
         loop {
             let files = matches!(self.images, Images::Files(_));
@@ -524,7 +512,7 @@ impl SourceThread {
                         None => None,
                     };
                     let image = SourceEvent::Image(frame, self.number, setting);
-                    // Files wait for the node; of a camera the newest counts.
+                    // Files wait for the node; of a camera only the newest image counts.
                     if files {
                         self.events.send(image).ok()?;
                     } else if let Err(TrySendError::Disconnected(_)) = self.events.try_send(image) {
@@ -535,7 +523,7 @@ impl SourceThread {
                     let _gone = self.events.send(SourceEvent::Finished);
                     return None;
                 }
-                // The next file may be sound.
+                // The next file may be valid.
                 Err(CliError(why)) if files => self.events.send(SourceEvent::Failed(why)).ok()?,
                 Err(CliError(why)) => return Some(why),
             }
@@ -543,7 +531,6 @@ impl SourceThread {
     }
 }
 
-/// A line for each image: where tag or deck is, or that it is not detected.
 fn print(frames: &[CameraFrame], detections: &[(Time<DroneClock>, Value)]) {
     for frame in frames {
         let found = detections.iter().find(|(at, _)| *at == frame.at);

@@ -1,4 +1,4 @@
-//! Sources of the camera's images: the simulated camera, a V4L2 device, files, a pipe of raw images.
+//! Image sources: the simulated camera, a V4L2 device, files, a pipe of raw images.
 
 use std::fs::File;
 use std::io::Read;
@@ -13,14 +13,11 @@ use crate::config::camera::CameraSource;
 use crate::drone::exposure::ExposureControl;
 use crate::exit::{CliError, Doing};
 
-/// Most files of a directory.
 const MAX_FILES: usize = 100_000;
-/// Files shown this late, ns, are shown later from then on.
+/// Delay beyond which the schedule of files is shifted, ns.
 const MAX_LATENESS_NS: i64 = 1_000_000_000;
-/// Largest file that is read, bytes.
 const MAX_BYTES: u64 = 16 << 20;
 
-/// A source of images that is not the simulation's.
 pub enum Images {
     Device(Device),
     /// Files, in the order of their names.
@@ -29,7 +26,7 @@ pub enum Images {
 }
 
 impl Images {
-    /// Opens what `config` names, for images of `size` (width, height), px.
+    /// Opens the source in `config`, for images of `size` (width, height), px.
     pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
         let doing = format_args!("opening the camera's source {}", config.source);
@@ -43,7 +40,7 @@ impl Images {
         let device = meta.file_type().is_char_device();
         if !device && config.fixed_gain().is_some_and(|_| config.exposure_s > 0.0) {
             return Err(CliError(format!(
-                "{doing}: a gain is set, and only a V4L2 device has one; remove the key, and expose where these \
+                "{doing}: a gain is set, and only a V4L2 device has one; remove the key, and set the exposure where these \
                  images are made"
             )));
         }
@@ -51,7 +48,7 @@ impl Images {
             return Ok(Images::Files(Files::open(path, config.rate_hz)?));
         }
         if meta.file_type().is_fifo() {
-            // For writing too: so it opens without waiting for a writer, and stays open when one ends.
+            // Opened for writing as well, so that it opens without waiting for a writer and stays open when one ends.
             let file = File::options().read(true).write(true).open(path);
             let file = file.doing(doing)?;
             return Ok(Images::Pipe(Pipe {
@@ -62,7 +59,7 @@ impl Images {
         }
         Ok(Images::Device(Device::open(config, size)?))
     }
-    /// The next image; waits for it. None: there are no more.
+    /// Waits for the next image; None if there are no more.
     pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<CameraFrame>, CliError> {
         match self {
             Images::Device(device) => device.next_frame(clock).map(Some),
@@ -70,7 +67,8 @@ impl Images {
             Images::Pipe(pipe) => pipe.next_frame(clock),
         }
     }
-    /// The setting that exposes, or why the device's own automatic does. None where nothing is asked of it.
+    /// Exposure setting, or the reason why the device's automatic exposure is in use; None if the exposure is not
+    /// controlled.
     pub fn exposure(&self) -> Option<Result<Setting, String>> {
         match self {
             Images::Device(device) => device.exposure.as_ref().map(|e| match e {
@@ -80,7 +78,8 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => None,
         }
     }
-    /// Whether neither exposure nor gain may be more; what the drone does not set is taken to be at its limit.
+    /// Whether neither exposure nor gain can be increased. Settings that the drone does not control count as at their
+    /// limits.
     pub fn at_limit(&self) -> bool {
         match self {
             Images::Device(device) => match &device.exposure {
@@ -90,7 +89,7 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => true,
         }
     }
-    /// Meters the light of image number `image`, the newest being number `newest`.
+    /// Meters the light of image number `image`; the newest image is number `newest`.
     pub fn meter(&mut self, image: u64, newest: u64, light: &Light) {
         if let Images::Device(device) = self
             && let Some(Ok(control)) = &mut device.exposure
@@ -101,7 +100,6 @@ impl Images {
     }
 }
 
-/// Files shown one after the other.
 pub struct Files {
     paths: std::vec::IntoIter<PathBuf>,
     period_ns: i64,
@@ -145,14 +143,13 @@ impl Files {
         if early_ns > 0 {
             crate::process::supervisor::pause(std::time::Duration::from_nanos(early_ns.unsigned_abs()));
         }
-        // Images come at the rate's instants also when this computer is late for one: markers blink by them.
+        // Images keep the schedule of their rate even if this computer is late for one, because markers blink by it.
         let at = clock.read(self.next_ns);
         self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - MAX_LATENESS_NS);
         Ok(Some(CameraFrame { at, image }))
     }
 }
 
-/// A PGM file of bounded size.
 fn read_pgm(path: &Path) -> Result<GreyImage, CliError> {
     let doing = format_args!("reading the image {}", path.display());
     let mut bytes = Vec::new();
@@ -162,7 +159,7 @@ fn read_pgm(path: &Path) -> Result<GreyImage, CliError> {
     GreyImage::from_pgm(&bytes).doing(doing)
 }
 
-/// Raw grey images one after the other, each as many bytes as the lens has pixels.
+/// Raw grey images in sequence, each with one byte per pixel of the lens.
 pub struct Pipe {
     file: File,
     delay: Span,
@@ -186,15 +183,14 @@ impl Pipe {
     }
 }
 
-/// A V4L2 device.
 pub struct Device {
     camera: rscam::Camera,
     name: String,
     size: [usize; 2],
-    /// Every so many bytes one of brightness.
+    /// Bytes per brightness value.
     stride: usize,
     delay: Span,
-    /// The exposure's control, or why it is missing; None where none is configured.
+    /// Control of the exposure, or the reason why it is missing; None if not configured.
     exposure: Option<Result<ExposureControl, String>>,
 }
 
@@ -218,14 +214,14 @@ impl Device {
                     config.format
                 ))
             })?;
-        // After the start: some drivers reset their controls with it.
+        // After the start, because some drivers reset their controls with it.
         let exposure = (config.exposure_s > 0.0).then(|| ExposureControl::take(&camera, config));
         Ok(Device {
             camera,
             exposure,
             name: config.source.clone(),
             size,
-            // The others begin with a plane of brightness.
+            // The other formats begin with a plane of brightness.
             stride: if config.format == "YUYV" { 2 } else { 1 },
             delay: Span::from_secs(config.delay_s),
         })
@@ -234,7 +230,7 @@ impl Device {
         let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
         let frame = self.camera.capture().doing(doing)?;
-        // The driver stamps with the system's steady clock; one that does not is dated by its arrival.
+        // The driver stamps with the system's steady clock; without a stamp the arrival counts.
         let now_ns = steady_ns();
         let stamped_ns = i64::try_from(frame.get_timestamp())
             .unwrap_or(0)

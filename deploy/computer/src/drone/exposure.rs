@@ -1,4 +1,4 @@
-//! Exposure and gain of a V4L2 device through its controls: fixed, or metered on the tag.
+//! Exposure and gain of a V4L2 device through its controls, fixed or metered on the tag.
 
 use std::io::{Error, ErrorKind};
 
@@ -10,9 +10,8 @@ use crate::config::camera::CameraSource;
 /// Unit of the control exposure_time_absolute, s.
 const UNIT_S: f64 = 1e-4;
 
-/// Controls of a device, or of a test's.
 pub trait Controls {
-    /// Kind of a control.
+    /// Type, range and value of a control.
     fn query(&self, id: u32) -> Result<CtrlData, Error>;
     fn set(&self, id: u32, value: i32) -> Result<(), Error>;
 }
@@ -26,17 +25,16 @@ impl Controls for rscam::Camera {
     }
 }
 
-/// Exposure and gain of one device.
 pub struct ExposureControl {
     metering: Metering,
-    /// Else they stay as they are.
+    /// Exposure and gain are metered; otherwise they are fixed.
     metered: bool,
-    /// The control of the gain, if there is one.
+    /// Id of the gain's control, if there is one.
     gain: Option<u32>,
 }
 
 impl ExposureControl {
-    /// Takes exposure and gain from the device's own automatic. An error is a sentence about the device.
+    /// Takes exposure and gain over from the device's automatic. The error is a sentence about the device.
     pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
             .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;
@@ -52,13 +50,13 @@ impl ExposureControl {
             ));
         }
         if device.query(rscam::CID_EXPOSURE_AUTO).is_ok() {
-            // Devices have one of the two in which a program sets the time.
+            // Devices have one of the two modes in which a program sets the time.
             let set = |mode: u32| device.set(rscam::CID_EXPOSURE_AUTO, mode as i32);
             set(rscam::EXPOSURE_MANUAL)
                 .or_else(|_| set(rscam::EXPOSURE_SHUTTER_PRIORITY))
                 .map_err(|e| format!("does not leave its automatic exposure ({e})"))?;
         }
-        // Many devices have none.
+        // Many devices have no automatic gain.
         let _none = device.set(rscam::CID_AUTOGAIN, 0);
         let found = [rscam::CID_GAIN, rscam::CID_ANALOGUE_GAIN]
             .into_iter()
@@ -95,15 +93,14 @@ impl ExposureControl {
         control.write(device)?;
         Ok(control)
     }
-    /// Settings of the device.
     pub fn setting(&self) -> Setting {
         self.metering.setting()
     }
-    /// Whether neither may be more: both are at their limits, or fixed.
+    /// Whether neither can be increased: both are at their limits, or fixed.
     pub fn at_limit(&self) -> bool {
         !self.metered || self.metering.at_limit()
     }
-    /// Meters the light of image number `image` of the device, whose newest is number `newest`.
+    /// Meters the light of image number `image` of the device; its newest image is number `newest`.
     pub fn meter(
         &mut self,
         device: &impl Controls,
@@ -129,7 +126,6 @@ impl ExposureControl {
     }
 }
 
-/// Range and value of a control that is a whole number.
 fn integer(device: &impl Controls, id: u32) -> Result<(SettingRange, f64), Error> {
     match device.query(id)? {
         CtrlData::Integer {
@@ -146,7 +142,7 @@ fn integer(device: &impl Controls, id: u32) -> Result<(SettingRange, f64), Error
             },
             value.into(),
         )),
-        _ => Err(Error::new(ErrorKind::Unsupported, "it is no number")),
+        _ => Err(Error::new(ErrorKind::Unsupported, "not a number")),
     }
 }
 
@@ -156,7 +152,7 @@ mod tests {
     use alight_uav::camera::{ImageLight, TagLight};
     use std::cell::RefCell;
 
-    /// A device that has these controls, with minimum, maximum and value, and what was set.
+    /// Device with these controls (minimum, maximum and value), and the values set.
     struct Device {
         controls: Vec<(u32, [i32; 3])>,
         written: RefCell<Vec<(u32, i32)>>,
@@ -210,7 +206,7 @@ mod tests {
         let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
         let written = device.written.borrow();
         assert_eq!(written[0], (rscam::CID_EXPOSURE_AUTO, 1));
-        // What the automatic had, 31.2 ms, is longer than permitted.
+        // The automatic exposure of 31.2 ms is longer than permitted.
         assert_eq!(
             written[1..],
             [(rscam::CID_EXPOSURE_ABSOLUTE, 40), (rscam::CID_GAIN, 20)]
@@ -252,7 +248,7 @@ mod tests {
             control.at_limit() && (exposure_s, gain) == (0.004, 100.0),
             "{exposure_s} {gain}"
         );
-        // Fixed, they may not be more either.
+        // Fixed settings cannot be increased either.
         assert!(
             ExposureControl::take(&device, &source(0.004, 7))
                 .unwrap()
@@ -270,7 +266,6 @@ mod tests {
         };
         assert!(rejection(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
         assert!(rejection(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
-        // Neither an automatic nor a gain.
         assert_eq!(rejection(&WEBCAM[1..2]), "");
     }
 }

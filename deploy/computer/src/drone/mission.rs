@@ -6,7 +6,6 @@ use tracing::warn;
 
 use crate::process::run::{NodeView, ProcessEdge};
 
-/// Reports why a checkpoint does not count.
 pub struct RejectionReport;
 
 impl Edge<MissionNode> for RejectionReport {}
@@ -14,8 +13,8 @@ impl ProcessEdge<MissionNode> for RejectionReport {
     fn stepped(&mut self, _at: &NodeView<'_, MissionNode>, step: &RowStep<MissionNode>) {
         if let Some(why) = step.out.rejected {
             warn!(
-                "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \
-                 the file's again: set it again before the next landing"
+                "the checkpoint of the previous mission is ignored: it is {why}; settings of a ground station are \
+                 the file's again: set them again before the next landing"
             );
         }
     }

@@ -20,7 +20,6 @@ use crate::process::sealed::SealedConfig;
 use crate::process::service::{self, ComputerService};
 
 impl Supervision {
-    /// The scheduling of `kind`.
     fn scheduling(&self, kind: ProcessKind) -> Scheduling {
         let priorities = [
             (ProcessKind::Pilot, self.pilot_priority),
@@ -37,12 +36,12 @@ impl Supervision {
     }
 }
 
-/// Runs the drone's processes until it is asked to end.
+/// Runs the drone's processes until stopped.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<DroneComputerConfig>(&args.process.config)?;
     let supervision = &computer.supervision;
     if supervision.autopilot {
-        // Rejected here, not in a process that is started again and again.
+        // Rejected here, not in a process that would restart again and again.
         mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
     }
     computer.radio.check_zenoh()?;

@@ -1,4 +1,4 @@
-//! The metrics of the pilot's process: age of the vessel's newest measurement and of the odometry behind the set-point.
+//! Metrics of the pilot's process: age of the vessel's newest measurement and of the odometry used for the set-point.
 
 use alight_shared::bus::{Edge, RowStep};
 use alight_shared::metrics::{Metric, MetricName};
@@ -8,10 +8,9 @@ use alight_uav::pilot::Pilot;
 
 use crate::process::run::{NodeView, ProcessEdge};
 
-/// The ages of its inputs.
 #[derive(Default)]
 pub struct Ages {
-    /// Newest forecast's time, and the age of the vessel's measurement at that time, s.
+    /// Time of the newest forecast, and the age of the vessel's measurement at that time, s.
     newest: Option<(Time<DroneClock>, f64)>,
     from_vessel: Quantiles,
     from_odometry: Quantiles,

@@ -1,6 +1,6 @@
-//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A broken link is reopened after a pause that
-//! doubles up to a bound, in a task of its own: neither a name that is looked up nor a peer that does not answer holds up
-//! who reads and writes.
+//! Byte link to an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A broken link is
+//! reopened after a pause that doubles up to a maximum, in a task of its own: neither a name lookup nor a silent peer
+//! delays readers and writers.
 
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
@@ -15,48 +15,44 @@ use crate::exit::{CliError, Doing};
 use crate::io::link_end::{BOTH, LinkReceived, Open, open, resolve};
 use crate::io::peer::Speaks;
 
-/// First pause before a link is opened again; doubles with each failure.
+/// First pause before a link is reopened; it doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
-/// Longest pause.
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
-/// Most reads at once: a flood must not delay the set-points.
+/// Maximum number of consecutive reads: a flood must not delay the set-points.
 const MAX_READS: usize = 16;
-/// Longest datagram, or part of a stream, bytes.
+/// Maximum length of a datagram, or of a part of a stream, bytes.
 const MAX_READ_BYTES: usize = 2048;
-/// Most bytes that a link gives at once.
+/// Maximum number of bytes that a link delivers at once.
 pub const MAX_AT_ONCE: usize = MAX_READS * MAX_READ_BYTES;
 
-/// A link to an autopilot or a sensor.
 pub struct ByteLink {
     url: LinkUrl,
-    /// Who may be the peer of a UDP link.
+    /// Filter for the peer of a UDP link.
     speaks: Option<Speaks>,
     open: Option<Open>,
-    /// Opening is under way.
     opening: Option<JoinHandle<io::Result<Open>>>,
     next_try: Instant,
     backoff: Duration,
     opened: u32,
     unsent: u64,
-    /// The rest of a message of which the line took a part: nothing is sent before it.
+    /// Rest of a message of which the line took a part; it is sent before anything else.
     rest: Vec<u8>,
     last_error: Option<String>,
 }
 
-/// Cause of the end of a wait.
 enum Event {
     Received(io::Result<LinkReceived>),
     Drained(io::Result<usize>),
 }
 
 impl ByteLink {
-    /// A link with anybody.
+    /// Link with any peer.
     #[cfg(test)]
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
         ByteLink::with_peer(url, None).await
     }
-    /// A link to `url`; over UDP its peer is the first that `speaks`. A fault that can be known at once is an error: a
-    /// port that is taken, a host that has no address; a peer that is not there yet is waited for.
+    /// Link to `url`; over UDP its peer is the first sender accepted by `speaks`. Faults that can be known at once are
+    /// errors: a port that is taken, a host without an address. A peer that is not there yet is waited for.
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {
@@ -71,8 +67,8 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// As one of several: the others do not end because another computer's name is not known yet. It is looked
-    /// up until it is.
+    /// One of several links. An unknown name of another computer is no error, so that the other links continue; it is
+    /// looked up until it is known.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
             LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
@@ -97,7 +93,7 @@ impl ByteLink {
             last_error: None,
         }
     }
-    /// Data sent reaches a receiver, as far as the system knows: a port that is open, a connection that stands.
+    /// Whether sent data reach a receiver, as far as the system knows: an open port, an established connection.
     pub fn is_open(&self) -> bool {
         match &self.open {
             Some(Open::Udp { .. } | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..)) => {
@@ -106,11 +102,10 @@ impl ByteLink {
             Some(Open::Listening(_)) | None => false,
         }
     }
-    /// Times that the link was opened again.
     pub fn opened(&self) -> u32 {
         self.opened
     }
-    /// Datagrams that were left out because another than the peer sent them.
+    /// Number of datagrams dropped because another sender than the peer sent them.
     pub fn foreign(&self) -> u64 {
         match &self.open {
             Some(Open::Udp { peer, .. }) => peer.foreign(),
@@ -118,7 +113,7 @@ impl ByteLink {
             | None => 0,
         }
     }
-    /// Received data, with the sender of the newest; None without any.
+    /// Number of dropped datagrams, with the sender of the newest; None without any.
     pub fn foreign_senders(&self) -> Option<(u64, SocketAddr)> {
         match &self.open {
             Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_foreign()?)),
@@ -126,17 +121,16 @@ impl ByteLink {
             | None => None,
         }
     }
-    /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
-    /// Why it could not be opened, once for each new reason.
+    /// Reason why the link could not be opened, once for each new reason.
     pub fn last_error(&mut self) -> Option<String> {
         self.last_error.take()
     }
 
-    /// Waits for bytes and gives all that are there to `take`. Returns without any after a connection, an end or a
-    /// failure. A wait that is given up loses nothing.
+    /// Waits for bytes and passes all received ones to `take`. Returns without bytes after a connection, an end or a
+    /// failure. Cancelling the wait loses nothing.
     pub async fn read(&mut self, mut take: impl FnMut(&[u8])) {
         let Some(open) = &self.open else {
             return self.reopen().await;
@@ -164,7 +158,7 @@ impl ByteLink {
             }
         }
     }
-    /// Takes what came; false when the open end has changed.
+    /// Takes received bytes; false if the open end has changed.
     fn received(
         &mut self,
         received: io::Result<LinkReceived>,
@@ -173,7 +167,7 @@ impl ByteLink {
     ) -> bool {
         match received {
             Ok(LinkReceived::Bytes(n, from)) => {
-                // One that opens and breaks at once is no more there than one that does not open.
+                // A link that opens and breaks at once counts like one that does not open.
                 self.backoff = INITIAL_BACKOFF;
                 let bytes = buffer.get(..n).unwrap_or_default();
                 if from.is_none_or(|from| self.is_from_peer(from, bytes)) {
@@ -196,7 +190,7 @@ impl ByteLink {
                 self.last_error = Some(format!("{}: a connection of {by} is rejected", self.url));
                 false
             }
-            // An answer to what we sent: no listener there yet.
+            // Response to sent data: no listener there yet.
             Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
             Err(e) => {
                 self.failed(&e);
@@ -212,7 +206,6 @@ impl ByteLink {
         }
     }
 
-    /// Opens the link when it is due.
     async fn reopen(&mut self) {
         if self.opening.is_none() {
             sleep_until(self.next_try).await;
@@ -235,7 +228,7 @@ impl ByteLink {
         self.next_try = Instant::now() + self.backoff;
         self.backoff = (2 * self.backoff).min(MAX_BACKOFF);
     }
-    /// The link broke: a listener stays open, the rest is reopened.
+    /// Handles a broken link: a listener stays open, other links are reopened.
     fn failed(&mut self, why: &io::Error) {
         self.rest.clear();
         self.open = match self.open.take() {
@@ -255,8 +248,8 @@ impl ByteLink {
         }
     }
 
-    /// Sends one message, whole or not at all. What the line does not take now is lost and counted: a set-point must not be
-    /// late. A line that took a part gets the rest before anything else.
+    /// Sends one message, whole or not at all. If the line cannot take it now, it is lost and counted: a set-point must
+    /// not be late. A line that took a part gets the rest before anything else.
     pub fn write(&mut self, message: &[u8]) {
         if !self.rest.is_empty() {
             let rest = core::mem::take(&mut self.rest);
@@ -278,12 +271,12 @@ impl ByteLink {
             }
         }
     }
-    /// Writes what the line takes now: all where there is no peer, nothing where it is full.
+    /// Writes what the line takes now: all bytes if there is no peer, none if it is full.
     fn put(&self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
         written.unwrap_or(Ok(bytes.len()))
     }
-    /// A full buffer or an absent peer passes; a broken stream does not.
+    /// A full buffer or an absent peer is temporary; a broken stream is not.
     fn not_sent(&mut self, why: &io::Error) {
         let harmless = matches!(
             why.kind(),

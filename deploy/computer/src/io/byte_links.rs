@@ -7,33 +7,27 @@ use tokio::sync::mpsc;
 
 use crate::io::byte_link::ByteLink;
 
-/// Arrivals that wait for who reads; what comes beyond them waits in the system's buffers.
+/// Maximum number of arrivals that wait for the reader; further bytes wait in the system's buffers.
 const MAX_WAITING: usize = 16;
-/// Messages that wait for their link.
 const MAX_UNSENT: usize = 16;
 
-/// Event of a link.
 pub struct ByteArrival {
-    /// Number of the link.
     pub link: usize,
-    /// Bytes, at most what a link reads at once.
+    /// Received bytes, at most what a link reads at once.
     pub bytes: Vec<u8>,
-    /// It is open.
     pub open: bool,
-    /// Why it could not be opened, or broke.
     pub error: Option<String>,
-    /// Datagrams of others than its peer so far, and who sent the newest.
+    /// Datagrams from others than the peer so far, and the newest sender.
     pub foreign: Option<(u64, SocketAddr)>,
 }
 
-/// Links, by their numbers.
 pub struct ByteLinks {
     arrivals: mpsc::Receiver<ByteArrival>,
     out: BTreeMap<usize, mpsc::Sender<Vec<u8>>>,
 }
 
 impl ByteLinks {
-    /// Begins to read them inside a tokio runtime; the tasks end with this value.
+    /// Starts reading the links inside a tokio runtime; the tasks end with this value.
     pub fn start(links: impl IntoIterator<Item = (usize, ByteLink)>) -> ByteLinks {
         let (to, arrivals) = mpsc::channel(MAX_WAITING);
         let start = |(number, link)| {
@@ -44,18 +38,17 @@ impl ByteLinks {
         let out = links.into_iter().map(start).collect();
         ByteLinks { arrivals, out }
     }
-    /// Waits for what comes next; for ever where there is no link.
     pub async fn next(&mut self) -> ByteArrival {
         match self.arrivals.recv().await {
             Some(arrival) => arrival,
             None => core::future::pending().await,
         }
     }
-    /// Data that has arrived already.
+    /// Next event, if one has arrived already.
     pub fn arrived(&mut self) -> Option<ByteArrival> {
         self.arrivals.try_recv().ok()
     }
-    /// Sends a message on a link; one for which there is no room is lost.
+    /// Sends a message on a link; it is lost if there is no room.
     pub fn write(&self, link: usize, message: &[u8]) {
         let _lost = self.out.get(&link).map(|to| to.try_send(message.to_vec()));
     }

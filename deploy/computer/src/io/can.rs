@@ -1,4 +1,5 @@
-//! Frames of a CAN interface as lines in candump's way. The interface is only read: nothing is ever sent to a boat's bus.
+//! Frames of a CAN interface as lines in candump's format. The interface is only read: nothing is ever sent to a boat's
+//! bus.
 
 use core::fmt::Write;
 use std::fs::File;
@@ -9,7 +10,7 @@ use can_socket::CanSocket;
 
 /// Size of the kernel's `can_frame` (linux/can.h): identifier with flags, length, 3 bytes, 8 bytes of data.
 pub const FRAME: usize = 16;
-/// Flags of the identifier: it has 29 bits; the frame asks for one; it reports an error.
+/// Flags of the identifier: 29 bits, remote request, error.
 const EXTENDED: u32 = 0x8000_0000;
 const REQUEST: u32 = 0x4000_0000;
 const ERROR: u32 = 0x2000_0000;
@@ -25,7 +26,7 @@ fn absent(interface: &str, e: &io::Error) -> io::Error {
     let message = format!("{e}: bring it up: ip link set {interface} up type can bitrate 250000");
     io::Error::new(e.kind(), message)
 }
-/// Why nothing can be read of it: one that is down opens like any other, and fails at the first read.
+/// Error of a read, with the remedy if the interface is down: such an interface opens, and fails at the first read.
 pub fn broken(interface: &str, e: io::Error) -> io::Error {
     match e.kind() {
         ErrorKind::NetworkDown => absent(interface, &e),
@@ -33,7 +34,7 @@ pub fn broken(interface: &str, e: io::Error) -> io::Error {
     }
 }
 
-/// The line of a frame as the kernel gives it; empty for another than of NMEA 2000, whose identifiers have 29 bits.
+/// Line of a frame; empty for frames other than NMEA 2000, whose identifiers have 29 bits.
 pub fn line(interface: &str, frame: &[u8; FRAME]) -> String {
     let [a, b, c, d, length, _, _, _, data @ ..] = frame;
     let id = u32::from_ne_bytes([*a, *b, *c, *d]);

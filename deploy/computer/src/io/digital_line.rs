@@ -1,8 +1,8 @@
-//! A digital line of this computer: a file that holds 0 or 1, or a line of the kernel's GPIO character device.
+//! Digital line of this computer: a file that contains 0 or 1, or a line of the kernel's GPIO character device.
 //!
-//! `/dev/gpiochip0:17` is line 17 of that chip, high when active; `/dev/gpiochip0:17:active-low` one that is pulled up and
-//! active at ground, as a switch to ground or a lamp from the supply is wired. Any other text is the path of a file, such
-//! as `/sys/class/leds/helm/brightness` or one that a program reads or writes which drives another interface.
+//! `/dev/gpiochip0:17` is line 17 of that chip, high when active; `/dev/gpiochip0:17:active-low` is pulled up and
+//! active at ground, as a switch to ground or a lamp from the supply is wired. Any other text is the path of a file,
+//! such as `/sys/class/leds/helm/brightness`, or of one through which a program drives another interface.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -12,9 +12,7 @@ use gpiocdev::Request;
 use gpiocdev::line::{Bias, Value};
 use gpiocdev::request::Builder;
 
-/// Longest content of a file, bytes.
 const MAX_BYTES: u64 = 16;
-/// Prefix of a line of the kernel.
 const CHIP: &str = "/dev/gpiochip";
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,25 +42,24 @@ impl Place {
     }
 }
 
-/// A line, which the kernel lends to this program from its first use on.
+/// Digital line. A GPIO line is requested from the kernel at its first use and kept.
 pub struct DigitalLine {
     place: Result<Place, String>,
     lent: Option<Request>,
 }
 
 impl DigitalLine {
-    /// The line of this name; an invalid name is an error at each use.
+    /// Line of this name; an invalid name is an error at each use.
     pub fn new(name: &str) -> DigitalLine {
         DigitalLine {
             place: Place::of(name),
             lent: None,
         }
     }
-    /// It belongs to one program at a time.
+    /// Whether the line can belong to one program only.
     pub fn is_exclusive(&self) -> bool {
         matches!(self.place, Ok(Place::Gpio { .. }))
     }
-    /// The level, or why it cannot be known.
     pub fn read(&mut self) -> Result<bool, String> {
         let (chip, line, low) = match &self.place {
             Err(e) => return Err(e.clone()),
@@ -80,7 +77,6 @@ impl DigitalLine {
         self.lent = Some(lent);
         Ok(level)
     }
-    /// Gives it this level.
     pub fn write(&mut self, level: bool) -> Result<(), String> {
         let (chip, line, low) = match &self.place {
             Err(e) => return Err(e.clone()),
@@ -100,7 +96,6 @@ impl DigitalLine {
     }
 }
 
-/// Asks the kernel for a line.
 fn ask(
     chip: &Path,
     line: u32,
@@ -139,7 +134,7 @@ fn write_file(path: &Path, level: bool) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// A pipe or a device may wait for ever; what sysfs offers is a regular file.
+/// A pipe or a device may block for ever; files of sysfs are regular.
 fn is_regular(path: &Path) -> Result<(), String> {
     let regular = fs::metadata(path).map_err(|e| e.to_string())?.is_file();
     regular.then_some(()).ok_or_else(|| "not a regular file".into())
@@ -170,7 +165,6 @@ mod tests {
             assert!(Place::of(wrong).is_err(), "{wrong}");
             assert!(DigitalLine::new(wrong).read().unwrap_err().contains(":17"));
         }
-        // A chip that is not there.
         let mut line = DigitalLine::new("/dev/gpiochip250:1");
         assert!(line.is_exclusive() && line.read().is_err() && line.write(true).is_err());
     }

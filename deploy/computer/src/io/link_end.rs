@@ -1,4 +1,4 @@
-//! The open end of a byte link: a socket, a serial port, a boat's bus; and how each is opened.
+//! Open end of a byte link: a socket, a serial port, a boat's bus; and how each is opened.
 
 use core::task::{Context, Poll, Waker};
 use std::fs::{File, OpenOptions};
@@ -23,45 +23,37 @@ use crate::io::can;
 use crate::io::peer::{LinkPeer, Speaks};
 use crate::io::web_socket::{self, SocketEnding};
 
-/// A TCP connection has this long to come about, its name included.
+/// Timeout of a TCP connection, including the lookup of the name.
 const CONNECT: Duration = Duration::from_millis(300);
-/// Reads and writes are waited for.
 pub const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
 
-/// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
+/// Open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
 pub enum Open {
-    /// UDP, and with whom.
     Udp {
-        /// Bound.
         socket: AsyncFd<UdpSocket>,
-        /// With whom.
         peer: LinkPeer,
     },
-    /// TCP, without a connection yet.
     Listening(LinkListener),
-    /// TCP, and the listener that accepted it.
+    /// TCP connection, and the listener that accepted it, if any.
     Tcp(AsyncFd<TcpStream>, Option<LinkListener>),
-    /// A serial port.
     Serial(AsyncFd<File>),
-    /// A CAN interface and its name: a line a frame. Nothing is sent.
+    /// CAN interface and its name: one line per frame. Nothing is sent.
     Can(AsyncFd<File>, String),
-    /// A Signal K server: a line a message, and why it ended. Nothing is sent.
+    /// Signal K server: one line per message, and the reason of its end. Nothing is sent.
     Lines(AsyncFd<File>, SocketEnding),
 }
 
-/// Accepts one connection, where an address is named from there only.
+/// Listener for one connection, from a single address if one is named.
 pub struct LinkListener {
-    /// It waits here.
     pub socket: AsyncFd<TcpListener>,
     from: Option<IpAddr>,
 }
 
-/// Event of an open end.
 pub enum LinkReceived {
-    /// Bytes in the buffer, and who sent a datagram.
+    /// Number of bytes in the buffer, and the sender of a datagram.
     Bytes(usize, Option<SocketAddr>),
     Peer(TcpStream),
-    /// One from another address than it may come from; it is closed.
+    /// Connection from an address that is not permitted; it is closed.
     Foreign(SocketAddr),
 }
 
@@ -78,7 +70,6 @@ async fn when_ready<T: AsRawFd, R>(
 }
 
 impl Open {
-    /// Waits for what comes next.
     pub async fn receive(&self, buffer: &mut [u8]) -> io::Result<LinkReceived> {
         match self {
             Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
@@ -117,7 +108,6 @@ impl Open {
             }
         }
     }
-    /// Data that has arrived already.
     pub fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<LinkReceived>> {
         let mut context = Context::from_waker(Waker::noop());
         match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
@@ -125,7 +115,7 @@ impl Open {
             Poll::Pending => None,
         }
     }
-    /// Writes a part of a stream's bytes as soon as the line takes some.
+    /// Writes a part of a stream's bytes as soon as the line accepts some.
     pub async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
@@ -133,7 +123,7 @@ impl Open {
             Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(..) => Ok(bytes.len()),
         }
     }
-    /// Writes what can be written now; None while there is no peer.
+    /// Writes as many bytes as possible now; None while there is no peer.
     pub fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
         match self {
             Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
@@ -144,7 +134,6 @@ impl Open {
     }
 }
 
-/// Opens one end.
 pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
     match &url {
         LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, LinkPeer::listening(*from, speaks)),
@@ -194,7 +183,7 @@ fn udp(at: SocketAddr, peer: LinkPeer) -> io::Result<Open> {
     })
 }
 
-/// A read of nothing is the end of a stream.
+/// A read of zero bytes is the end of a stream.
 fn ended(read: io::Result<usize>) -> io::Result<usize> {
     match read {
         Ok(0) => Err(io::Error::new(
@@ -205,7 +194,7 @@ fn ended(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-/// The first address of a host and its port.
+/// First address of a host with its port.
 pub async fn resolve(host: &str) -> io::Result<SocketAddr> {
     tokio::net::lookup_host(host)
         .await?
@@ -213,22 +202,21 @@ pub async fn resolve(host: &str) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
 }
 
-/// Opens a serial port for bytes as they are, and for this program alone: two readers of one line would each
-/// receive a part of every message.
+/// Opens a serial port for raw bytes, exclusively: two readers of one line would each receive a part of every message.
 pub fn serial(path: &Path, baud: u32) -> io::Result<File> {
-    // Reads do not wait, and the port does not become this process's terminal.
+    // Reads do not wait, and the port does not become this process's controlling terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
     let port = OpenOptions::new()
         .read(true)
         .write(true)
         .custom_flags(flags.bits().cast_signed())
         .open(path)
-        // What TIOCEXCL below answers to everybody but root.
+        // Result of TIOCEXCL below for everybody but root.
         .map_err(|e| match e.kind() {
             ErrorKind::ResourceBusy => in_use(),
             _ => e,
         })?;
-    // Between our own programs, root's included; then against any other that opens it later.
+    // Excludes Alight's own programs, root's included; then any other that opens it later.
     flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
         Errno::WOULDBLOCK => in_use(),
         e => e.into(),

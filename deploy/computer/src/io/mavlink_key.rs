@@ -1,4 +1,4 @@
-//! Key of MAVLink 2 signing, from its file; the counts of signatures as metrics.
+//! Key of MAVLink 2 signing, read from its file; counts of signatures as metrics.
 
 use std::fs;
 use std::path::Path;
@@ -10,14 +10,12 @@ use sha2::{Digest, Sha256};
 use crate::exit::{CliError, Doing};
 use crate::io::wall::wall_ns;
 
-/// Longest file, bytes.
 const MAX_BYTES: u64 = 1024;
-/// From 1970 to 2015, 10 us.
+/// Time from 1970 to 2015, 10 us.
 const FROM_1970: i64 = 142_007_040_000_000;
-/// Hexadecimal digits of a key.
 const DIGITS: usize = 64;
 
-/// The key in the file at `path`, which the configuration's `key` names; None without one.
+/// Key in the file at `path`, the value of the configuration's `key`; None if it is empty.
 pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     if path.is_empty() {
         return Ok(None);
@@ -26,7 +24,7 @@ pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     let metadata = fs::metadata(path).doing(doing())?;
     if !metadata.is_file() || metadata.len() > MAX_BYTES {
         return Err(CliError(format!(
-            "{}: it is no file of at most {MAX_BYTES} bytes with one line: a passphrase or {DIGITS} hexadecimal digits",
+            "{}: not a file of at most {MAX_BYTES} bytes with one line: a passphrase or {DIGITS} hexadecimal digits",
             doing()
         )));
     }
@@ -41,12 +39,11 @@ pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     }
 }
 
-/// This computer's time as signatures have it, 10 us since the first of January 2015; 0 before that.
+/// This computer's time in the unit of signatures, 10 us since the first of January 2015; 0 before that.
 fn time() -> u64 {
     u64::try_from(wall_ns() / 10_000 - FROM_1970).unwrap_or(0)
 }
 
-/// The metrics of these counts.
 pub fn metrics(s: Signatures) -> [Metric; 4] {
     [
         MetricName::UnsignedFrames.count(s.unsigned),
@@ -56,7 +53,6 @@ pub fn metrics(s: Signatures) -> [Metric; 4] {
     ]
 }
 
-/// The counts in these metrics.
 pub fn counts(metrics: &[Metric]) -> Signatures {
     let of = |name| {
         metrics
@@ -98,7 +94,7 @@ mod tests {
     use alight_uav::autopilot::message::{Address, MavlinkMessage};
     use alight_uav::autopilot::wire::{Decoder, Encoder};
 
-    /// SHA-256 of "abc", as FIPS 180-2 has it.
+    /// SHA-256 of "abc", from FIPS 180-2.
     const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
     fn read_from(text: &str) -> Result<Option<Signing>, CliError> {

@@ -1,6 +1,6 @@
-//! Whose datagrams a UDP link takes: one sender's at a time. Who comes first, where the link listens, is asked to speak the
-//! right language and, where one is named, to be at the right address; another takes its place only after a silence. One
-//! sender may use a new port for each datagram: its ports do not come again, as those of two senders do.
+//! Peer of a UDP link, which accepts datagrams of one sender at a time. On a listening link the peer is the first
+//! sender that sends valid messages from the permitted address; another one replaces it only after a silence. A single
+//! sender may use a new port for each datagram; its ports do not recur, while those of two senders do.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -9,26 +9,25 @@ use std::time::Duration;
 use tokio::time::Instant;
 use tracing::{info, warn};
 
-/// A peer that sends nothing for this long may be replaced by another.
+/// Silence after which another sender may replace the peer.
 pub const PEER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Most senders that are named as left out.
 const MAX_NAMED: usize = 8;
 
-/// So many ports of one address, each new, none of which came again: they are one sender's.
+/// Number of new ports of one address in a row, none of which recurs, that indicates a single sender.
 const NEW_PORTS: usize = 4;
-/// So many of an address are remembered: more programs on one computer, each with a port, look like one sender.
+/// Number of ports of an address that are remembered; more programs on one computer, each with its own port, look like
+/// one sender.
 const MAX_PORTS: usize = 8;
 
 /// Whether a datagram may make its sender the peer.
 pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
 
-/// The peer of a UDP link.
 pub struct LinkPeer {
-    /// And when it was received last.
+    /// Present peer, and the time of its newest datagram.
     now: Option<(SocketAddr, Instant)>,
-    /// Whom we send to.
+    /// The peer is the configured destination.
     fixed: bool,
-    /// The only address that is listened to.
+    /// Only permitted address.
     from: Option<IpAddr>,
     speaks: Option<Speaks>,
     foreign: u64,
@@ -37,19 +36,16 @@ pub struct LinkPeer {
     ports: Ports,
 }
 
-/// The ports of the peer's address.
 #[derive(Default)]
 struct Ports {
-    /// Those that sent lately, the newest last.
+    /// Ports that sent recently, the newest last.
     known: Vec<u16>,
-    /// Number of them in a row that were new.
     new: usize,
-    /// Datagrams that were left out of those.
+    /// Number of dropped datagrams from these ports.
     left_out: u64,
 }
 
 impl Ports {
-    /// One of them sends.
     fn sends(&mut self, port: u16) {
         if self.known.last() == Some(&port) {
             return;
@@ -64,14 +60,14 @@ impl Ports {
         }
         self.known.push(port);
     }
-    /// They are one sender's that changes them.
+    /// Whether the ports belong to one sender that changes them.
     fn change(&self) -> bool {
         self.new >= NEW_PORTS
     }
 }
 
 impl LinkPeer {
-    /// The one that we send to, and no other.
+    /// Peer that never changes.
     pub fn fixed(to: SocketAddr) -> LinkPeer {
         LinkPeer {
             now: Some((to, Instant::now())),
@@ -79,7 +75,7 @@ impl LinkPeer {
             ..LinkPeer::listening(None, None)
         }
     }
-    /// No peer yet: the first at the address `from` that `speaks`.
+    /// No peer yet: the first sender at the address `from` accepted by `speaks`.
     pub fn listening(from: Option<IpAddr>, speaks: Option<Speaks>) -> LinkPeer {
         LinkPeer {
             now: None,
@@ -92,19 +88,16 @@ impl LinkPeer {
             ports: Ports::default(),
         }
     }
-    /// Whom to answer.
     pub fn address(&self) -> Option<SocketAddr> {
         self.now.map(|(address, _)| address)
     }
-    /// Datagrams of others.
     pub fn foreign(&self) -> u64 {
         self.foreign
     }
-    /// The newest sender of such.
     pub fn newest_foreign(&self) -> Option<SocketAddr> {
         self.newest
     }
-    /// Whether a datagram from `sender` that arrives at `now` counts.
+    /// Whether a datagram from `sender` that arrives at `now` is accepted.
     pub fn takes(&mut self, now: Instant, sender: SocketAddr, datagram: &[u8]) -> bool {
         let known = self.address() == Some(sender);
         if self.fixed && known {
@@ -132,8 +125,8 @@ impl LinkPeer {
         if self.named.len() < MAX_NAMED && !self.named.contains(&sender) {
             self.named.push(sender);
             match self.address() {
-                Some(peer) => warn!("datagrams of {sender} are left out: {peer} is listened to"),
-                None => warn!("datagrams of {sender} are left out: it is not the one that is listened for"),
+                Some(peer) => warn!("datagrams of {sender} are ignored: the link's peer is {peer}"),
+                None => warn!("datagrams of {sender} are ignored: it is not the expected sender"),
             }
         }
         false
@@ -143,7 +136,8 @@ impl LinkPeer {
         self.from.is_none_or(|from| from == sender.ip().to_canonical())
             && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram))
     }
-    /// Whether a sender at the peer's address is the peer, from yet another port. Its messages there need not be of a kind that is read.
+    /// Whether a sender at the peer's address is the peer using yet another port. From there it may send other
+    /// kinds of messages.
     fn is_own(&mut self, sender: SocketAddr, may: bool) -> bool {
         let before = self.ports.change();
         if may {
@@ -200,7 +194,7 @@ mod tests {
         assert!(peer.takes(later, at("10.0.0.7:14580"), b"autopilot"));
     }
 
-    /// Whether each datagram of these ports of one address counts, 100 ms apart, and the peer then.
+    /// Whether each datagram of these ports of one address is accepted, 100 ms apart, and the final peer.
     fn taken(ports: impl IntoIterator<Item = u16>) -> (Vec<bool>, LinkPeer) {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
         let mut peer = LinkPeer::listening(None, Some(speaks));
@@ -222,7 +216,6 @@ mod tests {
         // Another computer is still another sender.
         let now = Instant::now();
         assert!(!peer.takes(now, at("10.0.0.8:5000"), b"$GPGGA") && peer.foreign() == 1);
-        // Three datagrams of each port.
         let (taken_all, peer) = taken((0..60).map(|k| 40_000 + k / 3));
         let left_out = taken_all.iter().filter(|taken| !**taken).count();
         assert_eq!((left_out, peer.foreign()), (3 * (NEW_PORTS - 2), 0));
@@ -239,7 +232,7 @@ mod tests {
             assert!(of_first, "{senders}: {taken:?}");
             assert_eq!(peer.address().map(|a| a.port()), Some(40_000));
         }
-        // Of more one datagram is mixed in, and one sender is listened to from then on.
+        // With more senders one foreign datagram is accepted; from then on only one sender is.
         for senders in NEW_PORTS as u16..=MAX_PORTS as u16 {
             let (taken, _) = taken((0..800).map(|k| 40_000 + k % senders));
             let later: Vec<bool> = taken.into_iter().skip(usize::from(2 * senders)).collect();

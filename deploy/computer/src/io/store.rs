@@ -1,5 +1,5 @@
-//! A small file that outlives the process: written at each change by a thread of its own, since a disk may take seconds, whole
-//! and under another name first. The next start finds the old state or the new one.
+//! Small file that outlives the process. A thread of its own writes it at each change, because a disk may take seconds,
+//! first completely and under another name. The next start finds the old state or the new one.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -13,14 +13,11 @@ use tracing::{info, warn};
 
 /// Variable in which a service manager names the directory of a service's state.
 pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
-/// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 16;
-/// States on their way to the disk.
 const MAX_WAITING: usize = 4;
-/// A file that cannot be written is tried again after this long.
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
 
-/// The directory in which this service keeps its state; None where its manager names none.
+/// Directory of this service's state; None if its manager names none.
 pub fn state_directory() -> Option<PathBuf> {
     let named = std::env::var(STATE_VARIABLE).ok()?;
     // systemd separates several by colons.
@@ -28,7 +25,7 @@ pub fn state_directory() -> Option<PathBuf> {
     Some(first.into())
 }
 
-/// A small file; None without one.
+/// Content of a small file; None if it is missing.
 pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     let file = match File::open(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
@@ -43,8 +40,8 @@ pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-/// Whole and under another name first: a reader finds the old content or the new one. `synced`: it is on the disk before this
-/// returns.
+/// Replaces a file: written completely under another name first, so that a reader finds the old content or the new one.
+/// With `synced` it is on the disk before this returns.
 pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
@@ -60,12 +57,12 @@ pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     Ok(())
 }
 
-/// A name that was given to a file or taken from it is so after a power cut, too.
+/// Makes a renaming or removal persist across a power cut.
 fn sync_directory(path: &Path) -> io::Result<()> {
     File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
 }
 
-/// Removes a file, if there is one: it is gone from the disk before this returns.
+/// Removes a file, if it exists; it is gone from the disk before this returns.
 pub fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
@@ -73,18 +70,16 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Content of a file, for people, and the effect of one that cannot be replaced.
+/// Description of a file's content, and the effect of a failure to replace it, for messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Holds {
-    /// The content, such as `the deck's state`.
     pub what: &'static str,
-    /// Effect where it cannot be written.
     pub lost: &'static str,
-    /// An older one misleads the next start, and is removed where it cannot be replaced.
+    /// An older file misleads the next start, and is removed if it cannot be replaced.
     pub misleads: bool,
 }
 
-/// Keeps the newest state in a file on the disk; an empty one removes the file.
+/// Keeps the newest state in a file on the disk; an empty state removes the file.
 pub struct Store {
     newest: Vec<u8>,
     states: Option<SyncSender<Vec<u8>>>,
@@ -93,7 +88,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// A store for the file at `path` that holds `found`. `unsaved`: a state that could not be written, and why.
+    /// Store for the file at `path`, which contains `found`. `unsaved`: a state that could not be written, and why.
     pub fn open(
         path: PathBuf,
         found: Vec<u8>,
@@ -119,7 +114,8 @@ impl Store {
             error,
         })
     }
-    /// Keeps this from now on; whether it is on its way to the disk. Where too many wait, the next call tries again.
+    /// Keeps this state from now on; returns whether it is on its way to the disk. If too many states wait, the next
+    /// call tries again.
     pub fn keep(&mut self, state: Vec<u8>) -> bool {
         if state == self.newest {
             return true;
@@ -131,11 +127,10 @@ impl Store {
         }
         true
     }
-    /// The values that it keeps.
     pub fn newest(&self) -> &[u8] {
         &self.newest
     }
-    /// Why the newest state is not on the disk, if it is not.
+    /// Error if the newest state is not on the disk.
     pub fn error(&self) -> Option<String> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -149,12 +144,10 @@ impl Drop for Store {
     }
 }
 
-/// The writer's side.
 struct StoredFile {
     path: PathBuf,
     holds: Holds,
     error: Arc<Mutex<Option<String>>>,
-    /// A state that could not be written.
     unsaved: Option<Vec<u8>>,
 }
 
@@ -191,7 +184,7 @@ impl StoredFile {
                     discard(path);
                 }
             }
-            (None, Some(_)) => info!("{what} is in {} again", path.display()),
+            (None, Some(_)) => info!("{what} is saved in {} again", path.display()),
             (Some(_), Some(_)) | (None, None) => {}
         }
         self.unsaved = failed.is_some().then_some(state);
@@ -199,11 +192,11 @@ impl StoredFile {
     }
 }
 
-/// Removes a file that no start may believe any more.
+/// Removes a file that no start may trust any more.
 pub fn discard(path: &Path) {
     if let Err(e) = remove(path) {
         warn!(
-            "removing {}: {e}: once the disk is writable, a start would believe this old state: remove it by hand",
+            "removing {}: {e}: once the disk is writable, a start would trust this old state: remove it by hand",
             path.display()
         );
     }

@@ -1,8 +1,8 @@
-//! Time of day, for what leaves the computer: nothing in a flight depends on it.
+//! Time of day, for data that leave the computer: no flight depends on it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Nanoseconds since 1970 by the system's clock, which its time service may set; 0 where that stands before.
+/// Nanoseconds since 1970 by the system's clock, which its time service may set; 0 if the clock is earlier.
 #[allow(clippy::disallowed_methods)]
 pub fn wall_ns() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);

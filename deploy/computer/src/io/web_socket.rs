@@ -1,5 +1,5 @@
-//! WebSocket of a Signal K server: text messages both ways. A connection on which nothing comes is asked for a sign of
-//! life, and given up without one.
+//! WebSocket to a Signal K server, with text messages both ways. A silent connection is pinged, and closed without an
+//! answer.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
@@ -18,34 +18,29 @@ use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 
-/// A connection has this long to come about, its name and the server's answer included.
+/// Timeout of a connection, including the lookup of the name and the server's answer.
 const CONNECT: Duration = Duration::from_secs(3);
-/// A message that the server does not take for so long ends the connection.
 const SEND: Duration = Duration::from_secs(3);
-/// After so long without a message the server is pinged, and after as long again given up: a server pings every 30 s.
+/// Silence after which the server is pinged, and after as long again abandoned; a server pings every 30 s.
 const SILENT: Duration = Duration::from_secs(10);
-/// Longest reason of a server for an end, characters.
 const MAX_REASON: usize = 120;
-/// Longest file of a token, bytes.
 const MAX_TOKEN: u64 = 4096;
 
-/// Values that a server sends by itself.
 #[derive(Clone, Copy, Debug)]
 pub enum Subscribe {
-    /// Everything about its own vessel.
     Own,
     None,
 }
 
 pub struct SignalKSocket {
     stream: WebSocketStream<TcpStream>,
-    /// Something has to come until then.
+    /// Time by which the next message is expected.
     due: Instant,
     pinged: bool,
 }
 
 impl SignalKSocket {
-    /// Connects to the server at `host` (`HOST:PORT`), with the token in a file where it asks for one.
+    /// Connects to the server at `host` (`HOST:PORT`), with the token in a file if it needs one.
     pub async fn connect(
         host: &str,
         subscribe: Subscribe,
@@ -64,7 +59,7 @@ impl SignalKSocket {
         let config = WebSocketConfig::default()
             .read_buffer_size(16 << 10)
             .write_buffer_size(0)
-            // What is sent and not taken is no more.
+            // Unsent messages are limited to one.
             .max_write_buffer_size(MAX_MESSAGE)
             .max_message_size(Some(MAX_MESSAGE))
             .max_frame_size(Some(MAX_MESSAGE));
@@ -85,7 +80,7 @@ impl SignalKSocket {
             pinged: false,
         })
     }
-    /// Waits for the next message. A wait that is given up loses nothing.
+    /// Waits for the next message. Cancelling the wait loses nothing.
     pub async fn receive(&mut self) -> io::Result<String> {
         loop {
             let Ok(message) = timeout_at(self.due, self.stream.next()).await else {
@@ -110,13 +105,12 @@ impl SignalKSocket {
                         &close_reason
                     }));
                 }
-                // Pings are answered by the next look.
+                // The next poll answers pings.
                 Some(Ok(_)) => {}
                 Some(Err(e)) => return Err(io::Error::other(e)),
             }
         }
     }
-    /// Sends a message.
     pub async fn send(&mut self, text: String) -> io::Result<()> {
         self.put(Message::text(text)).await
     }
@@ -126,19 +120,19 @@ impl SignalKSocket {
     }
 }
 
-/// Why a stream of lines ended, once it has.
+/// Reason why a stream of lines ended, once it has.
 #[derive(Clone, Debug, Default)]
 pub struct SocketEnding(Arc<OnceLock<io::Error>>);
 
 impl SocketEnding {
-    /// The reason over what its reader saw.
+    /// Reason of the end, or the reader's `error` if it is unknown.
     pub fn reason(&self, error: io::Error) -> io::Error {
         let known = self.0.get();
         known.map_or(error, |e| io::Error::new(e.kind(), e.to_string()))
     }
 }
 
-/// The messages of a server's own vessel as lines of a stream, which ends with the connection.
+/// Messages of a server's own vessel as lines of a stream, which ends with the connection.
 pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, SocketEnding)> {
     let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
     let (ours, theirs) = UnixStream::pair()?;
@@ -147,7 +141,7 @@ pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Socket
     tokio::spawn(async move {
         let why = loop {
             match socket.receive().await {
-                // Between the parts of a message a line feed is space.
+                // Inside a message a line feed is white space.
                 Ok(text) => {
                     let line = text.replace(['\n', '\r'], " ") + "\n";
                     if write(&ours, line.as_bytes()).await.is_err() {
@@ -157,7 +151,7 @@ pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Socket
                 Err(why) => break why,
             }
         };
-        // It is known before the stream ends.
+        // The reason is set before the stream ends.
         let _first = end.0.set(why);
         drop(ours);
     });
@@ -176,7 +170,7 @@ async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// The header of a token, which is one line of a file.
+/// Authorization header with the token, which is one line of a file.
 fn authorization(file: &Path) -> io::Result<HeaderValue> {
     let doing = |e: io::Error| io::Error::new(e.kind(), format!("reading the token {}: {e}", file.display()));
     let metadata = fs::metadata(file).map_err(doing)?;
@@ -190,14 +184,14 @@ fn authorization(file: &Path) -> io::Result<HeaderValue> {
     let mut header = header.filter(|_| !text.trim().is_empty()).ok_or_else(|| {
         doing(io::Error::new(
             ErrorKind::InvalidData,
-            format!("it is no file of at most {MAX_TOKEN} bytes with one line"),
+            format!("not a file of at most {MAX_TOKEN} bytes with one line"),
         ))
     })?;
     header.set_sensitive(true);
     Ok(header)
 }
 
-/// The server has ended the connection, with a message.
+/// Error for a connection that the server closed with a message.
 fn closed(close_reason: &str) -> io::Error {
     let short: String = close_reason
         .chars()
@@ -208,7 +202,7 @@ fn closed(close_reason: &str) -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, why)
 }
 
-/// Why there is no WebSocket.
+/// Error for a failed WebSocket handshake.
 fn rejected(e: &Error) -> io::Error {
     let what = match e {
         Error::Http(answer) if matches!(answer.status().as_u16(), 401 | 403) => {
@@ -228,7 +222,7 @@ mod tests {
     use tokio_tungstenite::accept_hdr_async;
     use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
-    /// Stands in for a server: it receives a client's messages, and answers with these messages, then an end.
+    /// Stand-in for a server: it receives a client's messages, sends these messages, and ends.
     async fn server(
         listener: TcpListener,
         messages: Vec<Message>,
@@ -248,7 +242,7 @@ mod tests {
         let mut received = Vec::new();
         if let Ok(mut socket) = accept_hdr_async(stream, look).await {
             for message in messages {
-                // One that is too long is not read to its end.
+                // A message that is too long is not read to its end.
                 let _sent = socket.send(message).await;
             }
             while let Some(Ok(message)) = socket.next().await {

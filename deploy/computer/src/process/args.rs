@@ -26,16 +26,6 @@ pub struct ProcessArgs {
     pub scheduling: Scheduling,
 }
 
-impl ProcessArgs {
-    /// Without a record of its steps.
-    pub fn unrecorded(&self) -> ProcessArgs {
-        ProcessArgs {
-            flight: None,
-            ..self.clone()
-        }
-    }
-}
-
 /// A recording to write, whose name has to end in .mcap.
 pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);

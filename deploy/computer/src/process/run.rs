@@ -8,9 +8,7 @@ use alight_shared::bus::{Bus as _, Edge, MAX_WAIT, Ports as _, Row, RowStep, Wir
 use alight_shared::config;
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::msg::Seq;
-use alight_shared::node::Node;
 use alight_shared::process::{InputState, ProcessKind, ProcessState};
-use alight_shared::step::Recorded;
 use alight_shared::time::Time;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::{Instance, Memory, Publisher};
@@ -75,7 +73,7 @@ pub struct Process<N: Wired> {
     pub memory: Option<Memory>,
 }
 
-impl<N: Wired + Node<In: Recorded, Out: Recorded>> Process<N> {
+impl<N: Wired> Process<N> {
     /// Starts a process of `kind` around the node that `make` makes for a boot id, in the memory of this instance, if any.
     pub fn start(
         kind: ProcessKind,
@@ -180,7 +178,7 @@ pub fn run<N>(
     edge: impl ProcessEdge<N>,
 ) -> Result<Exit, CliError>
 where
-    N: Installed + Node<In: Recorded, Out: Recorded>,
+    N: Installed,
 {
     let computer: DroneComputerConfig = config::load(&args.config)?;
     let of = (Some(computer.instance.as_str()), computer.clock);

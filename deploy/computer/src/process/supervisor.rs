@@ -134,7 +134,7 @@ impl Supervisor {
         prefix: Vec<String>,
     ) -> Result<(), CliError> {
         let mut arguments = arguments;
-        let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors | ProcessKind::View);
+        let records = !matches!(kind, ProcessKind::Link | ProcessKind::View);
         if let (Some(flight), true) = (&self.flight, records) {
             arguments.extend(["--flight".into(), flight.display().to_string()]);
         }

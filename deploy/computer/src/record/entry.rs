@@ -7,28 +7,19 @@
 //! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry holds it, the others
 //! state that it is the one before.
 
+use core::any::Any;
 use std::collections::BTreeMap;
 
-use alight_bridge::BridgeIn;
 use alight_shared::msg::{DeckForecast, DroneState, Header, Plan};
 use alight_shared::step::Recorded;
 use alight_shared::time::{Clock, DroneClock};
 use alight_shared::wire::{self, WireError};
-use alight_uav::autopilot::AutopilotIn;
-use alight_uav::mission::MissionIn;
-use alight_uav::pilot::PilotIn;
-use alight_uav::planner::PlannerIn;
-use alight_uav::predictor::PredictorIn;
-use alight_usv::ComputerIn;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-
-use crate::record::observer::NodeStep;
 
 /// Encoding of a channel of steps, as MCAP calls it.
 pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects any other.
-pub const FORMAT: u32 = 21;
+pub const FORMAT: u32 = 22;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -43,15 +34,26 @@ pub struct Entry<I> {
     pub output: u64,
 }
 
-/// Appends the entry of a step with its whole input: the bytes of an [`Entry`], whatever the types of input and output.
+/// Appends the entry of a step: the bytes of an [`Entry`], whatever the types of input and output.
 pub fn append(
     to: &mut Vec<u8>,
     now_ns: i64,
-    (input, output): (&dyn Recorded, &dyn Recorded),
+    (input, references, output): (&dyn Recorded, References, &dyn Recorded),
 ) -> Result<(), WireError> {
     wire::append_record(to, &now_ns)?;
     input.append(to)?;
-    wire::append_record(to, &(References::default(), output.hash()?))
+    let hash = hash(output, to)?;
+    wire::append_record(to, &(references, hash))
+}
+
+/// [`alight_shared::wire::hash_record`] of an output, which lies at the end of `scratch` meanwhile: in one run, and not number
+/// by number.
+pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireError> {
+    let begin = scratch.len();
+    let appended = output.append(scratch);
+    let hash = wire::hash_bytes(scratch.get(begin..).unwrap_or_default());
+    scratch.truncate(begin);
+    appended.map(|()| hash)
 }
 
 /// Whose steps a file holds.
@@ -97,44 +99,6 @@ impl PartHeader {
     }
 }
 
-/// A place of an input.
-type Slot<'a, T> = Option<&'a mut Option<T>>;
-
-/// The input of a node whose steps are recorded, and what of it others of the same file hold.
-pub trait Input: Clone + Serialize + DeserializeOwned {
-    /// The predictor's output.
-    fn forecast(&mut self) -> Slot<'_, DeckForecast> {
-        None
-    }
-    /// The planner's output.
-    fn plan(&mut self) -> Slot<'_, Plan> {
-        None
-    }
-    /// The drone's state.
-    fn drone(&mut self) -> Slot<'_, DroneState> {
-        None
-    }
-}
-
-macro_rules! inputs {
-    ($($input:ty { $($field:ident: $message:ty),* })*) => {
-        $(impl Input for $input {
-            $(fn $field(&mut self) -> Slot<'_, $message> {
-                Some(&mut self.$field)
-            })*
-        })*
-    };
-}
-inputs! {
-    ComputerIn {}
-    BridgeIn { forecast: DeckForecast, drone: DroneState }
-    PredictorIn { drone: DroneState }
-    MissionIn { forecast: DeckForecast, plan: Plan, drone: DroneState }
-    PlannerIn { forecast: DeckForecast, drone: DroneState }
-    PilotIn { forecast: DeckForecast, plan: Plan, drone: DroneState }
-    AutopilotIn {}
-}
-
 /// Parts that are left out of an input, and the place of their content: nothing in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
@@ -151,23 +115,18 @@ pub struct References {
 pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
-    /// Takes out of `input` what the file has already: of a process that was killed it lacks the last steps.
-    pub fn take(input: &mut impl Input, newest: &mut NewestHeader, written: &Computed) -> References {
-        let forecast = input
-            .forecast()
-            .and_then(|slot| slot.take_if(|f| written.has_forecast(&f.header)));
-        let plan = input
-            .plan()
-            .and_then(|slot| slot.take_if(|p| written.has_plan(&p.header)));
-        let before = newest.0;
-        newest.0 = input.drone().and_then(|d| d.map(|d| d.header)).or(before);
-        let drone = input
-            .drone()
-            .and_then(|slot| slot.take_if(|d| before == Some(d.header)));
-        References {
-            forecast: forecast.map(|f| name(&f.header)),
-            plan: plan.map(|p| name(&p.header)),
-            drone: drone.is_some(),
+    /// Takes out of an input's `part` what the file has already: of a process that was killed it lacks the last steps.
+    pub fn take(&mut self, part: &mut dyn Any, newest: &mut NewestHeader, written: &Computed) {
+        if let Some(slot) = part.downcast_mut::<Option<DeckForecast>>() {
+            let taken = slot.take_if(|f| find(&written.forecasts, |k| &k.header, name(&f.header)).is_ok());
+            self.forecast = taken.map(|f| name(&f.header));
+        } else if let Some(slot) = part.downcast_mut::<Option<Plan>>() {
+            let taken = slot.take_if(|p| find(&written.plans, |k| &k.header, name(&p.header)).is_ok());
+            self.plan = taken.map(|p| name(&p.header));
+        } else if let Some(slot) = part.downcast_mut::<Option<DroneState>>() {
+            let before = newest.0;
+            newest.0 = slot.map(|d| d.header).or(before);
+            self.drone = slot.take_if(|d| before == Some(d.header)).is_some();
         }
     }
 }
@@ -192,36 +151,30 @@ pub struct Computed {
     plans: Vec<Plan>,
     /// The newest that was read.
     drone: Option<DroneState>,
+    /// Outputs on their way to a hash.
+    pub scratch: Vec<u8>,
 }
 
 impl Computed {
-    /// Keeps what a step has computed for others.
-    pub fn keep(&mut self, step: &NodeStep<'_>) {
-        match step {
-            NodeStep::Predictor(_, _, o) => keep(&mut self.forecasts, o.forecast),
-            NodeStep::Planner(_, _, o) => keep(&mut self.plans, o.plan),
-            NodeStep::Vessel(..) | NodeStep::Bridge(..) | NodeStep::Mission(..) | NodeStep::Pilot(..) => {}
+    /// Keeps a part of an output that others read.
+    pub fn keep(&mut self, part: &dyn Any) {
+        if let Some(forecast) = part.downcast_ref() {
+            keep(&mut self.forecasts, *forecast);
+        } else if let Some(plan) = part.downcast_ref() {
+            keep(&mut self.plans, *plan);
         }
     }
-    fn has_forecast(&self, of: &Header<DroneClock>) -> bool {
-        find(&self.forecasts, |f| name(&f.header) == name(of)).is_ok()
-    }
-    fn has_plan(&self, of: &Header<DroneClock>) -> bool {
-        find(&self.plans, |p| name(&p.header) == name(of)).is_ok()
-    }
-    /// Puts what was left out into `input`.
-    pub fn fill(&mut self, input: &mut impl Input, references: References) -> Result<(), Missing> {
-        if let Some(slot) = input.drone() {
+    /// Puts what was left out into an input's `part`.
+    pub fn fill(&mut self, part: &mut dyn Any, references: References) -> Result<(), Missing> {
+        if let Some(slot) = part.downcast_mut::<Option<DroneState>>() {
             match references.drone {
                 true => *slot = Some(self.drone.ok_or(Missing)?),
                 false => self.drone = slot.or(self.drone),
             }
-        }
-        if let (Some(id), Some(slot)) = (references.forecast, input.forecast()) {
-            *slot = Some(find(&self.forecasts, |f| name(&f.header) == id)?);
-        }
-        if let (Some(id), Some(slot)) = (references.plan, input.plan()) {
-            *slot = Some(find(&self.plans, |p| name(&p.header) == id)?);
+        } else if let (Some(id), Some(slot)) = (references.forecast, part.downcast_mut()) {
+            *slot = Some(find(&self.forecasts, |f| &f.header, id)?);
+        } else if let (Some(id), Some(slot)) = (references.plan, part.downcast_mut()) {
+            *slot = Some(find(&self.plans, |p| &p.header, id)?);
         }
         Ok(())
     }
@@ -235,6 +188,11 @@ fn keep<T>(kept: &mut Vec<T>, new: Option<T>) {
     kept.push(new);
 }
 
-fn find<T: Copy>(kept: &[T], is_it: impl Fn(&T) -> bool) -> Result<T, Missing> {
-    kept.iter().rev().find(|t| is_it(t)).copied().ok_or(Missing)
+fn find<T: Copy>(
+    kept: &[T],
+    header: impl Fn(&T) -> &Header<DroneClock>,
+    id: (u32, u32),
+) -> Result<T, Missing> {
+    let found = kept.iter().rev().find(|t| name(header(t)) == id);
+    found.copied().ok_or(Missing)
 }

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use alight_shared::config::{self, Check};
+use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::WireError;
 use alight_transport::clock::ProcessClock;
@@ -13,7 +14,7 @@ use serde::de::DeserializeOwned;
 use crate::exit::CliError;
 use crate::record::entry::PartHeader;
 use crate::record::reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header};
-use crate::record::{About, LIVE, NODES};
+use crate::record::{About, LIVE};
 
 /// One start of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,9 +48,16 @@ impl ProcessStart {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// Order of entries of equal times: the world, then the nodes as their data flow.
-    fn rank(&self) -> Option<usize> {
-        NODES.iter().position(|n| *n == self.header.process)
+    /// Kind of the process; `None` for a supervisor.
+    pub fn kind(&self) -> Option<ProcessKind> {
+        ProcessKind::named(&self.header.process)
+    }
+    /// Order of entries of equal times: the world, then the rows as their data flow.
+    pub fn rank(&self) -> Option<usize> {
+        let kind = self.kind()?;
+        let rows = alight_usv::computer::PROCESSES.iter();
+        rows.chain(alight_uav::computer::PROCESSES)
+            .position(|row| *row == kind)
     }
 }
 

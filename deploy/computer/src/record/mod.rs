@@ -9,11 +9,14 @@
 
 use std::collections::BTreeMap;
 
+use entry::PartHeader;
+
 pub mod cloud;
 pub mod entry;
 pub mod flight;
 pub mod geometry;
 pub mod log;
+pub mod messages;
 pub mod observer;
 mod outline;
 pub mod reading;
@@ -26,8 +29,6 @@ pub mod views;
 
 pub use recorder::Recorder;
 
-/// The nodes of a recording in data-flow order.
-pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
 /// Name of the process that records the truth of a simulated world.
 pub const WORLD: &str = "world";
 /// Extension of a log's files.
@@ -41,16 +42,13 @@ pub const LIVE: &str = "live";
 /// Name of what is attached to a recording where another planner flew than the drone's.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Topics of the steps of these starts: those of a process that was started again in topics of their own.
-fn topics(headers: &[entry::PartHeader]) -> Vec<String> {
-    let topic = |(k, header): (usize, &entry::PartHeader)| {
-        let (process, boot) = (&header.process, header.boot);
-        match headers.iter().take(k).any(|h| h.process == *process) {
-            true => format!("/node/{process}/{boot:08x}"),
-            false => format!("/node/{process}"),
-        }
-    };
-    headers.iter().enumerate().map(topic).collect()
+/// Topic of the steps of a start after these: one of its own for a process that was started again.
+fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeader>) -> String {
+    let (process, boot) = (&header.process, header.boot);
+    match before.any(|h| h.process == *process) {
+        true => format!("/node/{process}/{boot:08x}"),
+        false => format!("/node/{process}"),
+    }
 }
 
 /// Metadata of a recording.

@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use crate::exit::{CliError, Doing};
 use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
-use crate::record::{About, EXTENSION, PROCESS, RECORDING, topics};
+use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
 /// No file is larger, nor are its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
@@ -77,12 +77,21 @@ impl LogBeginning {
         let doing = format_args!("reading {}", path.display());
         let mut bytes = Vec::new();
         let file = File::open(path).doing(doing)?;
-        file.take(MAX_BEGINNING_BYTES)
-            .read_to_end(&mut bytes)
-            .doing(doing)?;
+        let mut beginning = file.take(MAX_BEGINNING_BYTES);
+        beginning.read_to_end(&mut bytes).doing(doing)?;
         // The first chunk may be longer.
         let goes_on = bytes.len() as u64 == MAX_BEGINNING_BYTES;
-        LogBeginning::of(path, &bytes, goes_on)
+        let found = LogBeginning::of(path, &bytes, goes_on)?;
+        if !goes_on || !found.is_recording() {
+            return Ok(found);
+        }
+        beginning.set_limit(MAX_FILE_BYTES);
+        beginning.read_to_end(&mut bytes).doing(doing)?;
+        LogBeginning::of(path, &bytes, false)
+    }
+    /// Whether it is that of a recording, in which processes begin at any time.
+    fn is_recording(&self) -> bool {
+        !self.about.values.is_empty()
     }
     /// An error where the file was cut off before its first step.
     pub fn begun(self, path: &Path) -> Result<LogBeginning, CliError> {
@@ -115,6 +124,7 @@ impl LogBeginning {
                         let text = String::from_utf8(data.into_owned()).map_err(|e| e.to_string())?;
                         found.about.texts.insert(header.name, text);
                     }
+                    Record::Chunk { .. } if found.is_recording() => found.is_cut = false,
                     Record::Chunk { .. } | Record::DataEnd(_) => {
                         found.is_cut = false;
                         return Ok(());
@@ -197,6 +207,7 @@ impl LogFile {
             )));
         }
         let found = LogBeginning::of(path, &bytes, false)?.begun(path)?;
+        let is_recording = found.is_recording();
         let mut file = LogFile {
             headers: found.headers,
             cut: None,
@@ -206,7 +217,7 @@ impl LogFile {
         file.cut = file.take_steps(&bytes).map_err(|e| damaged(&origin, e))?;
         match &file.cut {
             // It was not made in flight: there is nothing to save.
-            Some(why) if !found.about.values.is_empty() => Err(damaged(&origin, why)),
+            Some(why) if is_recording => Err(damaged(&origin, why)),
             Some(_) | None => Ok(file),
         }
     }
@@ -241,7 +252,10 @@ impl LogFile {
             for record in chunk {
                 match record.map_err(|e| e.to_string())? {
                     Record::Channel(c) if c.message_encoding == ENCODING => {
-                        let own = topics(&self.headers).iter().position(|t| *t == c.topic);
+                        let headers = &self.headers;
+                        let is_own =
+                            |(k, h): (usize, &PartHeader)| topic(h, headers.iter().take(k)) == c.topic;
+                        let own = headers.iter().enumerate().position(is_own);
                         channels.extend(own.map(|header| (c.id, header)));
                     }
                     Record::Message {

@@ -3,27 +3,26 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
-use alight_shared::wire::{self, WireError};
+use alight_shared::wire::WireError;
 use mcap::McapError;
-use serde::Serialize;
 
 use crate::exit::CliError;
-use crate::record::entry::{Computed, Entry, Input, NewestHeader, PartHeader, References};
-use crate::record::observer::{NodeStep, StepObserver};
+use crate::record::entry::{self, Computed, NewestHeader, PartHeader, References};
+use crate::record::messages::each_message;
+use crate::record::observer::StepObserver;
 use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, RECORDING};
 
-/// Writes the steps of a log that is computed again.
+/// Writes the steps of a flight that goes on, or of a log that is computed again.
 pub struct Recorder {
     pub sink: Sink,
     /// Topics for people.
     pub views: Views,
-    /// Writers of each start.
-    channels: Vec<((String, u32), ChannelId)>,
-    /// Writer of the start whose step comes next.
-    current: ChannelId,
+    /// Starts so far, and the channel of each.
+    starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,
     failed: Option<WireError>,
@@ -35,10 +34,9 @@ fn named(values: &[(&str, String)]) -> BTreeMap<String, String> {
 }
 
 impl Recorder {
-    /// Creates the file of these starts, with its metadata and the channels that `more` opens.
+    /// Creates the file, with its metadata and the channels that `more` opens.
     pub fn create<T>(
         path: &Path,
-        headers: &[PartHeader],
         about: &About,
         more: impl FnOnce(&mut Sink) -> Result<T, McapError>,
     ) -> Result<(Recorder, T), CliError> {
@@ -48,14 +46,11 @@ impl Recorder {
             for (name, text) in &about.texts {
                 sink.attach(name, text)?;
             }
-            let starts = headers.iter().map(|h| (h.process.clone(), h.boot));
-            let channels = starts.zip(sink.processes(headers)?).collect();
             let (views, more) = (Views::new(&mut sink)?, more(&mut sink)?);
             let recorder = Recorder {
                 sink,
                 views,
-                channels,
-                current: ChannelId::default(),
+                starts: Vec::new(),
                 newest: NewestHeader::default(),
                 written: Computed::default(),
                 failed: None,
@@ -65,28 +60,30 @@ impl Recorder {
         create()
             .map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
+    /// A process's start, whose steps follow.
+    pub fn begin(&mut self, header: PartHeader) {
+        match self.sink.process(&header, self.starts.iter().map(|(h, _)| h)) {
+            Ok(channel) => self.starts.push((header, channel)),
+            Err(e) => self.sink.fail(e),
+        }
+    }
+    /// The channel of a start that has begun.
+    pub fn channel(&self, process: &str, boot: u32) -> Option<ChannelId> {
+        let is_own = |(h, _): &&(PartHeader, ChannelId)| h.process == process && h.boot == boot;
+        self.starts.iter().find(is_own).map(|(_, channel)| *channel)
+    }
 
     /// Whether the file can be written, for a command that would else find out after the flight.
     pub fn check(path: &Path) -> Result<(), CliError> {
         let begun = Sink::create(path).map(drop);
         begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    fn entry(&mut self, t: Time<TrueTime>, now_ns: i64, input: &impl Input, output: &impl Serialize) {
-        let mut input = input.clone();
-        let references = References::take(&mut input, &mut self.newest, &self.written);
-        let wrote = wire::hash_record(output).and_then(|output| {
-            let entry = Entry {
-                now_ns,
-                input,
-                references,
-                output,
-            };
-            self.sink
-                .message(self.current, stamp(t), |to| wire::append_record(to, &entry))
-        });
-        if let Err(e) = wrote {
-            self.failed.get_or_insert(e);
-        }
+    fn entry(&mut self, channel: ChannelId, t: Time<TrueTime>, step: &Step<'_>) -> Result<(), WireError> {
+        let (mut references, newest, written) = (References::default(), &mut self.newest, &self.written);
+        let input = (step.parts).input_with(&mut |part| references.take(part, newest, written));
+        self.sink.message(channel, stamp(t), |to| {
+            entry::append(to, step.now_ns, (&*input, references, step.output))
+        })
     }
 
     /// Ends the recording with what came out of the flight.
@@ -103,20 +100,24 @@ impl Recorder {
 }
 
 impl StepObserver for Recorder {
-    fn of(&mut self, process: &str, boot: u32) {
-        let own = |((of, number), _): &&((String, u32), ChannelId)| of == process && *number == boot;
-        self.current = self.channels.iter().find(own).map_or(self.current, |(_, c)| *c);
-    }
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        match step {
-            NodeStep::Vessel(now, i, o) => self.entry(t, now.nanos(), i, o),
-            NodeStep::Bridge(now, i, o) => self.entry(t, now.nanos(), i, o),
-            NodeStep::Predictor(now, i, o) => self.entry(t, now.nanos(), i, o),
-            NodeStep::Mission(now, i, o) => self.entry(t, now.nanos(), i, o),
-            NodeStep::Planner(now, i, o) => self.entry(t, now.nanos(), i, o),
-            NodeStep::Pilot(now, i, o) => self.entry(t, now.nanos(), i, o),
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        if let Some(channel) = self.channel(step.process.name(), step.boot)
+            && let Err(e) = self.entry(channel, t, step)
+        {
+            self.failed.get_or_insert(e);
         }
-        self.written.keep(&step);
-        self.views.step(&mut self.sink, t, step);
+        step.parts.written(&mut |part| self.written.keep(part));
+        each_message(step, &mut |message| {
+            self.views.message(&mut self.sink, t, &message)
+        });
+    }
+    fn recorded(&mut self, t: Time<TrueTime>, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
+        match self.channel(&of.process, of.boot) {
+            Some(channel) => self.sink.message(channel, stamp(t), |to| {
+                to.extend_from_slice(entry);
+                Ok(())
+            }),
+            None => Ok(()),
+        }
     }
 }

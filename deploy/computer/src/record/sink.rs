@@ -9,7 +9,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
 use crate::record::entry::{ENCODING, PartHeader};
-use crate::record::{PROCESS, topics};
+use crate::record::{PROCESS, topic};
 
 /// A chunk of the file.
 const CHUNK_BYTES: u64 = 1 << 20;
@@ -97,21 +97,26 @@ impl Sink {
             failed: None,
         })
     }
-    /// Writes whose steps follow, and with which configurations they began; the channel of each.
-    pub fn processes(&mut self, headers: &[PartHeader]) -> Result<Vec<ChannelId>, McapError> {
-        for (k, header) in headers.iter().enumerate() {
-            // Processes of one computer have the same.
-            let same = headers.iter().position(|h| h.config == header.config);
-            let name = format!("{}.toml", headers[same.unwrap_or(k)].process);
-            if same == Some(k) {
-                self.attach(&name, &header.config)?;
-            }
-            self.metadata(PROCESS, header.values(&name))?;
+    /// Writes whose steps follow, and with which configuration it began, after these starts; the channel of its steps.
+    pub fn process<'a>(
+        &mut self,
+        header: &PartHeader,
+        before: impl Iterator<Item = &'a PartHeader> + Clone,
+    ) -> Result<ChannelId, McapError> {
+        // Processes of one computer have the same.
+        let same = before.clone().find(|h| h.config == header.config);
+        let name = format!("{}.toml", same.unwrap_or(header).process);
+        if same.is_none() {
+            self.attach(&name, &header.config)?;
         }
-        // A channel begins a chunk, and whoever looks at the beginning stops there.
+        self.metadata(PROCESS, header.values(&name))?;
+        let topic = topic(header, before);
         let none = BTreeMap::new();
-        let channel = |topic: &String| self.writer.add_channel(0, topic, ENCODING, &none).map(ChannelId);
-        topics(headers).iter().map(channel).collect()
+        Ok(ChannelId(self.writer.add_channel(0, &topic, ENCODING, &none)?))
+    }
+    /// Messages are lost from now on, for this reason.
+    pub fn fail(&mut self, error: McapError) {
+        self.failed.get_or_insert(error);
     }
     /// A text that belongs to the file.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
@@ -202,7 +207,7 @@ mod tests {
         let path = Path::new("/dev/full");
         let record = || -> Result<(), McapError> {
             let mut sink = Sink::create(path)?;
-            let channel = sink.processes(&[PartHeader::default()])?[0];
+            let channel = sink.process(&PartHeader::default(), std::iter::empty())?;
             for k in 0..100 {
                 sink.message(channel, k, |to: &mut Vec<u8>| -> Result<(), McapError> {
                     to.extend([7; 100_000]);

@@ -1,20 +1,13 @@
-//! Views of a node's steps: transforms, paths, states and numbers at display rates.
+//! Views of a flight's messages: transforms, paths, states and numbers at display rates.
 
 use core::marker::PhantomData;
 
-use alight_bridge::BridgeOut;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
-    VesselEstimate, WaveMode, WaveModel,
+    AutopilotState, DeckForecast, DeckStage, DroneState, LinkState, MissionState, Motors, Plan, ReasonCode,
+    SLOPE_STEP, SensorReadings, SetPoint, SetPointKind, State, VesselEstimate, WaveMode, WaveModel,
 };
 use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime};
 use alight_shared::vessel_model::{HEAVE, Mode, PITCH, ROLL};
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::{PilotIn, PilotOut};
-use alight_uav::planner::PlannerOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::VesselOut;
-use alight_usv::sensors::Readings;
 use foxglove::Encode;
 use foxglove::messages::{
     FrameTransform, FrameTransforms, Log, Odometry, PointCloud, Pose, PoseInFrame, PosesInFrame, Timestamp,
@@ -24,7 +17,7 @@ use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, pose, quaternion, vector};
-use crate::record::observer::NodeStep;
+use crate::record::messages::Message;
 use crate::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
@@ -124,6 +117,8 @@ pub struct Views {
     solver: ViewTopic<schema::Solver>,
     autopilot: ViewTopic<schema::Autopilot>,
     set_point: ViewTopic<schema::SetPoint>,
+    /// The vessel's own computer is looked at: what a drone receives of it is the same once more.
+    has_vessel: bool,
     /// True place of the drone in the vessel's NED, where it is known.
     pub true_drone: Option<[f64; 3]>,
     /// The mission's newest odometry.
@@ -161,6 +156,7 @@ impl Views {
             solver: ViewTopic::open(o, "/plan")?,
             autopilot: ViewTopic::open(o, "/drone/autopilot")?,
             set_point: ViewTopic::open(o, "/pilot/set_point")?,
+            has_vessel: false,
             true_drone: None,
             drone: None,
             shown_state: None,
@@ -183,28 +179,86 @@ impl Views {
         )
     }
 
-    /// A step of any node.
-    pub fn step(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, step: NodeStep<'_>) {
-        match step {
-            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &Readings::of(&i.sensors), &o.vessel),
-            NodeStep::Bridge(_, _, o) => self.bridge(sink, t, o),
-            NodeStep::Predictor(_, i, o) => self.predictor(sink, t, i, o),
-            NodeStep::Mission(_, i, o) => self.mission(sink, t, i, o),
-            NodeStep::Planner(now, _, o) => self.planner(sink, t, now, o),
-            NodeStep::Pilot(now, i, o) => self.pilot(sink, t, now, i, o),
+    /// A message at `t`. The odometry of a vessel that is received is left out: it begins at a place of hers.
+    pub fn message(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &Message<'_>) {
+        match *message {
+            Message::Sensors(m) => self.sensors(sink, t, m),
+            Message::OwnEstimate(m) => {
+                self.has_vessel = true;
+                if self.estimates.passes(t) {
+                    self.estimate(sink, t, m);
+                    self.vessel_odometry(sink, t, m);
+                }
+            }
+            Message::OwnWave(m) => self.wave.put(sink, t, &wave(m)),
+            Message::Estimate(m) => {
+                if !self.has_vessel && self.estimates.passes(t) {
+                    self.estimate(sink, t, m);
+                }
+            }
+            Message::Wave(m) => {
+                if !self.has_vessel {
+                    self.wave.put(sink, t, &wave(m));
+                }
+            }
+            Message::Deck(_) => {}
+            Message::Link(m) => self.link(sink, t, m),
+            Message::Tag(tag) => {
+                let [w, x, y, z] = tag.attitude;
+                let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+                let view = PoseInFrame {
+                    timestamp: Some(timestamp(t)),
+                    frame_id: frame::CAMERA.into(),
+                    pose: Some(pose(tag.position, &q)),
+                };
+                self.tag.put(sink, t, &view);
+            }
+            Message::Uvdar(fix) => {
+                let view = schema::Uvdar {
+                    position_m: fix.position,
+                    variance_m2: fix.variance,
+                };
+                self.uvdar.put(sink, t, &view);
+            }
+            Message::Range(range) => {
+                let view = schema::Range {
+                    range_m: range.range_m,
+                    variance_m2: range.variance,
+                };
+                self.range.put(sink, t, &view);
+            }
+            Message::Forecast(m) => self.forecast(sink, t, m),
+            Message::Drone(m) => {
+                self.drone = Some(*m);
+                if self.fast(t) {
+                    self.odometry(sink, t, m);
+                }
+            }
+            Message::Command(m) => self.line(sink, t, log::Level::Info, format!("command: {:?}", m.kind)),
+            Message::Autopilot(m) => self.autopilot(sink, t, m),
+            Message::Mission(m) => self.mission(sink, t, m),
+            Message::Plan(now, m) => self.plan(sink, t, now, m),
+            Message::FlownPlan(m) => self.plan_at = Some(m.header.at),
+            Message::SetPoint(now, m) => self.set_point(sink, t, now, m),
+            Message::Touchdown(touchdown) => {
+                let text = format!(
+                    "touchdown confirmed, contact suspected {:.2} s before",
+                    (touchdown.header.at - touchdown.suspected_at).secs()
+                );
+                self.line(sink, t, log::Level::Info, text);
+            }
         }
     }
 
-    /// The vessel's sensors and its broadcast.
-    fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &Readings, o: &VesselOut) {
-        if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
+    fn sensors(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &SensorReadings) {
+        if let (true, Some(imu)) = (self.fast(t), m.imu.last()) {
             let view = schema::Imu {
                 gyro_radps: imu.gyro,
                 accelerometer_mps2: imu.accelerometer,
             };
             self.imu.put(sink, t, &view);
         }
-        for fix in &i.gnss {
+        for fix in m.gnss.iter() {
             let view = schema::Gnss {
                 position_m: fix.position,
                 velocity_mps: fix.velocity,
@@ -213,30 +267,12 @@ impl Views {
             };
             self.gnss.put(sink, t, &view);
         }
-        for fix in &i.heading {
+        for fix in m.heading.iter() {
             let view = schema::Heading {
                 heading_deg: fix.heading.to_degrees(),
                 heading_sd_deg: fix.heading_sd.to_degrees(),
             };
             self.heading.put(sink, t, &view);
-        }
-        if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
-            self.estimate(sink, t, estimate);
-            self.vessel_odometry(sink, t, estimate);
-        }
-        if let Some(w) = &o.wave {
-            self.wave.put(sink, t, &wave(w));
-        }
-    }
-
-    /// Broadcast of the vessel, as the bridge received it: where the vessel itself is not looked at. Her odometry is
-    /// left out: it begins at a place of hers.
-    pub fn received(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
-        if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
-            self.estimate(sink, t, estimate);
-        }
-        if let Some(w) = &o.wave {
-            self.wave.put(sink, t, &wave(w));
         }
     }
 
@@ -282,8 +318,7 @@ impl Views {
         self.vessel_place.put(sink, t, &odometry);
     }
 
-    fn bridge(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
-        let Some(l) = &o.link else { return };
+    fn link(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, l: &LinkState) {
         let view = schema::Link {
             clock_offset_s: l.clock_offset_s,
             clock_offset_sd_s: l.clock_offset_sd_s,
@@ -297,54 +332,21 @@ impl Views {
         self.link.put(sink, t, &view);
     }
 
-    /// The drone's sensors and the forecast.
-    fn predictor(
-        &mut self,
-        sink: &mut impl TakeMessages,
-        t: Time<TrueTime>,
-        i: &PredictorIn,
-        o: &PredictorOut,
-    ) {
-        for tag in &i.tags {
-            let [w, x, y, z] = tag.attitude;
-            let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-            let view = PoseInFrame {
-                timestamp: Some(timestamp(t)),
-                frame_id: frame::CAMERA.into(),
-                pose: Some(pose(tag.position, &q)),
-            };
-            self.tag.put(sink, t, &view);
-        }
-        for fix in &i.uvdar {
-            let view = schema::Uvdar {
-                position_m: fix.position,
-                variance_m2: fix.variance,
-            };
-            self.uvdar.put(sink, t, &view);
-        }
-        if let Some(range) = i.ranges.last() {
-            let view = schema::Range {
-                range_m: range.range_m,
-                variance_m2: range.variance,
-            };
-            self.range.put(sink, t, &view);
-        }
-        if let (true, Some(d)) = (self.fast(t), &i.drone) {
-            self.odometry(sink, t, d);
-        }
+    fn forecast(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, f: &DeckForecast) {
         // Not on a grid of its own: the forecast comes on the predictor's ticks, not on ours.
-        if let Some(f) = o.forecast.as_ref().filter(|_| self.forecasts.passes(t)) {
-            let poses = f
-                .stages
-                .iter()
-                .step_by(2)
-                .map(|s| stage_pose(s.position, s.euler));
-            let path = path(t, poses);
-            self.forecast_points
-                .put(sink, t, &cloud::forecast(timestamp(t), &path.poses));
-            self.forecast_path.put(sink, t, &path);
-            self.forecast.put(sink, t, &forecast(f));
+        if !self.forecasts.passes(t) {
+            return;
         }
+        let poses = f
+            .stages
+            .iter()
+            .step_by(2)
+            .map(|s| stage_pose(s.position, s.euler));
+        let path = path(t, poses);
+        self.forecast_points
+            .put(sink, t, &cloud::forecast(timestamp(t), &path.poses));
+        self.forecast_path.put(sink, t, &path);
+        self.forecast.put(sink, t, &forecast(f));
     }
 
     fn odometry(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, d: &DroneState) {
@@ -374,28 +376,24 @@ impl Views {
         }
     }
 
+    fn autopilot(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, a: &AutopilotState) {
+        let view = schema::Autopilot {
+            mode: format!("{:?}", a.mode),
+            armed: a.armed,
+            battery: a.battery,
+            battery_v: a.battery_v,
+            battery_a: a.battery_a,
+            lapsed: a.lapsed,
+            thrust: a.thrust,
+            hover_thrust: a.hover_thrust,
+            shadow_apart_deg: a.shadow.map(|s| s.apart_rad.to_degrees()),
+            shadow_apart_mps: a.shadow.map(|s| s.apart_mps),
+        };
+        self.autopilot.put(sink, t, &view);
+    }
+
     /// The mission's state, and a line of log when state or reason change.
-    fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        for c in &i.commands {
-            self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
-        }
-        if let Some(a) = &i.autopilot {
-            let view = schema::Autopilot {
-                mode: format!("{:?}", a.mode),
-                armed: a.armed,
-                battery: a.battery,
-                battery_v: a.battery_v,
-                battery_a: a.battery_a,
-                lapsed: a.lapsed,
-                thrust: a.thrust,
-                hover_thrust: a.hover_thrust,
-                shadow_apart_deg: a.shadow.map(|s| s.apart_rad.to_degrees()),
-                shadow_apart_mps: a.shadow.map(|s| s.apart_mps),
-            };
-            self.autopilot.put(sink, t, &view);
-        }
-        self.drone = i.drone.or(self.drone);
-        let Some(m) = &o.state else { return };
+    fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &MissionState) {
         let now = Some((m.state, m.waiting.code));
         let entered = self.shown_state.map(|s| s.0) != Some(m.state);
         if entered || self.shown_state != now || due(t, SLOW_MS) {
@@ -444,16 +442,10 @@ impl Views {
     }
 
     /// The plan and how it was found.
-    fn planner(
-        &mut self,
-        sink: &mut impl TakeMessages,
-        t: Time<TrueTime>,
-        now: Time<DroneClock>,
-        o: &PlannerOut,
-    ) {
-        let Some(plan) = o.plan.as_ref().filter(|_| self.plans.passes(t)) else {
+    fn plan(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, now: Time<DroneClock>, plan: &Plan) {
+        if !self.plans.passes(t) {
             return;
-        };
+        }
         self.solver.put(sink, t, &solver(plan, now));
         let poses = plan
             .stages
@@ -467,27 +459,16 @@ impl Views {
     }
 
     /// Set-point for the autopilot.
-    fn pilot(
-        &mut self,
+    fn set_point(
+        &self,
         sink: &mut impl TakeMessages,
         t: Time<TrueTime>,
         now: Time<DroneClock>,
-        i: &PilotIn,
-        o: &PilotOut,
+        s: &SetPoint,
     ) {
-        if let Some(plan) = &i.plan {
-            self.plan_at = Some(plan.header.at);
-        }
-        if let Some(touchdown) = &o.touchdown {
-            let text = format!(
-                "touchdown confirmed, contact suspected {:.2} s before",
-                (touchdown.header.at - touchdown.suspected_at).secs()
-            );
-            self.line(sink, t, log::Level::Info, text);
-        }
-        let (true, Some(s)) = (self.fast(t), &o.set_point) else {
+        if !self.fast(t) {
             return;
-        };
+        }
         let (roll, pitch, yaw) = s.attitude().euler_angles();
         let view = schema::SetPoint {
             kind: match s.kind {

@@ -1,5 +1,5 @@
-//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process: repeated until
-//! its status names them.
+//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process, repeated
+//! until its status confirms them.
 
 use std::time::Duration;
 
@@ -14,14 +14,12 @@ use alight_transport::memory::{Memory, Publisher, Subscriber};
 use crate::config::VesselComputerConfig;
 use crate::process::life::draw_boot;
 
-/// Time between two looks for the answer.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 fn steady() -> Time<SteadyClock> {
     Time::from_nanos(steady_ns())
 }
 
-/// An order under way.
 pub struct OrderOnItsWay {
     order: Retransmission<SteadyClock, CrewOrder>,
     orders: Publisher<CrewOrder>,
@@ -29,7 +27,7 @@ pub struct OrderOnItsWay {
 }
 
 impl OrderOnItsWay {
-    /// Given now to the process of this computer.
+    /// Gives an order to the process of this computer.
     pub fn give(
         memory: &Memory,
         computer: &VesselComputerConfig,
@@ -42,7 +40,7 @@ impl OrderOnItsWay {
             statuses: memory.subscriber()?,
         })
     }
-    /// Sends it where it is due; the status that names it.
+    /// Sends the order when it is due. Returns the status that confirms it.
     pub fn poll(&mut self) -> Option<VesselStatus> {
         let names_it = |s: &VesselStatus| s.orders.contains(&self.order.message.header.boot);
         let answer = self.statuses.newest(steady_ns()).filter(names_it);
@@ -51,11 +49,10 @@ impl OrderOnItsWay {
         }
         answer
     }
-    /// Whether nothing more is waited for.
     pub fn is_over(&self) -> bool {
         self.order.is_over(steady())
     }
-    /// The status that names it; None: it was not taken in time, or the waiting was ended by a signal.
+    /// Waits for the status that confirms the order; None if it was not taken in time or a signal ended the wait.
     pub fn wait(mut self, memory: &Memory) -> Option<VesselStatus> {
         loop {
             let answer = self.poll();

@@ -1,11 +1,11 @@
 //! File of the deck's checkpoint.
 //!
-//! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
-//! next start finds the old state or the new one. What is not known is closed until the crew opens it: where the file
-//! is missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that
-//! cannot be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and
-//! a start after that disk became writable again would believe it. The first file is the installation's, or a
-//! launcher's: nothing stands on the deck yet.
+//! It is written to the disk at each change, first completely and under another name, with version and checksum: the
+//! next start finds the old state or the new one. An unknown state closes the deck until the crew opens it: when the
+//! file is missing, cannot be read, or cannot be replaced at the start (it may be outdated). A file that cannot be
+//! replaced later is removed, so that no start finds it. Only on a disk that became read-only does it stay, and a start
+//! after that disk became writable again would trust it. The first file is written by the installation or a launcher:
+//! nothing stands on the deck yet.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,12 +20,10 @@ use crate::config::VesselComputerConfig;
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
-/// A file of this layout.
 const LAYOUT: u32 = 7;
-/// The first file: an open deck on which nothing stands.
+/// First file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
 
-/// Whose it is.
 fn owner(vessel: u32) -> String {
     format!("vessel {vessel}")
 }
@@ -34,7 +32,7 @@ fn encode(vessel: u32, kept: &VesselCheckpoint) -> Result<Vec<u8>, String> {
     to_file(LAYOUT, &owner(vessel), kept).map_err(|e| e.to_string())
 }
 
-/// Content of a vessel's file; None: it is missing. An error explains why it cannot be known.
+/// Content of a vessel's file; None if it is missing. The error explains why the content is unknown.
 pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String> {
     let Some(bytes) = read(path).map_err(|e| e.to_string())? else {
         return Ok(None);
@@ -43,10 +41,9 @@ pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String
         return Ok(Some(VesselCheckpoint::default()));
     }
     let kept = of_file(LAYOUT, &owner(vessel), &bytes);
-    kept.map(Some).map_err(|why| format!("it does not count: {why}"))
+    kept.map(Some).map_err(|why| format!("it is invalid: {why}"))
 }
 
-/// Path of the file of this computer's process.
 fn own_path(computer: &VesselComputerConfig) -> PathBuf {
     let directory = state_directory().unwrap_or_else(std::env::temp_dir);
     directory.join(name(computer))
@@ -56,13 +53,14 @@ fn name(computer: &VesselComputerConfig) -> String {
     format!("alight-{}.deck", computer.instance)
 }
 
-/// The first file, in the directory of a simulated run.
+/// Writes the first file into the directory of a simulated run.
 pub fn write_first(directory: &Path, computer: &VesselComputerConfig) -> Result<(), String> {
     let path = directory.join(name(computer));
     replace(&path, FIRST, true).map_err(|e| format!("writing {}: {e}", path.display()))
 }
 
-/// State with which the process begins: the one that it found, once the disk has taken it again. An error explains why it has not.
+/// Initial state of the process: the one found, once it has been written to the disk again. Otherwise a closed deck,
+/// with the error.
 fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoint, Option<String>) {
     let written = encode(vessel, &found).and_then(|bytes| {
         replace(path, &bytes, true).map_err(|e| format!("writing {}: {e}", path.display()))
@@ -80,14 +78,12 @@ fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoi
     (kept, Some(e))
 }
 
-/// Report of the store.
 const HOLDS: Holds = Holds {
     what: "the deck's state",
     lost: "the deck's state is lost with this process, and the next start finds the deck closed",
     misleads: true,
 };
 
-/// Keeps the state on the disk.
 pub struct DeckFile {
     vessel: u32,
     newest: Option<VesselCheckpoint>,
@@ -95,7 +91,7 @@ pub struct DeckFile {
 }
 
 impl DeckFile {
-    /// Opens the computer's file; with what the former start left.
+    /// Opens the computer's file. Returns the state left by the previous start, too.
     pub fn open(computer: &VesselComputerConfig) -> Result<(DeckFile, VesselCheckpoint), CliError> {
         let path = own_path(computer);
         let doing = format!("starting the writer of {}", path.display());
@@ -111,7 +107,6 @@ impl DeckFile {
         };
         Ok((file, kept))
     }
-    /// Keeps this from now on.
     pub fn keep(&mut self, kept: VesselCheckpoint) {
         if self.newest.as_ref() == Some(&kept) {
             return;
@@ -121,13 +116,13 @@ impl DeckFile {
             self.newest = Some(kept);
         }
     }
-    /// Why the newest state is not on the disk, if it is not.
+    /// Error if the newest state is not on the disk.
     pub fn error(&self) -> Option<String> {
         self.store.error()
     }
 }
 
-/// State that the former start left, or a closed deck where that is not known.
+/// State left by the previous start, or a closed deck if it is unknown.
 fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
     let unknown = |closure| VesselCheckpoint {
         deck: DeckCheckpoint::unknown(closure),
@@ -145,7 +140,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
         }
         Err(e) => {
             let damaged = path.with_extension("damaged");
-            // A copy: until the closed state has replaced it, the next start must find it damaged too.
+            // A copy: until the closed state has replaced it, the next start must find it damaged, too.
             let _kept_aside = fs::copy(path, damaged);
             warn!(
                 "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck open",
@@ -200,15 +195,15 @@ mod tests {
     fn missing_deck_file() {
         let path = scratch("missing");
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
-        // That is written at once: the next start knows no more.
+        // The closed state is written at once, because the next start knows no more.
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
-        // The first file of an installation or a simulated run.
+        // First file of an installation or a simulated run.
         replace(&path, FIRST, true).unwrap();
         assert_eq!(closed(&path), None);
         remove(&path);
     }
 
-    /// Permissions stop no test that runs as root: a directory in the place of the new file does.
+    /// Root ignores permissions, so a directory blocks the new file.
     fn block(path: &Path) -> PathBuf {
         let mut new = path.as_os_str().to_owned();
         new.push(".new");

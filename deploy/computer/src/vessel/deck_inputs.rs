@@ -1,7 +1,7 @@
-//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, and the helm's switch.
+//! Digital inputs of the deck ([`DigitalLine`]): the crew's switch, an occupancy sensor, and the helm's switch.
 //!
-//! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
-//! level, and the deck arbiter then counts it as active.
+//! Each is read twice a second in a thread of its own, because a driver may take long. An input that cannot be read has
+//! no level, and the deck arbiter counts it as active.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
@@ -12,14 +12,12 @@ use tracing::{info, warn};
 use crate::io::digital_line::DigitalLine;
 use crate::process::supervisor::pause;
 
-/// Time between two readings.
 const PERIOD: Duration = Duration::from_millis(500);
-/// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
+/// Duration of a reading after which it is reported, ns: four periods, as for the arbiter.
 const MAX_READING_NS: i64 = 2_000_000_000;
-/// Remedy for an input that cannot be read.
-pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/operate.md), or empty the key in \
+pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file (docs/operate.md), or clear the key in \
                           vessel.toml";
-/// The inputs that may be configured: key and path; an empty path is no input.
+/// Possible inputs, as key and path; an empty path is no input.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),
@@ -30,7 +28,6 @@ pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
 
 type Level = Result<bool, String>;
 
-/// One input, while its thread reads it.
 struct Input {
     name: String,
     readings: Receiver<Level>,
@@ -40,13 +37,13 @@ struct Input {
 }
 
 impl Input {
-    /// Begins to read; None where none is configured. The first level is waited for: without it the deck is closed,
-    /// and a drone on its way down would break off because the vessel's process was started again.
+    /// Starts reading; None if the input is not configured. This waits for the first level: without it the deck would
+    /// be closed, and a restart of the vessel's process would abort a descent.
     fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
         let (sender, readings) = sync_channel(1);
         (!path.is_empty()).then(|| {
             let mut line = DigitalLine::new(path);
-            // Ends after the receiver.
+            // The thread ends after the receiver.
             std::thread::spawn(move || {
                 while sender.send(line.read()).is_ok() {
                     pause(PERIOD);
@@ -61,12 +58,13 @@ impl Input {
             }
         })
     }
-    /// The level, if it was read since the last call.
     fn poll(&mut self, now_ns: i64) -> Option<bool> {
         let newest = self.readings.try_iter().last().or_else(|| self.first.take());
         let error = match &newest {
             Some(level) => level.as_ref().err().cloned(),
-            None if now_ns - self.answered_ns > MAX_READING_NS => Some("reading it does not end".into()),
+            None if now_ns - self.answered_ns > MAX_READING_NS => {
+                Some("reading it takes more than 2 s".into())
+            }
             None => return None,
         };
         if newest.is_some() {
@@ -84,15 +82,12 @@ impl Input {
     }
 }
 
-/// All inputs that are configured.
 pub struct InputFiles([Option<Input>; 3]);
 
 impl InputFiles {
-    /// Begins to read them.
     pub fn start(deck: &DeckConfig, now_ns: i64) -> InputFiles {
         InputFiles(configured(deck).map(|input| Input::start(input, now_ns)))
     }
-    /// The levels that were read since the last call.
     pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
         let [closed, occupied, turning] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
         DeckInputs {
@@ -101,7 +96,7 @@ impl InputFiles {
             turning,
         }
     }
-    /// Why inputs cannot be read: key, path and error.
+    /// Key, path and error of each input that cannot be read.
     pub fn errors(&self) -> Vec<String> {
         self.0.iter().flatten().filter_map(|i| i.error.clone()).collect()
     }

@@ -1,4 +1,4 @@
-//! The vessel's estimator, deck arbiter and broadcast as a process: sensors in, zenoh out.
+//! Process of the vessel's estimator, deck arbiter and broadcast: from sensors to zenoh.
 
 use std::time::Duration;
 
@@ -33,12 +33,12 @@ use crate::vessel::helm_lamp::HelmLamp;
 use crate::vessel::radio::VesselRadio;
 use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
-/// A process without sensor readings wakes this often.
+/// Maximum time between wake-ups without sensor readings.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// With real sensors, time between two summaries of their measurements, ns.
+/// Time between two summaries of the measurements of real sensors, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
-/// Runs until it is asked to end: receive, step, publish.
+/// Runs until stopped: receive, step, publish.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(estimate(args))
 }
@@ -52,21 +52,20 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     process.run_awaiting(&mut edge).await
 }
 
-/// The vessel's radio, and what its crew has of the deck: files, inputs, a lamp.
+/// The vessel's radio, and the crew's equipment of the deck: file, inputs, lamp.
 struct DeckEdge {
     radio: VesselRadio,
     deck_file: DeckFile,
     deck_inputs: InputFiles,
     helm_lamp: HelmLamp,
-    /// Checkpoint of the former start.
     checkpoint: Option<VesselCheckpoint>,
     clock: ProcessClock,
-    /// When it began to wait last, on the steady clock.
+    /// Time of the last wait, on the steady clock.
     waited_ns: i64,
     people: ForPeople,
     status: VesselStatusReport,
     statuses: Option<Publisher<VesselStatus>>,
-    /// A status is due: the crew has ordered something.
+    /// A status is due because the crew has given an order.
     ordered: bool,
     header: Header<VesselClock>,
 }
@@ -129,7 +128,6 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
     fn unsent(&self) -> u64 {
         self.radio.counts().unsent + self.statuses.unsent()
     }
-    /// With the vessel's status.
     fn reports(&mut self, at: &NodeView<'_, VesselComputer>, own: Option<ProcessState>) -> Vec<ProcessState> {
         let node = at.node;
         if own.is_some() || self.ordered {
@@ -150,7 +148,7 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
 }
 
 impl AwaitedEdge<VesselComputer> for DeckEdge {
-    /// Measurements or packets, or its time.
+    /// Waits for measurements, packets, or the next step.
     async fn arrival(&mut self, wakes: &Wakes) -> Result<bool, CliError> {
         let gap_s = (steady_ns() - self.waited_ns) as f64 * 1e-9;
         self.waited_ns = steady_ns();
@@ -169,17 +167,17 @@ impl AwaitedEdge<VesselComputer> for DeckEdge {
 
 fn stood_still(gap_s: f64) -> CliError {
     CliError(format!(
-        "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
-         it ends so that its supervisor starts it again"
+        "the vessel's process was suspended for {gap_s:.1} s, longer than its radio session lasts: \
+         it ends so that its supervisor restarts it"
     ))
 }
 
-/// Report of the process for its journal, and its metrics in addition to those of its node.
+/// Log messages of the process, and its metrics in addition to those of its node.
 struct ForPeople {
-    /// Since the measurement of an estimate when that was published, s.
+    /// Time from the measurement of an estimate to its publication, s.
     estimate_age_s: Quantiles,
     peers: AccessRejections,
-    /// When the sources are summed up next, on the steady clock; None without any.
+    /// Time of the next summary of the sources, on the steady clock; None without sources.
     summary_ns: Option<i64>,
 }
 
@@ -191,7 +189,7 @@ impl ForPeople {
             summary_ns: sources.then_some(now_ns + SOURCE_SUMMARY_PERIOD_NS),
         }
     }
-    /// Shows what a step that was published at `now` brought about.
+    /// Logs the results of a step that was published at `now`.
     fn show(&mut self, out: &ComputerOut, now: Time<VesselClock>, node: &VesselNode) {
         for event in &out.events {
             if event.is_warning() {
@@ -232,7 +230,6 @@ fn show_sources(node: &VesselNode) {
     }
 }
 
-/// The metrics of the process at `now`.
 fn metrics(
     node: &VesselComputer,
     radio: &VesselRadio,

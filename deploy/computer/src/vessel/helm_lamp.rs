@@ -1,6 +1,7 @@
-//! The lamp at the helm, on a [`DigitalLine`]: lit it asks for a steady course.
+//! Lamp at the helm, on a [`DigitalLine`]: when lit it requests a steady course.
 //!
-//! It is written twice a second in a thread of its own, since a driver may take long, and put out when the process ends.
+//! It is written twice a second in a thread of its own, because a driver may take long, and is switched off when the
+//! process ends.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,13 +12,10 @@ use tracing::{info, warn};
 
 use crate::io::digital_line::DigitalLine;
 
-/// Time between two writings of the same level.
 const PERIOD: Duration = Duration::from_millis(500);
-/// Remedy for a lamp that cannot be written.
-pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
-                          (docs/operate.md), or empty deck.helm_lamp in vessel.toml";
+pub const REMEDY: &str = "it cannot signal the helm: give the user alight write access to the line or file \
+                          (docs/operate.md), or clear deck.helm_lamp in vessel.toml";
 
-/// The lamp, while its thread drives it.
 pub struct HelmLamp {
     levels: Option<SyncSender<bool>>,
     writer: Option<JoinHandle<()>>,
@@ -26,7 +24,7 @@ pub struct HelmLamp {
 }
 
 impl HelmLamp {
-    /// Begins to drive the lamp at `path`, out; an empty path is no lamp.
+    /// Starts driving the lamp at `path`, initially off; an empty path is no lamp.
     pub fn start(path: &str) -> HelmLamp {
         let error = Arc::new(Mutex::new(None));
         let mut lamp = HelmLamp {
@@ -43,7 +41,6 @@ impl HelmLamp {
         }
         lamp
     }
-    /// It is lit, or out, from now on.
     pub fn set(&mut self, lit: bool) {
         if lit == self.shown {
             return;
@@ -54,7 +51,6 @@ impl HelmLamp {
             self.shown = lit;
         }
     }
-    /// Why it cannot be written.
     pub fn error(&self) -> Option<String> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -67,7 +63,7 @@ impl Drop for HelmLamp {
     }
 }
 
-/// Shows what was sent last until the sender has ended, then puts the lamp out.
+/// Shows the level that was sent last until the sender ends, then switches the lamp off.
 fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
     let mut line = DigitalLine::new(path);
     let (mut lit, mut ended, mut before) = (false, false, None);

@@ -15,25 +15,23 @@ use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_port::RadioPort;
 
-/// One in so many reports of the process, which are two a second, is sent; while the link is congested, half of them.
+/// Reports of the process, two a second, per report that is sent by radio; while the link is congested, only half of
+/// those are sent.
 const STATUS_DECIMATION: u32 = 2;
 
-/// The vessel's end of the radio.
 pub struct VesselRadio {
     port: RadioPort,
-    /// Peers have certificates: without, any peer in reach could command.
+    /// Peers have certificates; without them any peer in reach could command.
     secured: bool,
-    /// Operators are among them, and are sent the statuses of drones.
+    /// Some peers are operators, who are sent the statuses of drones.
     operators: bool,
     reports: u32,
-    /// Time requests and commands that cannot be decoded, or come where no command is permitted.
+    /// Number of time requests and commands that cannot be decoded, or that arrive when no command is permitted.
     pub undecoded: u64,
-    /// Statuses of drones that cannot be decoded.
     pub undecoded_statuses: u64,
 }
 
 impl VesselRadio {
-    /// Opens the radio of this computer.
     pub fn open(computer: &VesselComputerConfig) -> Result<VesselRadio, CliError> {
         let tls = &computer.radio.tls;
         Ok(VesselRadio {
@@ -50,11 +48,9 @@ impl VesselRadio {
             undecoded_statuses: 0,
         })
     }
-    /// Drones that have a session, by their tokens.
     pub fn drones_present(&self) -> u64 {
         self.port.radio.count_present(|s| matches!(s, Sender::Drone(_))) as u64
     }
-    /// Counts of the radio.
     pub fn counts(&self) -> RadioCounts {
         self.port.radio.counts()
     }
@@ -62,16 +58,15 @@ impl VesselRadio {
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }
-    /// Leaves the session as it is, for a process that ends now.
+    /// Abandons the session, for a process that ends now.
     pub fn abandon(&mut self) {
         self.port.radio.abandon();
     }
 
-    /// Waits until something has come.
     pub async fn arrival(&self) {
         self.port.radio.arrival().await;
     }
-    /// Adds what has come to `input`; `at` converts an arrival on the steady clock, ns.
+    /// Adds the received packets to `input`; `at` converts the time of arrival on the steady clock, ns.
     pub fn receive(&mut self, at: impl Fn(i64) -> Time<VesselClock>, input: &mut ComputerIn) {
         while let Some((topic, packet)) = self.port.receive() {
             let at = at(packet.at_ns);
@@ -89,7 +84,6 @@ impl VesselRadio {
         }
     }
 
-    /// Publishes the output of a step.
     pub fn publish(&mut self, out: &ComputerOut) {
         out.broadcast(|topic, bytes, held| {
             if self.operators || topic.row().to != RadioEnd::Operator {
@@ -97,8 +91,8 @@ impl VesselRadio {
             }
         });
     }
-    /// The report of the process with the rates of the radio; sent less often than it is made, for people can wait, and
-    /// still less often while only `rate_fraction` of the full rates is used.
+    /// Adds the rates of the radio to the report of the process and sends it. It is sent less often than it is made
+    /// because users can wait, and even less often while only `rate_fraction` of the full rates is used.
     pub fn report(&mut self, report: ProcessState, rate_fraction: f64) -> ProcessState {
         let report = ProcessState {
             flows: self.port.flows(report.at_ns),
@@ -113,7 +107,7 @@ impl VesselRadio {
     }
 }
 
-/// The message that arrived at `at`, or one more that is invalid.
+/// Message that arrived at `at`; counts an invalid one.
 fn decode<M: DeserializeOwned>(
     packet: &Received,
     at: Time<VesselClock>,

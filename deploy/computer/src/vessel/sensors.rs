@@ -1,5 +1,5 @@
-//! The vessel's real sensors as a process: bytes of serial ports, UDP and TCP in, dated measurements to
-//! the vessel's process out, and twice a second a report about each source.
+//! Process of the vessel's real sensors: from bytes of serial ports, UDP and TCP to dated measurements for the vessel's
+//! process, and twice a second a report about each source.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -31,19 +31,16 @@ use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
-/// An error that a link has not had for so long is reported again, ns.
+/// Time without a link's error after which it is reported again, ns.
 const REPORTED_NS: i64 = 60_000_000_000;
-/// Most errors of a link that are reported within that.
 const MAX_REPORTED: usize = 8;
 
-/// Runs until it is asked to end.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on(read(args))
 }
 
-/// The node of this computer's sources, with their keys, for a start with this boot id.
+/// Node of this computer's sources, with their keys, for a start with this boot id.
 pub fn node(computer: &VesselComputerConfig, boot: u32) -> Result<SensorNode, CliError> {
     let mut node = SensorNode::installed(&computer.nodes(), boot);
     for (number, source) in computer.sensor.sources.iter().enumerate() {
@@ -74,9 +71,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
     let of = (Some(computer.instance.as_str()), computer.clock);
-    let process = Process::start(ProcessKind::Sensors, &args.unrecorded(), of, |boot| {
-        node(&computer, boot)
-    })?;
+    let process = Process::start(ProcessKind::Sensors, args, of, |boot| node(&computer, boot))?;
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut edge = SensorEdge {
@@ -92,7 +87,6 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     process.run_awaiting(&mut edge).await
 }
 
-/// The sources' links.
 struct SensorEdge<'a> {
     sources: &'a [SourceConfig],
     links: ByteLinks,
@@ -101,7 +95,6 @@ struct SensorEdge<'a> {
     bytes: Vec<Vec<u8>>,
     faults: Vec<Fault>,
     foreign: Vec<Foreign>,
-    /// The header of the newest reports.
     header: Header<VesselClock>,
     reports: Option<Publisher<SourceReport>>,
 }
@@ -129,7 +122,6 @@ impl ProcessEdge<SensorNode> for SensorEdge<'_> {
     fn unsent(&self) -> u64 {
         self.reports.unsent()
     }
-    /// With one about each source.
     fn reports(&mut self, at: &NodeView<'_, SensorNode>, own: Option<ProcessState>) -> Vec<ProcessState> {
         if own.is_some() {
             self.header.at = at.now;
@@ -152,7 +144,7 @@ impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
                 *of = a.foreign;
             }
             self.take(a, steady_ns());
-            // A step's bytes are a bound: more of them waits.
+            // The bytes of a step are limited; more of them wait.
             let full = self.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
             arrival = if full { None } else { self.links.arrived() };
         }
@@ -161,7 +153,7 @@ impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
 }
 
 impl SensorEdge<'_> {
-    /// Takes what a source's link brought. A link that is reopened again and again reports its error once.
+    /// Takes the event of a source's link. A link that is reopened again and again reports its error once.
     fn take(&mut self, arrival: ByteArrival, now_ns: i64) {
         let k = arrival.link;
         let (Some(bytes), Some(fault), Some(source)) =
@@ -182,17 +174,16 @@ impl SensorEdge<'_> {
     }
 }
 
-/// Why a source's link brings nothing.
 #[derive(Clone, Debug, Default)]
 struct Fault {
-    /// Since the newest byte.
+    /// Error since the newest byte.
     now: Option<String>,
-    /// Reported errors, and the time of each one's newest occurrence, ns.
+    /// Reported errors, and the time of the newest occurrence of each, ns.
     reported: Vec<(String, i64)>,
 }
 
 impl Fault {
-    /// Whether an error is to be reported: once while it comes again and again, bytes between or not.
+    /// Whether an error is to be reported: once while it recurs, with bytes in between or not.
     fn is_news(&mut self, error: &str, now_ns: i64) -> bool {
         self.reported
             .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < REPORTED_NS);
@@ -208,10 +199,9 @@ impl Fault {
     }
 }
 
-/// Datagrams of others than a link's peer, and who sent the newest.
+/// Datagrams from others than a link's peer, and the newest sender.
 type Foreign = Option<(u64, SocketAddr)>;
 
-/// Who else sends to a source's port.
 pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
     let (count, from) = foreign?;
     Some(Remark::fault(
@@ -220,7 +210,6 @@ pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
     ))
 }
 
-/// The report about each source.
 fn source_reports(
     header: Header<VesselClock>,
     node: &SensorNode,

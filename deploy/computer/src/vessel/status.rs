@@ -1,4 +1,4 @@
-//! The status of the vessel, as its process publishes it.
+//! Status of the vessel, as its process publishes it.
 
 use std::collections::VecDeque;
 
@@ -9,22 +9,17 @@ use alight_shared::msg::{
 use alight_shared::time::{Time, VesselClock};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
-/// Time between two samples of the motion, ns.
 const MOTION_PERIOD_NS: i64 = 90_000_000;
-/// Statuses that `lately` reaches back: 10 s.
+/// Number of statuses covered by `lately`: 10 s.
 const LATELY: usize = 20;
 
-/// Why what the crew relies on does not work.
 pub struct CrewDeviceErrors {
-    /// The deck's state would not outlive the process.
+    /// The deck's state would be lost with the process.
     pub file: Option<String>,
-    /// Digital inputs cannot be read.
     pub inputs: Vec<String>,
-    /// The lamp at the helm cannot be driven.
     pub lamp: Option<String>,
 }
 
-/// Collects what the process knows.
 #[derive(Default)]
 pub struct VesselStatusReport {
     sensors_ns: [Option<i64>; 3],
@@ -33,17 +28,16 @@ pub struct VesselStatusReport {
     motion_ns: i64,
     occupied: bool,
     sequence: u32,
-    /// Used and rejected measurements of each source at the statuses before, oldest first.
+    /// Used and rejected measurements of each source at the previous statuses, oldest first.
     counts: VecDeque<[[u64; 2]; MAX_DEVICES]>,
 }
 
 impl VesselStatusReport {
-    /// A step of the node at `now_ns` of the steady clock.
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
         let (input, out) = (input.vessel().readings, &out.vessel);
         let arrived = [
-            // An attitude sensor stands in where there is no inertial one.
+            // An attitude sensor replaces a missing inertial one.
             !(input.imu.is_empty() && input.attitude.is_empty()),
             !input.gnss.is_empty(),
             !input.heading.is_empty(),
@@ -56,7 +50,7 @@ impl VesselStatusReport {
             self.estimated_ns = Some(now_ns);
             if now_ns.saturating_sub(self.motion_ns) >= MOTION_PERIOD_NS {
                 self.motion_ns = now_ns;
-                // What does not fit comes too late for a picture of the motion.
+                // Samples that do not fit come too late for a picture of the motion.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
             estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));
@@ -73,7 +67,7 @@ impl VesselStatusReport {
             estimator.waves = Some([w.significant_height_m, w.confidence].map(f64::from));
         }
     }
-    /// The status at the time of `header`, which the steady clock calls `now_ns`, after these orders of the crew.
+    /// Status at the time of `header`, which is `now_ns` on the steady clock, after these orders of the crew.
     pub fn message(
         &mut self,
         computer: &alight_usv::VesselComputer,
@@ -114,7 +108,7 @@ impl VesselStatusReport {
             uses: self.uses(node),
         }
     }
-    /// Use of each source's measurements, in all and since some statuses ago.
+    /// Use of each source's measurements, in total and over the recent statuses.
     fn uses(&mut self, node: &VesselNode) -> [SourceUse; MAX_DEVICES] {
         let mut uses = core::array::from_fn(|number| source_use(node, number));
         let now = uses.map(|u: SourceUse| [u.used - u.gated.min(u.used), u.rejected + u.gated]);
@@ -147,7 +141,7 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
     all
 }
 
-/// The deck as arbiter and relay know it at `now`.
+/// State of the deck by arbiter and relay at `now`.
 fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &CrewDeviceErrors) -> DeckStatus {
     let arbiter = node.arbiter();
     let line = |e: &String| Line::from(e.as_str());

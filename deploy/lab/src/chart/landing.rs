@@ -1,5 +1,6 @@
-//! One landing in the layout of the paper's figure 4, the one of the Python module's `plots.landing`: the path from above, and
-//! over the time to touchdown the displacement to the deck, the velocities, the difference of roll and pitch, and that of yaw.
+//! Chart of one landing in the layout of the paper's figure 4 and of the Python module's `plots.landing`: the path from
+//! above, and over the time to touchdown the displacement to the deck, the velocities, the differences of roll and
+//! pitch, and that of yaw.
 
 use std::path::Path;
 
@@ -14,12 +15,11 @@ use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 /// Size of the picture, and of the path in it, px.
 const SIZE: (u32, u32) = (1200, 960);
 const PATH_WIDTH: u32 = 534;
-/// Time before the touchdown that the panels over time show, s; the path is the whole one.
+/// Time before the touchdown that the panels over time show, s; the path is complete.
 const PANEL_S: f64 = 15.0;
-/// Patterns of the first, second and third line of a panel: they differ without their colour, too.
+/// Patterns of the first, second and third line of a panel, which distinguish them without colour.
 const DASHES: [Option<(i32, i32)>; 3] = [None, Some((7, 4)), Some((2, 3))];
 
-/// The simulated landing, and how it ended.
 pub fn title(o: &Outcome) -> String {
     let (sea, seed, planner, name) = (&o.sea, o.seed, &o.planner, o.outcome.name());
     let contact = o.position_error_m.zip(o.touchdown_speed_mps);
@@ -29,7 +29,7 @@ pub fn title(o: &Outcome) -> String {
     format!("Landing: sea {sea}, seed {seed}, planner {planner}, {name}{contact}")
 }
 
-/// Draws the last landing of a trace to `path`; where nothing landed, its end.
+/// Draws the last landing of a trace to `path`; without a landing, its end.
 pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     let doing = || format!("writing the plot {}", path.display());
     let mut svg = String::new();
@@ -38,7 +38,7 @@ pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     std::fs::write(path, svg).doing(doing())
 }
 
-/// Over a turn of the drone the yaw runs on instead of jumping from 180 to -180 deg; at the end it is within them.
+/// Unwraps the yaw, so that it does not jump from 180 to -180 deg; at the end it is within that range.
 fn with_continuous_yaw(trace: &Trace) -> Trace {
     let mut trace = trace.clone();
     let mut after: Option<f64> = None;
@@ -50,10 +50,9 @@ fn with_continuous_yaw(trace: &Trace) -> Trace {
     trace
 }
 
-/// A value of a point: its name, which number its pattern has and which its colour.
+/// Quantity of a panel: its name, the number of its pattern and of its colour, and its value at a point.
 type Value<'a> = (&'a str, usize, usize, &'a dyn Fn(&TracePoint) -> f64);
 
-/// A panel over time.
 struct Panel<'a> {
     /// Name and unit of the vertical axis.
     name: &'a str,
@@ -78,7 +77,7 @@ fn draw(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
                 ("height", 2, 2, &|p| p.displacement[2]),
             ],
         },
-        // A colour for each axis; the pattern is that of drone or deck.
+        // One colour per axis; the pattern distinguishes drone and deck.
         Panel {
             name: "velocity of drone and deck, m/s",
             values: &[
@@ -106,20 +105,20 @@ fn draw(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
     Ok(())
 }
 
-/// Time from which times are counted: the touchdown, else the end.
+/// Zero of the time axis: the touchdown, otherwise the end.
 fn zero(trace: &Trace) -> f64 {
     let end = trace.points.last().map_or(0.0, |p| p.t_s);
     trace.touchdown_s.unwrap_or(end)
 }
 
-/// The points from so long before that time up to it.
+/// Points of the last `before_s` up to the zero of the time axis.
 fn shown(trace: &Trace, before_s: f64) -> impl DoubleEndedIterator<Item = &TracePoint> {
     let until = zero(trace);
     let inside = until - before_s..=until;
     trace.points.iter().filter(move |p| inside.contains(&p.t_s))
 }
 
-/// A panel; one above another (`shared`) leaves the times to the lowest.
+/// Draws a panel; of panels one above another (`shared`) only the lowest shows the times.
 fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>, shared: bool) -> Drawn {
     let until = zero(trace);
     let line = |(name, pattern, number, value): &Value<'_>| Line {
@@ -154,7 +153,7 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
     let path = || shown(trace, f64::INFINITY);
     let ends = || path().flat_map(|p| [p.drone, p.deck]);
     let (east, north) = (range_of(ends().map(|p| p[1])), range_of(ends().map(|p| p[0])));
-    // One scale for both axes, so that a circle is a circle.
+    // The same scale on both axes, so that a circle is a circle.
     let (w, h) = area.dim_in_pixel();
     let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(90).max(1));
     let half = ((east.end - east.start) / stretch).max(north.end - north.start) / 2.0;
@@ -197,7 +196,7 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
 mod tests {
     use super::*;
 
-    /// A descent of a metre in 20 s next to a deck that turns; one point a second.
+    /// Descent of a metre in 20 s next to a turning deck, one point a second.
     fn trace(touchdown_s: Option<f64>) -> Trace {
         let point = |k: u32| TracePoint {
             t_s: 100.0 + f64::from(k),
@@ -241,7 +240,7 @@ mod tests {
                 SVGBackend::with_string(&mut svg, SIZE),
             )
             .unwrap();
-            // The lowest panel alone has the times, as in the Python module's figure.
+            // Only the lowest panel shows the times, as in the Python module's figure.
             assert_eq!(svg.matches(axis).count(), 1, "{svg}");
             assert_eq!(svg.contains("touchdown"), touchdown_s.is_some());
             for name in [

@@ -1,5 +1,5 @@
-//! The path between vessel and drone in a live landing: the loopback interface with an impairment
-//! inside the processes, or a link emulator between two network namespaces.
+//! Radio path between vessel and drone in a live landing: the loopback interface with an impairment inside the
+//! processes, or a link emulator between two network namespaces.
 
 use std::path::PathBuf;
 
@@ -23,24 +23,19 @@ use crate::live::namespaces::{ADDRESSES, OwnSpaces};
 use crate::live::profile;
 use crate::scene::Scene;
 
-/// The vessel's port in its own namespace, zenoh's usual one.
 const PORT: u16 = 7447;
 
-/// Ages of the first five seconds, while clocks and session settle.
+/// Number of ages in the first five seconds, before clocks and session are synchronised.
 const WARM_UP_AGES: usize = 50;
 
-/// The link as it is arranged before the processes start.
+/// Radio path, set up before the processes start.
 pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
     outage: Option<Fault>,
-    /// Impairment of the messages that processes receive.
     pub impairment: Option<LinkImpairment>,
-    /// Address at which the vessel listens.
     pub listen: String,
-    /// Address that the drone dials.
     pub dial: String,
-    /// Certificates of vessel and drone.
     pub tls: [TlsConfig; 2],
 }
 
@@ -102,7 +97,7 @@ impl RadioPath {
                 emulator: Some(write(owned, "link.toml", &emulation)?),
                 outage,
                 impairment: None,
-                // Every address of the namespace: its device may come later than the process.
+                // Every address of the namespace, because its device may come later than the process.
                 listen: address("0.0.0.0", PORT),
                 dial: address(ADDRESSES[0], PORT),
                 tls,
@@ -121,7 +116,6 @@ impl RadioPath {
             }
         })
     }
-    /// Starts the emulator, if there is one.
     pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
         let Some(config) = &self.emulator else {
             return Ok(());
@@ -130,8 +124,8 @@ impl RadioPath {
         command.insert(0, "rehearse".into());
         supervisor.start(ProcessKind::Link, command, Vec::new())
     }
-    /// Arguments before a process's command: the way into its computer's namespace. The simulated
-    /// vehicles are on the vessel's network, where its sensors are.
+    /// Prefix of a process's command that enters its computer's namespace. The simulated vehicles are on the vessel's
+    /// network, as its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
         // The cable to the simulated autopilot is no radio: its end is in the world's namespace.
@@ -140,7 +134,7 @@ impl RadioPath {
     }
 }
 
-/// The certificates of vessel and drone: those named, else some made for this landing alone.
+/// Certificates of vessel and drone: the named ones, otherwise new ones for this landing.
 fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
     if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
@@ -154,7 +148,7 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
         None => {
             let directory = owned.file("keys");
             if directory.exists() {
-                // Of a landing that was killed.
+                // Left by a landing that was killed.
                 std::fs::remove_dir_all(&directory)
                     .doing(format_args!("removing {}", directory.display()))?;
             }
@@ -173,19 +167,18 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
     ])
 }
 
-/// Observation of the link while it is flown.
+/// Observer of the link during the flight.
 #[derive(Default)]
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
     ages: Quantiles,
-    /// Received ages.
     received: usize,
     outage_announced: bool,
 }
 
 impl RadioWatch {
-    /// Takes in the processes' lines and the ages of the vessel's newest state; orders the outage of the
-    /// emulator when the mission enters its state.
+    /// Takes lines of the processes and the age of the vessel's newest state. Starts the emulator's outage when the
+    /// mission enters its state.
     pub fn observe(
         &mut self,
         air: &RadioPath,
@@ -212,7 +205,7 @@ impl RadioWatch {
             supervisor.write_line(ProcessKind::Link, OUTAGE);
         }
     }
-    /// The metrics at the end, `seconds` after the profile's time zero.
+    /// Metrics at the end, `seconds` after the profile's time zero.
     pub fn report(&self, seconds: f64) -> RadioReport {
         let way = |c: ChannelCounts| WayReport {
             packets: c.sent,
@@ -236,27 +229,22 @@ impl RadioWatch {
     }
 }
 
-/// The link of a live landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RadioReport {
-    /// Age of the vessel's newest state at the drone, looked at ten times a second: median, s.
+    /// Median age of the vessel's newest state at the drone, sampled ten times a second, s.
     pub age_p50_s: f64,
-    /// 95th percentile of the same, s.
+    /// 95th percentile of this age, s.
     pub age_p95_s: f64,
-    /// The largest age, s.
     pub age_max_s: f64,
     /// Counts of the emulator: to the drone, to the vessel.
     pub emulated: Option<[WayReport; 2]>,
 }
 
-/// One direction of the emulated link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WayReport {
-    /// IP packets.
     pub packets: u64,
-    /// Bytes per second, IP headers included.
+    /// Bytes per second, including IP headers.
     pub bytes_per_s: f64,
-    /// Fraction that was lost on the way.
     pub lost: f64,
     /// Packets that a full queue rejected.
     pub overflowed: u64,

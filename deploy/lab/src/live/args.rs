@@ -18,18 +18,17 @@ use crate::live::profile;
 /// One landing, live.
 #[derive(Args, Clone, Debug)]
 pub struct LandArgs {
-    /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Answered with what flies many landings.
+    /// Rejected: alight trial flies many.
     #[arg(long, hide = true)]
     pub trials: Option<u32>,
     /// Time before the order to land, s [default: 60]
     ///
-    /// The vessel's estimator runs in it. The default is the scenario's.
+    /// The vessel's estimator runs during this time. The default is the scenario's.
     #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub warm_up: Option<f64>,
     /// Impair the radio: scenario, a profile, or a TOML file
@@ -40,18 +39,18 @@ pub struct LandArgs {
     pub link: String,
     /// Use network namespaces for it (root)
     ///
-    /// Between namespaces a link emulator impairs the radio, else the processes do. auto: the emulator for a --link other
-    /// than scenario, where it is permitted.
+    /// Between namespaces a link emulator impairs the radio, otherwise the processes do. auto: the emulator for a
+    /// --link other than scenario, if it is permitted.
     #[arg(long, value_name = "WHEN", value_enum, default_value_t = Emulate::Auto)]
     pub emulate: Emulate,
     /// Transport of the radio
     ///
-    /// quic has certificates on both sides.
+    /// quic uses certificates on both sides.
     #[arg(long, value_name = "NAME", default_value = "quic", value_parser = ["quic", "udp", "tcp"])]
     pub transport: String,
     /// Directory of `alight keys`, for quic
     ///
-    /// It has vessel and drone of these numbers. Without it certificates are made for this landing alone.
+    /// It has certificates of vessel and drone with these numbers. Without it certificates are made for this landing.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// Name of this set of processes
@@ -59,7 +58,7 @@ pub struct LandArgs {
     /// Several may run at the same time.
     #[arg(long, value_name = "NAME", default_value = SIMULATED)]
     pub instance: String,
-    /// The firmware itself flies (docs/firmware.md)
+    /// Let the firmware fly (docs/firmware.md)
     ///
     /// It is that of --autopilot. The pilot starts it, and flies it from the pad.
     #[arg(long, requires = "autopilot")]
@@ -74,9 +73,9 @@ pub struct LandArgs {
     /// The keys are those of [firmware].
     #[arg(long, value_name = "FILE", requires = "external")]
     pub firmware: Option<PathBuf>,
-    /// A ground station, such as 127.0.0.1:14550
+    /// Ground station, such as 127.0.0.1:14550
     ///
-    /// It listens there to UDP, at another link of the simulated autopilot.
+    /// It listens to UDP there, on another link of the simulated autopilot.
     #[arg(long, value_name = "UDP", conflicts_with = "external")]
     pub ground_station: Option<SocketAddr>,
     /// Draw paths, speeds and attitudes to an SVG
@@ -89,7 +88,7 @@ pub struct LandArgs {
     pub record: Option<PathBuf>,
     /// Record every process for `alight replay`
     ///
-    /// The steps of all are a flight.
+    /// The steps of all processes are a flight.
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
     /// Kill or freeze a process: KIND:PHASE|contact
@@ -102,7 +101,6 @@ pub struct LandArgs {
     /// Scene, seed and faults are the list's (TOML, as for `alight study storm --list`).
     #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "seed", "SceneArgs"])]
     pub faults: Option<PathBuf>,
-    /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
     /// Output format.
@@ -114,7 +112,6 @@ pub struct LandArgs {
 }
 
 impl LandArgs {
-    /// Who flies the simulated drone.
     pub fn flown_by(&self) -> AutopilotKind {
         match self.scene.autopilot.filter(|_| self.external) {
             None => AutopilotKind::Internal,
@@ -124,10 +121,9 @@ impl LandArgs {
     }
 }
 
-/// Place at which the radio is impaired.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Emulate {
-    /// Between namespaces for a named link, where it is permitted; else inside the processes.
+    /// Between namespaces for a named link, if it is permitted; otherwise inside the processes.
     Auto,
     /// Between namespaces.
     Always,
@@ -135,7 +131,7 @@ pub enum Emulate {
     Never,
 }
 
-/// The simulated vehicles.
+/// Simulated vehicles.
 #[derive(Args, Debug)]
 #[command(
     after_help = "`alight config world` prints its file: the drone's set of processes, which has\n\
@@ -146,7 +142,7 @@ pub struct WorldArgs {
     /// Flags of every process
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Who flies the drone [default: the configuration's]
+    /// Drone's autopilot [default: the configuration's]
     #[arg(long, value_enum)]
     pub autopilot: Option<AutopilotKind>,
 }

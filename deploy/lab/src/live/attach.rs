@@ -1,5 +1,5 @@
-//! `alight attach`: a process of vessel or drone as it flies, with what a bench puts between it and its
-//! messages: an impaired radio, a baseline as the planner.
+//! `alight attach`: runs a process of vessel or drone with the attachments of a bench: an impaired radio, or a baseline
+//! as the planner.
 
 use std::path::PathBuf;
 
@@ -22,24 +22,23 @@ use clap::{Args, ValueEnum};
 use super::config::Attachments;
 use super::impairment::{Impaired, Inbound};
 
-/// Processes with attachments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum AttachedProcess {
-    /// The vessel's.
+    /// Process of the vessel.
     Vessel,
-    /// The drone's end of the radio.
+    /// Drone's end of the radio.
     Bridge,
-    /// The trajectory.
+    /// Planner of the drone.
     Planner,
 }
 
-/// A process and its attachments.
+/// Process and its attachments.
 #[derive(Args, Debug)]
 pub struct AttachArgs {
-    /// Which process
+    /// Process to run
     #[arg(value_enum)]
     pub process: AttachedProcess,
-    /// The attachments (TOML)
+    /// Attachments (TOML)
     #[arg(long, value_name = "FILE")]
     pub attachments: PathBuf,
     /// Flags of every process
@@ -77,7 +76,6 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// The planner with a baseline in its place.
 fn planner(baseline: &Baseline, drone: &DroneSettings, boot: u32) -> Planner {
     let (config, airframe) = (&drone.planner, &drone.airframe);
     Planner::with_law(

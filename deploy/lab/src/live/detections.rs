@@ -1,11 +1,11 @@
-//! The drone's camera and rangefinder as the other processes see them: topics of shared memory.
+//! Measurements of the drone's camera and rangefinder on topics of shared memory.
 
 use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
 use alight_sim::sensors::DroneReadings;
 use alight_transport::TransportError;
 use alight_transport::memory::{Memory, Publisher};
 
-/// The simulated drone's end.
+/// Publishers of the simulated drone.
 pub struct Detections {
     tags: Publisher<TagPose>,
     uvdar: Publisher<UvdarFix>,
@@ -14,7 +14,6 @@ pub struct Detections {
 }
 
 impl Detections {
-    /// Joins the drone's memory.
     pub fn join(memory: &Memory) -> Result<Detections, TransportError> {
         Ok(Detections {
             tags: memory.publisher()?,
@@ -23,14 +22,12 @@ impl Detections {
             light: memory.publisher()?,
         })
     }
-    /// Publishes what camera and rangefinder measure.
     pub fn publish(&mut self, readings: &DroneReadings) {
         readings.tags.iter().for_each(|m| self.tags.send(m));
         readings.uvdar.iter().for_each(|m| self.uvdar.send(m));
         readings.ranges.iter().for_each(|m| self.ranges.send(m));
         readings.light.iter().for_each(|m| self.light.send(m));
     }
-    /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.tags.unsent() + self.uvdar.unsent() + self.ranges.unsent() + self.light.unsent()
     }

@@ -1,8 +1,7 @@
-//! `alight rehearse link`: a layer-3 link with the faults of a profile between two network namespaces.
+//! `alight rehearse link`: layer-3 link with the faults of a profile between two network namespaces.
 //!
-//! Every IP packet that the vessel's side sends into its TUN device comes out of the drone's when
-//! the profile lets it, and the other way round. The fates of the packets are those of
-//! [`alight_sim::radio`], drawn from the seed.
+//! Every IP packet that the vessel's side sends into its TUN device leaves the drone's when the profile permits it, and
+//! vice versa. [`alight_sim::radio`] draws the delay or loss of each packet from the seed.
 
 use std::io::BufRead;
 use std::path::PathBuf;
@@ -27,14 +26,13 @@ use crate::live::impairment::Impaired;
 use crate::live::namespaces::{ADDRESSES, Namespaces};
 use crate::live::profile;
 
-/// Packets between a device and the emulator; what comes on top is lost, as in a full card.
+/// Maximum number of packets between a device and the emulator; further ones are lost, as in a full network card.
 const INBOX: usize = 1024;
-/// Longest wait without a look at whether to end.
+/// Maximum wait before checking for the end.
 const MAX_WAIT: Duration = Duration::from_millis(100);
-/// Period of the reports of the counts, ns.
 const REPORT_PERIOD_NS: i64 = 1_000_000_000;
 
-/// A link between two namespaces of this computer.
+/// Link between two namespaces of this computer.
 #[derive(Args, Debug)]
 pub struct LinkArgs {
     /// Profile, or a TOML file
@@ -43,10 +41,10 @@ pub struct LinkArgs {
     /// Seed of losses and delays
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The namespaces are alight-NAME-vessel (10.77.0.1) and alight-NAME-drone (10.77.0.2)
+    /// Name of the namespaces alight-NAME-vessel (10.77.0.1), alight-NAME-drone (10.77.0.2)
     #[arg(long, default_value = "link")]
     pub name: String,
-    /// Everything from a file, as `alight land` writes it
+    /// Read all from a file, as `alight land` writes it
     #[arg(long, value_name = "FILE", hide = true)]
     pub config: Option<PathBuf>,
     /// End when standard input closes, and take orders from it
@@ -54,13 +52,10 @@ pub struct LinkArgs {
     pub supervised: bool,
 }
 
-/// Order to the emulator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Emulation {
-    /// Name of the namespaces.
     pub name: String,
-    /// Effect on the packets.
     pub link: LinkImpairment,
 }
 
@@ -74,15 +69,13 @@ impl Check for Emulation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmulatorReport {
-    /// The packets so far: to the drone, to the vessel.
+    /// Packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
 }
 
-/// Line of its supervisor on standard input: the mission entered the state of the
-/// profile's outage, which begins.
+/// Line from its supervisor on standard input: the mission has entered the state of the profile's outage, which begins.
 pub const OUTAGE: &str = "outage";
 
-/// Runs until it is asked to end.
 pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
     let emulation = match &args.config {
         Some(file) => config::load::<Emulation>(file)?,
@@ -128,7 +121,6 @@ pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
     ended
 }
 
-/// A packet that came out of a device.
 struct ReceivedPacket {
     side: usize,
     at_ns: i64,
@@ -139,7 +131,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     let mut buffer = [0_u8; 65_536];
     while let Ok(length) = device.recv(&mut buffer) {
         let packet = buffer.get(..length).unwrap_or_default().to_vec();
-        // IPv4 only: the kernel's own packets on IPv6 is not ours.
+        // IPv4 only: the kernel's own IPv6 packets are ignored.
         let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
         let at_ns = steady_ns();
         if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
@@ -148,7 +140,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     }
 }
 
-/// The outages ordered on standard input; the channel breaks when it closes.
+/// Receives the outages ordered on standard input; the channel breaks when it closes.
 fn listen(outages: Sender<()>) {
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
         if line == OUTAGE && outages.send(()).is_err() {
@@ -168,7 +160,7 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
         std::thread::spawn(move || listen(sender));
         outages
     });
-    // Index 0 carries what the vessel's side sends.
+    // Index 0 carries the packets of the vessel's side.
     let mut ways = [Direction::ToDrone, Direction::ToVessel].map(|way| Impaired::new(&emulation.link, way));
     let mut next_report_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
@@ -176,7 +168,7 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
             break;
         };
         for (side, packet) in out {
-            // A device whose other side is not up yet rejects it: the packet is lost.
+            // A device whose other side is not up yet rejects the packet, which is lost.
             if let Some(device) = devices.get(side) {
                 let _lost = device.send(&packet);
             }
@@ -198,7 +190,7 @@ fn report_counts([to_drone, to_vessel]: &[Impaired<Vec<u8>>; 2]) -> Result<(), C
     Ok(())
 }
 
-/// Waits for a packet or until one is due: the packets that are due, each for the device of a side; None at the end.
+/// Waits for a packet or until one is due. Returns the due packets, each with the side of its device; None at the end.
 fn turn(
     ways: &mut [Impaired<Vec<u8>>; 2],
     inbox: &Receiver<ReceivedPacket>,

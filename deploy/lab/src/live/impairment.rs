@@ -1,5 +1,5 @@
-//! The impairment of the radio, one direction of it: of a process's messages where no link emulator is permitted, of IP
-//! packets in the emulator.
+//! Impairment of one direction of the radio: of a process's messages if no link emulator is permitted, of IP packets in
+//! the emulator.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,20 +18,18 @@ use alight_transport::{Received, wake};
 
 use super::config::LinkImpairment;
 
-/// Longest wait for the mission's state.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 
-/// Delays and loses what is sent, by a profile.
+/// Channel that delays and loses packets by a profile.
 pub struct Impaired<T> {
     radio: SimulatedRadio<T>,
     epoch_ns: i64,
     outage: Option<Fault>,
-    /// When the mission first entered the outage's state, on the steady clock, ns; 0 before that.
+    /// Time at which the mission first entered the outage's state, steady clock, ns; 0 before.
     entered_ns: Arc<AtomicI64>,
 }
 
 impl<T: Clone> Impaired<T> {
-    /// The impairment of one direction.
     pub fn new(link: &LinkImpairment, direction: Direction) -> Impaired<T> {
         Impaired {
             radio: SimulatedRadio::new(&link.profile, direction, &Streams::new(link.seed)),
@@ -40,7 +38,7 @@ impl<T: Clone> Impaired<T> {
             entered_ns: Arc::default(),
         }
     }
-    /// Watches the mission of the instance for the outage's state, on a thread that ends with the process.
+    /// Waits for the mission of the instance to enter the outage's state, on a thread that ends with the process.
     pub fn follow_mission(&mut self, instance: Instance) {
         let Some(outage) = self.outage else { return };
         let entered_ns = Arc::clone(&self.entered_ns);
@@ -65,15 +63,14 @@ impl<T: Clone> Impaired<T> {
             }
         });
     }
-    /// The mission entered the outage's state at `at_ns` of the steady clock.
+    /// Records that the mission entered the outage's state at `at_ns` of the steady clock.
     pub fn begin_outage(&self, at_ns: i64) {
         self.entered_ns.store(at_ns, Ordering::Relaxed);
     }
-    /// Counts of the packets so far.
     pub fn counts(&self) -> ChannelCounts {
         self.radio.counts()
     }
-    /// From `now_ns` until something arrives, at most `most`.
+    /// Time from `now_ns` to the next arrival, at most `most`.
     pub fn idle(&self, now_ns: i64, most: Duration) -> Duration {
         let early = self.radio.next().map(|at| at - self.true_time(now_ns));
         early.map_or(most, |e| {
@@ -83,17 +80,17 @@ impl<T: Clone> Impaired<T> {
     fn true_time(&self, steady_ns: i64) -> Time<TrueTime> {
         Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
     }
-    /// Something of so many bytes on the air came at `at_ns` of the steady clock.
+    /// Sends a value of `bytes` on the air at `at_ns` of the steady clock.
     pub fn take(&mut self, at_ns: i64, bytes: usize, value: T) {
         let at = self.true_time(at_ns);
         self.radio.send(at, bytes, value);
     }
-    /// Packets that have arrived by `now_ns`, with their time of arrival on the steady clock, ns.
+    /// Values that have arrived by `now_ns`, with their time of arrival on the steady clock, ns.
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {
             let from = self.true_time(entered_ns) + Span::from_secs(outage.after_s);
-            // Longer than any landing is for good.
+            // Longer than any landing counts as for good.
             let until = from + Span::from_secs(outage.lasts_s.min(1e6));
             self.radio.set_outage([from, until]);
         }
@@ -105,14 +102,13 @@ impl<T: Clone> Impaired<T> {
     }
 }
 
-/// Radio messages on their way into a process.
 pub struct Inbound {
     impaired: Impaired<Received>,
     ready: VecDeque<Received>,
 }
 
 impl Inbound {
-    /// Through an impairment.
+    /// Messages that pass through an impairment.
     pub fn new(impaired: Impaired<Received>) -> Inbound {
         Inbound {
             impaired,

@@ -151,7 +151,7 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
         sea: &scene.sea,
         live: true,
     };
-    record::export(flight, &subject, &landed.outcome, Some(path), None)?;
+    record::export(flight, &subject, &landed.outcome, path)?;
     note(args.form.alone(), format!("recording: {}", path.display()));
     Ok(())
 }

@@ -1,5 +1,5 @@
-//! Landings in real time: the nodes as processes over zenoh and iceoryx2, the simulated vehicles as a
-//! process next to them, and the faults injected in between.
+//! Landings in real time: the nodes as processes over zenoh and iceoryx2, with a process of the simulated vehicles and
+//! injected faults.
 
 pub mod air;
 pub mod args;

@@ -1,18 +1,17 @@
-//! Two network namespaces of Linux, one for the vessel's computer and one for the drone's, each
-//! with a TUN device; what lies between the devices is the link emulator's. Made and removed with
-//! iproute2's `ip`, which needs the right to administer the network (root).
+//! Two Linux network namespaces, one for the vessel's computer and one for the drone's, each with a TUN device; the
+//! link emulator connects the devices. They are made and removed with iproute2's `ip`, which needs the right to
+//! administer the network (root).
 
 use std::process::{Command, Stdio};
 
 use alight_computer::exit::{CliError, Doing};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-/// The vessel's address, and the drone's.
+/// Addresses of vessel and drone.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
-/// Largest packet; the usual one, so that fragments fall as they do at sea.
+/// Maximum packet size; the usual one, so that packets are fragmented as at sea.
 const MTU: u16 = 1500;
 
-/// The namespaces of one set of processes.
 #[derive(Clone, Debug)]
 pub struct Namespaces {
     name: String,
@@ -33,16 +32,14 @@ fn ip(arguments: &[&str]) -> Result<(), CliError> {
 }
 
 impl Namespaces {
-    /// The namespaces called after `name`; nothing is made yet.
+    /// Namespaces with names from `name`; does not make them.
     pub fn named(name: &str) -> Namespaces {
         Namespaces { name: name.into() }
     }
-    /// The vessel's (0) or the drone's (1).
     pub fn space(&self, side: usize) -> String {
         let side = if side == 0 { "vessel" } else { "drone" };
         format!("alight-{}-{side}", self.name)
     }
-    /// Makes those that are not there.
     pub fn make(&self) -> Result<(), CliError> {
         for side in 0..2 {
             let space = self.space(side);
@@ -53,20 +50,19 @@ impl Namespaces {
         }
         Ok(())
     }
-    /// Removes both, also those of a run that was killed. Processes in them keep what they have.
+    /// Removes both, including those of a run that was killed. Processes in them keep their sockets.
     pub fn remove(&self) {
         for side in 0..2 {
-            // One that is not there needs no removing.
+            // A missing namespace needs no removal.
             let _none = ip(&["netns", "del", &self.space(side)]);
         }
     }
-    /// A device in each namespace, up and with its address; gone when the program is.
+    /// Device in each namespace, up and with its address; removed when the program ends.
     pub fn devices(&self) -> Result<[SyncDevice; 2], CliError> {
         Ok([self.device(0)?, self.device(1)?])
     }
     fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
-        // Born in our namespace under a name that no other process uses, then moved: the file that we
-        // hold stays attached to it.
+        // Made in the program's own namespace under a unique name, then moved: the open file stays attached to it.
         let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
         let device = DeviceBuilder::new()
             .name(&born)
@@ -87,18 +83,17 @@ impl Namespaces {
     }
 }
 
-/// Namespaces that are removed with this.
+/// Namespaces that are removed when dropped.
 pub struct OwnSpaces(Namespaces);
 
 impl OwnSpaces {
-    /// New ones; those of a run that was killed are removed before.
+    /// Makes new namespaces, after removing those of a run that was killed.
     pub fn make(name: &str) -> Result<OwnSpaces, CliError> {
         let own = OwnSpaces(Namespaces::named(name));
         own.0.remove();
         own.0.make()?;
         Ok(own)
     }
-    /// Command prefix that runs a command on a side.
     pub fn enter(&self, side: usize) -> Vec<String> {
         self.0.enter(side)
     }

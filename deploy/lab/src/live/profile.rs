@@ -1,4 +1,4 @@
-//! Named qualities of the radio, one TOML file each in `deploy/links`, and files of one's own.
+//! Radio profiles: named ones, each a TOML file in `deploy/links`, and others by file name.
 
 use std::path::Path;
 
@@ -6,7 +6,6 @@ use alight_computer::exit::CliError;
 use alight_shared::config;
 use alight_sim::radio::SimulatedRadioConfig;
 
-/// The named profiles.
 const PROFILES: [(&str, &str); 7] = [
     ("clean", include_str!("../../../links/clean.toml")),
     ("wifi-near", include_str!("../../../links/wifi-near.toml")),
@@ -17,12 +16,11 @@ const PROFILES: [(&str, &str); 7] = [
     ("narrow", include_str!("../../../links/narrow.toml")),
 ];
 
-/// Names of the profiles.
 pub fn names() -> impl Iterator<Item = &'static str> {
     PROFILES.iter().map(|(name, _)| *name)
 }
 
-/// The profile called `name`, or the one in the TOML file of that name.
+/// Profile with this name, or that in the TOML file with this name.
 pub fn load(name: &str) -> Result<SimulatedRadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
         return Ok(config::parse(text, name)?);

@@ -1,5 +1,5 @@
-//! The simulated camera of a live landing: a thread that renders what the world's shutter took, and
-//! publishes the images in the drone's shared memory, or writes them where a device would deliver them.
+//! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes the images
+//! in the drone's shared memory or writes them as a device would.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -23,29 +23,28 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::live::config::Devices;
 
-/// Shots that wait for the thread; more are lost, as a camera that is overrun loses images.
+/// Maximum number of shots that wait for the thread; further ones are lost, as in an overrun camera.
 const QUEUE_LENGTH: usize = 2;
 
-/// A device delivers an image within this time of its delay, or has lost it, ns: who reads it takes that for its age.
+/// Maximum delay of a device's image beyond its nominal delay, ns; a later one is lost, because the reader derives the
+/// age from the nominal delay.
 const MAX_LATE_NS: i64 = 5_000_000;
 
-/// The way to that thread.
+/// Handle of the rendering thread.
 pub struct RenderThread {
     shots: SyncSender<Shot>,
-    /// Images without a reader.
     lost: Arc<AtomicU64>,
 }
 
-/// Receiver of images.
 enum Sink {
-    /// The drone's shared memory, which is held for as long as its port.
+    /// Shared memory of the drone, which is held for as long as its port.
     Memory { images: ImagePublisher, _memory: Memory },
-    /// A device of the drone's computer.
+    /// Device of the drone's computer.
     Pipe(Pipe),
 }
 
 impl Sink {
-    /// Renders an image of this size, into the drone's shared memory or to be written; false for one that is lost.
+    /// Renders an image of this size into the drone's shared memory or for the pipe; false if it is lost.
     fn take(&mut self, shot: &Shot, size: [u32; 2], renderer: &mut Renderer) -> bool {
         match self {
             Sink::Memory { images, .. } => {
@@ -64,7 +63,7 @@ impl Sink {
             }
         }
     }
-    /// Whether an image that was exposed at this time would be lost. In memory it has its time with it, and never is.
+    /// Whether an image exposed at this time would be lost. In shared memory it carries its time and is never late.
     fn too_late(&self, shot: &Shot) -> bool {
         match self {
             Sink::Memory { .. } => false,
@@ -73,19 +72,19 @@ impl Sink {
     }
 }
 
-/// A named pipe of raw images, each at its time.
+/// Named pipe of raw images, each delivered at its time.
 struct Pipe {
     devices: Devices,
     open: Option<File>,
 }
 
 impl Pipe {
-    /// Time until an image is due that was exposed when the drone's clock, the steady one, read `at_ns`, ns.
+    /// Time until an image is due, ns, that was exposed at `at_ns` of the drone's clock, the steady one.
     fn early_ns(&self, at_ns: i64) -> i64 {
         at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
     }
-    /// Delivers the image that was exposed at `at_ns`. One that is too late, or that has no reader, is lost, as a
-    /// camera's is.
+    /// Delivers the image that was exposed at `at_ns`. A late image, or one without a reader, is lost, as a camera's
+    /// is.
     fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
         let early_ns = self.early_ns(at_ns);
         if early_ns < -MAX_LATE_NS {
@@ -106,7 +105,7 @@ impl Pipe {
         }
         written
     }
-    /// The pipe's end, if it has a reader; what is written then waits for that one.
+    /// Writing end of the pipe, if it has a reader; later data wait for that reader.
     fn reader(&self) -> Option<File> {
         let flags = OFlags::NONBLOCK.bits().cast_signed();
         let pipe = OpenOptions::new()
@@ -121,7 +120,7 @@ impl Pipe {
 }
 
 impl RenderThread {
-    /// The camera of a seed, into shared memory; None where the measurement model stands for it.
+    /// Camera of a seed that renders into shared memory; None if the measurement model replaces it.
     pub fn of(instance: &Instance, scenario: &Scenario, seed: u64) -> Result<Option<RenderThread>, CliError> {
         let render = &scenario.sensors.render;
         if !render.on {
@@ -130,7 +129,7 @@ impl RenderThread {
         let pixels = render.lens.width_px as usize * render.lens.height_px as usize;
         let instance = instance.clone();
         let open = move || {
-            // Shared memory's ports belong to the thread that uses them.
+            // Ports of shared memory belong to the thread that uses them.
             let memory = Memory::join(&instance, "render_thread")?;
             let images = memory.image_publisher(ImageTopic::Simulated, pixels)?;
             Ok(Sink::Memory {
@@ -140,7 +139,7 @@ impl RenderThread {
         };
         RenderThread::start(open, scenario, seed).map(Some)
     }
-    /// The camera of a seed as a device of the drone's computer.
+    /// Camera of a seed as a device of the drone's computer.
     pub fn into_pipe(devices: &Devices, scenario: &Scenario, seed: u64) -> Result<RenderThread, CliError> {
         let devices = devices.clone();
         let open = move || Ok(Sink::Pipe(Pipe { devices, open: None }));
@@ -158,7 +157,7 @@ impl RenderThread {
         let lost = Arc::<AtomicU64>::default();
         let lost_here = Arc::clone(&lost);
         std::thread::spawn(move || {
-            // What moves is before the images of it.
+            // The world's motion takes precedence over its images.
             scheduling::leave_real_time();
             let mut sink = match open() {
                 Ok(sink) => sink,
@@ -189,14 +188,12 @@ impl RenderThread {
             Err(e) => Err(CliError::because("starting the simulated camera", e)),
         }
     }
-    /// Renders these.
     pub fn take(&mut self, shots: &[Shot]) {
         for shot in shots {
             let full = self.shots.try_send(*shot).is_err();
             self.lost.fetch_add(u64::from(full), Ordering::Relaxed);
         }
     }
-    /// Images without a reader.
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }

@@ -11,62 +11,54 @@ use serde::{Deserialize, Serialize};
 use crate::live::air::RadioReport;
 use crate::live::fault::FaultReport;
 
-/// Usage of one process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {
     pub process: String,
-    /// Processor time by time since its last start, per cent of one core.
+    /// Processor time per time since its last start, per cent of one core.
     pub cpu_percent: f64,
-    /// Resident memory, MB.
     pub memory_mb: f64,
-    /// Median time of one step of its node, s.
+    /// Median duration of a step of its node, s.
     pub step_p50_s: f64,
-    /// 99th percentile of the same, s.
+    /// 99th percentile of that duration, s.
     pub step_p99_s: f64,
 }
 
-/// Usage, delays and faults of a live landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
     /// Starts of processes beyond the first.
     pub restarts: u32,
-    /// Usage of each process.
     pub processes: Vec<ProcessUsage>,
-    /// Measurement on the vessel to set-point on the drone, median and 99th percentile, s.
+    /// Delay from a measurement on the vessel to the set-point on the drone, median and 99th percentile, s.
     pub vessel_to_set_point_s: [f64; 2],
-    /// Odometry to set-point, the same, s.
+    /// Delay from odometry to set-point, median and 99th percentile, s.
     pub odometry_to_set_point_s: [f64; 2],
-    /// The most that a tick of the simulated world was late, s.
+    /// Maximum lateness of a tick of the simulated world, s.
     pub world_late_s: f64,
-    /// Ticks of it more than one period late.
+    /// Number of its ticks more than one period late.
     pub world_late_ticks: u64,
     /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     #[serde(default)]
     pub motors_on_deck_s: f64,
-    /// The mission's states.
     pub phases: Vec<PhaseEntry>,
-    /// Whether the last of them was entered after a match that succeeded.
+    /// The last state was entered after a successful match.
     #[serde(skip)]
     pub is_matched: bool,
     pub radio: RadioReport,
-    /// The faults that were asked for.
     pub faults: Vec<FaultReport>,
 }
 
-/// Outcome and report of a live landing: one JSON object.
+/// Outcome and report of a live landing, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveOutcome {
-    /// As of a trial.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Report of the processes.
     pub live: LiveReport,
 }
 
 impl LiveReport {
-    /// From the newest messages of the processes.
+    /// Report by the newest messages of the processes.
     pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
         let [pilot, world] = [ProcessKind::Pilot, ProcessKind::World]
             .map(|kind| snapshot.processes.get(&kind).copied().unwrap_or_default());
@@ -99,23 +91,22 @@ impl LiveReport {
             ..LiveReport::default()
         }
     }
-    /// Reason of a match that succeeded.
     pub fn matched(&self) -> Option<&str> {
         let newest = self.phases.last().filter(|_| self.is_matched);
         newest.map(|p| p.reason.as_str())
     }
-    /// Summary of the landing for the directory that its processes recorded into.
+    /// Summary of the landing for the directory of its recording.
     pub fn summary(&self, o: &Outcome) -> FlightSummary {
         let name = if o.success { "landed" } else { o.outcome.name() };
         let matched = self.matched();
-        let figures = [
+        let metrics = [
             ("landed", o.success.then_some(1.0)),
             ("landing_s", o.landing_time_s),
             ("off_centre_m", o.position_error_m),
             ("descents", Some(f64::from(o.attempts))),
             ("restarts", Some(f64::from(self.restarts))),
         ];
-        let figures = figures
+        let metrics = metrics
             .into_iter()
             .filter_map(|(name, v)| Some((name.to_owned(), v?)));
         FlightSummary {
@@ -124,11 +115,10 @@ impl LiveReport {
             outcome: matched.map_or(name, |_| "matched").into(),
             reason: matched.unwrap_or(&o.reason).into(),
             phases: self.phases.clone(),
-            figures: figures.collect(),
+            figures: metrics.collect(),
             ..FlightSummary::of("simulation")
         }
     }
-    /// Text below the table of the processes.
     pub fn text(&self) -> String {
         let [a, b] = self.vessel_to_set_point_s.map(time);
         let [c, d] = self.odometry_to_set_point_s.map(time);

@@ -1,4 +1,4 @@
-//! Services as systemd runs them: started, notified of readiness, started again when they end (Restart=always,
+//! Services as systemd runs them: started, notified of readiness, restarted when they end (Restart=always,
 //! RestartSec=100ms), asked to end, killed.
 
 use std::ffi::{OsStr, OsString};
@@ -19,17 +19,15 @@ use alight_transport::signal::{Signal, signal};
 const RESTART_NS: i64 = 100_000_000;
 /// TimeoutStopSec of the units, ns.
 const STOP_NS: i64 = 5_000_000_000;
-/// A service is ready within this time, s.
+/// Limit for a service to become ready, s.
 pub const READY_S: f64 = 60.0;
-/// Time between two looks.
 const POLL: Duration = Duration::from_millis(10);
-/// Lines at the end of what a service wrote that are shown.
+/// Number of a service's last output lines that are shown.
 const LAST_LINES: usize = 5;
 
-/// `program` with these arguments.
 pub fn command(program: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
-    // A group of its own: the terminal's Ctrl-C reaches the rehearsal only, which ends all.
+    // A process group of its own: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
     command
         .args(arguments)
         .process_group(0)
@@ -53,7 +51,7 @@ pub struct Service {
 
 impl Service {
     /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which is its state directory and
-    /// takes what it writes; `program` with what stands before it.
+    /// receives its output. `program` may include a prefix.
     pub fn start<W: AsRef<OsStr>>(
         name: &'static str,
         program: &[W],
@@ -61,7 +59,6 @@ impl Service {
         more: &[&str],
     ) -> Result<Service, CliError> {
         let (socket, config) = (socket(directory, name), directory.join(format!("{name}.toml")));
-        // Of a former start.
         let _none = std::fs::remove_file(&socket);
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
         let own = [OsStr::new(name), OsStr::new("--config"), config.as_os_str()];
@@ -100,18 +97,17 @@ impl Service {
         (self.started_ns, self.ended_ns, self.ready_s) = (steady_ns(), None, None);
         Ok(())
     }
-    /// Socket for its reports.
     pub fn socket(&self) -> PathBuf {
         socket(&self.directory, self.name)
     }
     fn errors_file(&self) -> PathBuf {
         self.directory.join(format!("{}.err", self.name))
     }
-    /// The number of its process, while it lives.
+    /// Process id, while it lives.
     pub fn id(&self) -> Option<u32> {
         self.child.as_ref().map(Child::id)
     }
-    /// From its newest start until it reported that it is ready, s.
+    /// Time from its newest start to its report of readiness, s.
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
@@ -123,14 +119,13 @@ impl Service {
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.lines.iter().flatten()
     }
-    /// The end of what it wrote to standard error.
     pub fn complaints(&self) -> String {
         let text = std::fs::read_to_string(self.errors_file()).unwrap_or_default();
         let lines: Vec<&str> = text.lines().collect();
         let from = lines.len().saturating_sub(LAST_LINES);
         lines.get(from..).unwrap_or_default().join("\n")
     }
-    /// Takes in what it reports; true while it lives.
+    /// Reads its reports; true while it lives.
     pub fn poll(&mut self) -> bool {
         let mut buffer = [0; 512];
         while let Ok(n) = self.notified.recv(&mut buffer) {
@@ -144,14 +139,12 @@ impl Service {
         }
         self.child.is_some()
     }
-    /// Polls it, and starts it again when it ended.
     pub fn keep(&mut self) -> Result<(), CliError> {
         if !self.poll() && self.ended_ns.is_some_and(|t| steady_ns() - t >= RESTART_NS) {
             self.spawn()?;
         }
         Ok(())
     }
-    /// Waits until it reports that it is ready.
     pub fn await_ready(&mut self) -> Result<(), CliError> {
         let deadline_ns = steady_ns() + (READY_S * 1e9) as i64;
         while self.poll() && self.ready_s.is_none() && steady_ns() < deadline_ns {
@@ -163,11 +156,11 @@ impl Service {
             None => Err(CliError::because(doing, self.complaints())),
         }
     }
-    /// Kills it, and as its manager does what it started; waits until they are gone.
+    /// Kills it and its child processes, as its manager does; waits until they are gone.
     pub fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
         let mut left = children(child.id());
-        // One that is gone meanwhile needs no killing.
+        // A process that is gone meanwhile needs no killing.
         let _gone = child.kill();
         let deadline_ns = steady_ns() + STOP_NS;
         while (self.poll() || !left.is_empty()) && steady_ns() < deadline_ns {
@@ -178,13 +171,12 @@ impl Service {
             pause(POLL);
         }
     }
-    /// Asks it to end.
     pub fn ask_to_end(&mut self) {
         if let Some(child) = &mut self.child {
             drop(child.stdin.take());
         }
     }
-    /// Asks it to end, and kills it when that takes too long; true when it ended by itself.
+    /// Asks it to end, and kills it after a timeout; true if it ended by itself.
     pub fn stop(&mut self) -> bool {
         self.ask_to_end();
         let deadline_ns = steady_ns() + STOP_NS;
@@ -197,21 +189,19 @@ impl Service {
     }
 }
 
-/// Socket for a service's reports.
 fn socket(directory: &Path, name: &str) -> PathBuf {
     directory.join(format!("{name}.notify"))
 }
 
-/// Whether the process `pid` runs. One that has ended has no program, whether somebody waited for it or not.
+/// Whether the process `pid` runs. A process that has ended has no program, even as a zombie.
 pub fn runs(pid: u32) -> bool {
     std::fs::read_link(format!("/proc/{pid}/exe")).is_ok()
 }
 
-/// The processes that the process `pid` started.
 fn children(pid: u32) -> Vec<u32> {
     let parent = |of: u32| {
         let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
-        // Fields are counted after the command's name, which is in parentheses and may hold blanks.
+        // Fields are counted after the command's name, which is in parentheses and may contain blanks.
         let fields = stat.rsplit(')').next()?;
         fields.split_whitespace().nth(1)?.parse::<u32>().ok()
     };

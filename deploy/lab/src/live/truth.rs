@@ -1,19 +1,18 @@
-//! The truth as the world's process logs it: both bodies at the beginning of every tick.
+//! Truth in the log of the world's process: both bodies at the beginning of every tick.
 
 use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
 use alight_sim::physics::body::RigidState;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A body: position, velocity, acceleration (NED), attitude (w, x, y, z), angular velocity and
-/// acceleration (body), SI.
+/// Body: position, velocity, acceleration (NED), attitude (w, x, y, z), angular velocity and acceleration (body), SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BodyTruth {
     vectors: [[f64; 3]; 5],
     attitude: [f64; 4],
 }
 
-/// Both bodies; the drone, with the wind that it meets (NED, m/s, towards), once it is there.
+/// Both bodies; the drone, once it is there, with its wind (NED, m/s, towards).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TruthSample {
     vessel: BodyTruth,
@@ -42,7 +41,7 @@ impl BodyTruth {
             position: Point::from(p),
             velocity: Vector::from(v),
             acceleration: Vector::from(a),
-            // It was a unit quaternion: dividing by its length again could move a bit.
+            // It is a unit quaternion: normalising it again could change a bit.
             attitude: Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(qw, x, y, z))),
             rates: Vector::from(w),
             angular_acceleration: Vector::from(dw),
@@ -51,7 +50,6 @@ impl BodyTruth {
 }
 
 impl TruthSample {
-    /// Truth of both bodies.
     pub fn of(
         vessel: &RigidState<VesselBody>,
         drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
@@ -61,11 +59,10 @@ impl TruthSample {
             drone: drone.map(|(drone, wind)| (BodyTruth::of(drone), (*wind).into())),
         }
     }
-    /// The vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.vessel.state()
     }
-    /// The drone, and the wind that it meets, NED, m/s, towards.
+    /// State of the drone, and its wind, NED, m/s, towards.
     pub fn drone(&self) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
         let (drone, wind) = self.drone.as_ref()?;
         Some((drone.state(), Vector3::from(*wind)))

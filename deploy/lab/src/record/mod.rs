@@ -1,4 +1,4 @@
-//! Recordings of simulated flights: the steps that a flight's directory holds, computed again, with the truth.
+//! Recordings of simulated flights: the steps in a flight's directory, computed again, with the truth.
 
 mod lock_step;
 mod truth;
@@ -7,23 +7,28 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::playback::{Viewer, replay, shown};
-use alight_computer::record::entry::Entry;
+use alight_computer::record::entry::{Entry, PartHeader};
 use alight_computer::record::log::Log;
-use alight_computer::record::observer::{NodeStep, StepObserver};
-use alight_computer::record::{About, BASELINE_FILE, LIVE, NODES, Recorder, WORLD};
+use alight_computer::record::observer::StepObserver;
+use alight_computer::record::{About, BASELINE_FILE, LIVE, Recorder, WORLD};
+use alight_shared::frames::{DroneBody, VesselBody};
+use alight_shared::process::ProcessKind;
+use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial::{FlownTrial, Watch, fly_with};
+use alight_sim::physics::body::RigidState;
 use alight_transport::wake::end_requested;
 use alight_uav::planner::law::Law;
 use alight_uav::settings::DroneSettings;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::live::truth::TruthSample;
-use lock_step::LockStepLog;
+use lock_step::LockStepObservers;
 use truth::TruthViews;
 
 /// Content attached as [`BASELINE_FILE`].
@@ -32,26 +37,24 @@ struct BaselineFile {
     baseline: Option<Baseline>,
 }
 
-/// The law of a recorded baseline; a real flight has none.
+/// Law of a recorded baseline; a real flight has none.
 pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
     let BaselineFile { baseline } = toml::from_str(text).doing(format_args!("reading {BASELINE_FILE}"))?;
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
-/// Subject of the recording.
 #[derive(Clone, Copy)]
 pub struct RecordingScene<'a> {
     pub scenario: &'a Scenario,
     pub nodes: &'a NodeConfigs,
     pub seed: u64,
-    /// The sea as the person named it.
+    /// Sea as named on the command line.
     pub sea: &'a str,
-    /// Whether its nodes are processes.
+    /// The nodes run as processes.
     pub live: bool,
 }
 
 impl RecordingScene<'_> {
-    /// Metadata of the recording.
     fn about(&self) -> Result<About, CliError> {
         let doing = "writing the scene of a recording";
         let baseline = BaselineFile {
@@ -73,16 +76,18 @@ impl RecordingScene<'_> {
     }
 }
 
-/// Flies the subject's trial, records it to `path`, and shows it to who looks on. What the recording failed by stands
-/// in addition to the flight.
+/// Flies the subject's trial, records it to `path`, and shows it to `watch`. An error of the recording is returned in
+/// addition to the flight.
 pub fn fly(
     path: Option<&Path>,
     subject: &RecordingScene<'_>,
     watch: Watch<'_>,
-    watcher: Option<&mut (dyn Viewer + 'static)>,
+    mut watcher: Option<&mut (dyn Viewer + 'static)>,
 ) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
-    path.map_or(Ok(()), Recorder::check)?;
-    let mut log = LockStepLog::begin(subject.nodes)?;
+    let recorder = path
+        .map(|path| FlightRecorder::create(path, subject))
+        .transpose()?;
+    let mut observers = LockStepObservers::new(subject, recorder, watcher.as_deref_mut())?;
     let RecordingScene {
         scenario,
         nodes,
@@ -90,43 +95,30 @@ pub fn fly(
         sea,
         ..
     } = *subject;
-    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut log).doing("setting up the trial")?;
-    let written = log.finish();
-    let exported = written.and_then(|log| export(log.path(), subject, &flown.outcome, path, watcher));
-    Ok((flown, exported))
+    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut observers).doing("setting up the trial")?;
+    let recorded = observers.recorder.map_or(Ok(()), |r| r.finish(&flown.outcome));
+    if let Some(watcher) = watcher {
+        watcher.linger();
+    }
+    Ok((flown, recorded))
 }
 
-/// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to who looks on.
+/// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to the observers.
 pub fn export(
     directory: &Path,
     subject: &RecordingScene<'_>,
     outcome: &Outcome,
-    path: Option<&Path>,
-    mut watcher: Option<&mut (dyn Viewer + 'static)>,
+    path: &Path,
 ) -> Result<(), CliError> {
     let mut log = Log::open(directory)?;
     log.about = subject.about()?;
-    for process in NODES.iter().chain([&WORLD]) {
-        log.first(process)?;
-    }
-    let mut recorder = path
-        .map(|path| FlightRecorder::create(path, subject, &log))
-        .transpose()?;
-    let mut observers: Vec<&mut dyn StepObserver> = Vec::new();
-    observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
-    observers.extend(watcher.as_mut().map(|w| &mut **w as &mut dyn StepObserver));
+    log.first(WORLD)?;
+    let mut recorder = FlightRecorder::create(path, subject)?;
+    shown(&log).into_iter().for_each(|header| recorder.begin(header));
     // The recording has the times of the simulated world.
+    let observers: Vec<&mut dyn StepObserver> = vec![&mut recorder];
     let replayed = replay(&log, &law, Span::ZERO, observers)?;
-    if let Some(recorder) = recorder {
-        recorder.finish(&[
-            ("outcome", outcome.outcome.name().to_string()),
-            ("reason", outcome.reason.clone()),
-            ("digest", outcome.digest.clone()),
-        ])?;
-    }
-    if let Some(watcher) = watcher {
-        watcher.linger();
-    }
+    recorder.finish(outcome)?;
     // What is recorded are the outputs of the computation, which have to be those of the flight.
     match replayed.iter().find_map(|r| Some((&r.node, r.differs_at_step?))) {
         Some((node, step)) => Err(CliError(format!(
@@ -137,18 +129,17 @@ pub fn export(
     }
 }
 
-/// Records a simulated flight.
 struct FlightRecorder {
     path: PathBuf,
-    /// None: it was ended.
+    /// None once ended.
     recorder: Option<Recorder>,
     truth: TruthViews,
 }
 
 impl FlightRecorder {
-    /// Creates the file of a log and writes what does not change.
-    fn create(path: &Path, subject: &RecordingScene<'_>, log: &Log) -> Result<FlightRecorder, CliError> {
-        let (recorder, truth) = Recorder::create(path, &shown(log), &log.about, |sink| {
+    /// Creates the file and writes what does not change.
+    fn create(path: &Path, subject: &RecordingScene<'_>) -> Result<FlightRecorder, CliError> {
+        let (recorder, truth) = Recorder::create(path, &subject.about()?, |sink| {
             TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
         })?;
         Ok(FlightRecorder {
@@ -157,13 +148,26 @@ impl FlightRecorder {
             truth,
         })
     }
-    /// Ends the recording with what came out of the flight.
-    fn finish(mut self, ending: &[(&str, String)]) -> Result<(), CliError> {
-        let recorder = self.recorder.take();
-        recorder.map_or(Ok(()), |recorder| recorder.finish(&self.path, ending))
+    /// A process's start, whose steps follow.
+    fn begin(&mut self, header: PartHeader) {
+        self.recorder.iter_mut().for_each(|r| r.begin(header.clone()));
     }
-    /// Ends the process when it was asked to (Ctrl-C), with a recording that can be read up to now.
-    fn end_when_asked(&mut self, t: Time<TrueTime>) {
+    /// Whether this start has begun.
+    fn has(&self, process: ProcessKind, boot: u32) -> bool {
+        let recorder = self.recorder.as_ref();
+        recorder.is_none_or(|r| r.channel(process.name(), boot).is_some())
+    }
+    /// The truth at the beginning of a tick. Ends the process when it was asked to (Ctrl-C), with a recording that can be read
+    /// up to now.
+    fn truth(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<(RigidState<DroneBody>, Vector3<f64>)>,
+    ) {
+        if let Some(recorder) = &mut self.recorder {
+            self.truth.show(recorder, t, vessel, drone);
+        }
         let Some(recorder) = self.recorder.take_if(|_| end_requested()) else {
             return;
         };
@@ -179,21 +183,29 @@ impl FlightRecorder {
         alight_computer::terminal::note(true, line);
         std::process::exit(1);
     }
+    /// Ends the recording with what came out of the flight.
+    fn finish(mut self, outcome: &Outcome) -> Result<(), CliError> {
+        let ending = [
+            ("outcome", outcome.outcome.name().to_string()),
+            ("reason", outcome.reason.clone()),
+            ("digest", outcome.digest.clone()),
+        ];
+        let recorder = self.recorder.take();
+        recorder.map_or(Ok(()), |recorder| recorder.finish(&self.path, &ending))
+    }
 }
 
 impl StepObserver for FlightRecorder {
-    fn of(&mut self, process: &str, boot: u32) {
-        self.recorder.iter_mut().for_each(|r| r.of(process, boot));
-    }
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
         self.recorder.iter_mut().for_each(|r| r.step(t, step));
     }
-    fn world(&mut self, t: Time<TrueTime>, entry: &[u8]) -> Result<(), WireError> {
-        let truth = wire::decode_record::<Entry<TruthSample>>(entry)?.input;
-        if let Some(recorder) = &mut self.recorder {
-            self.truth.show(recorder, t, &truth.vessel(), truth.drone());
+    fn recorded(&mut self, t: Time<TrueTime>, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
+        if of.process == WORLD {
+            let truth = wire::decode_record::<Entry<TruthSample>>(entry)?.input;
+            self.truth(t, &truth.vessel(), truth.drone());
+            return Ok(());
         }
-        self.end_when_asked(t);
-        Ok(())
+        let mut all = self.recorder.iter_mut();
+        all.try_for_each(|r| r.recorded(t, of, entry))
     }
 }

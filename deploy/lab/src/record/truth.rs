@@ -1,4 +1,4 @@
-//! The truth in a recording: the scene, and the relation of drone and deck.
+//! Truth in a recording: the scene, and the relation of drone and deck.
 
 use alight_computer::record::Recorder;
 use alight_computer::record::scenery::Scenery;
@@ -15,7 +15,6 @@ use nalgebra::Vector3;
 /// Period of the shapes, ms.
 const SCENE_MS: i64 = 5_000;
 
-/// Channels of the truth.
 pub struct TruthViews {
     scenario: Scenario,
     scenery: Scenery,
@@ -30,7 +29,7 @@ impl TruthViews {
             truth: ViewTopic::open(sink, "/truth")?,
         })
     }
-    /// Both bodies at `t`, the drone with the wind that it meets (NED, m/s, towards).
+    /// Shows both bodies at `t`, the drone with its wind (NED, m/s, towards).
     pub fn show(
         &mut self,
         recorder: &mut Recorder,

@@ -1,4 +1,4 @@
-//! Documents of headings, texts, tables and charts, as Markdown and as one HTML page.
+//! Documents with headings, texts, tables and charts, as Markdown and as one HTML page.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -6,19 +6,17 @@ use std::path::Path;
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::table::{Table, escape};
 
-/// A part of a document.
 pub enum Block {
     Heading(String),
     Text(String),
     Items(Vec<String>),
     Table(Table),
-    /// A chart under its caption; on the page only.
+    /// Chart with its caption; on the page only.
     Chart(Chart),
-    /// Lines as they are.
+    /// Preformatted lines.
     Lines(Vec<String>),
 }
 
-/// A drawing (SVG) and its caption.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub caption: String,
@@ -30,7 +28,6 @@ pub struct Document {
     pub blocks: Vec<Block>,
 }
 
-/// Style of a page.
 const STYLE: &str = "\
     *{box-sizing:border-box}\
     body{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:100rem;padding:0 .8rem;color:#222}\
@@ -45,7 +42,6 @@ const STYLE: &str = "\
     pre{overflow-x:auto;background:#f6f6f6;padding:.6rem}";
 
 impl Document {
-    /// As Markdown, without its charts.
     pub fn markdown(&self) -> String {
         let mut out = format!("# {}\n", self.title);
         for block in &self.blocks {
@@ -60,7 +56,7 @@ impl Document {
         }
         out
     }
-    /// As one HTML page, readable on a wide and a narrow screen.
+    /// Document as one HTML page, readable on wide and narrow screens.
     pub fn html(&self) -> String {
         let mut out = format!(
             "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
@@ -88,7 +84,7 @@ impl Document {
     }
 }
 
-/// Writes files into the directory `out`, which is made when it is not there.
+/// Writes files into the directory `out`, which is created if missing.
 pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
     std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
     for (name, text) in files {

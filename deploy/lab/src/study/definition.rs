@@ -1,4 +1,4 @@
-//! The file of a study: which scenes are flown, by which planners, and what is published of them.
+//! File of a study: the scenes and planners to fly, and the published results.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use clap::builder::PossibleValue;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-/// The studies that the program has with it.
+/// Studies shipped with the program.
 const SHIPPED: [(&str, &str); 12] = [
     ("table2", include_str!("../../../../tests/studies/table2.toml")),
     ("seas", include_str!("../../../../tests/studies/seas.toml")),
@@ -31,7 +31,6 @@ const SHIPPED: [(&str, &str); 12] = [
     ),
 ];
 
-/// Published values of a scene.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedResult {
@@ -41,7 +40,6 @@ pub struct PublishedResult {
 }
 
 impl PublishedResult {
-    /// The metric of that name.
     pub fn metric(&self, name: &str) -> Option<f64> {
         match name {
             "position_error_m" => Some(self.position_error_m),
@@ -56,68 +54,62 @@ impl PublishedResult {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Changes {
-    /// The name in tables.
     pub name: String,
-    /// The world is what the configurations describe: deck, keep-out volumes, airframe.
+    /// The world matches the configurations: deck, keep-out volumes, airframe.
     pub as_configured: bool,
-    /// The simulated vessel's engines are strong enough for her speed.
+    /// The simulated vessel's engines suffice for its speed.
     pub powered: bool,
-    /// Published values of it, by planner.
     pub published: BTreeMap<String, PublishedResult>,
-    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files that
-    /// these flags name.
+    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files
+    /// that these flags name.
     #[serde(flatten)]
     pub flags: Table,
 }
 
-/// One thing that a grid varies.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyAxis {
     pub name: String,
-    /// Values that it takes.
     pub choice: Vec<Changes>,
 }
 
-/// Scenes by all combinations of the choices of its axes.
+/// Scenes for all combinations of the axes' choices.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyGrid {
     pub axis: Vec<StudyAxis>,
-    /// Drawn as curves over one axis by the other.
+    /// Drawn as curves over one axis, one per choice of the other.
     #[serde(default)]
     pub curves: bool,
 }
 
-/// Groups by which outcomes are pooled, where this is no axis.
+/// Value of [`Definition::pooled_by`] that pools outcomes by row instead of by axis.
 pub const BY_ROW: &str = "row";
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
     pub title: String,
-    /// Changes of every scene.
     #[serde(default)]
     pub all: Changes,
-    /// Planners, the first of which the others are compared with; the configured one where there are none.
+    /// Planners, the first of which is compared with the others; the configured one if there are none.
     #[serde(default)]
     pub planner: Vec<Changes>,
-    /// Scenes, one by one.
     #[serde(default)]
     pub row: Vec<Changes>,
     #[serde(default)]
     pub grid: Vec<StudyGrid>,
-    /// The axis by whose choices outcomes are pooled, or [`BY_ROW`].
+    /// Axis by whose choices outcomes are pooled, or [`BY_ROW`].
     pub pooled_by: Option<String>,
-    /// Planner whose published values stand next to planners of which none are published.
+    /// Planner whose published values stand next to planners without published values.
     #[serde(default)]
     pub beat: String,
-    /// Published landings of how many, by planner, over all scenes.
+    /// Published landings and trials, by planner, over all scenes.
     #[serde(default)]
     pub published_landed: BTreeMap<String, [u32; 2]>,
 }
 
-/// The text of the study called `name`, or of the file of that name.
+/// Text of the study called `name`, or of the file of that name.
 pub fn text(name: &str) -> Result<String, CliError> {
     if let Some((_, text)) = SHIPPED.iter().find(|(n, _)| *n == name) {
         return Ok((*text).into());
@@ -132,7 +124,6 @@ pub fn text(name: &str) -> Result<String, CliError> {
     std::fs::read_to_string(name).doing(format_args!("reading the study {name}"))
 }
 
-/// Reads a study; `origin` names the text in errors.
 pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     let doing = || format!("reading the study {origin}");
     let definition: Definition = config::read(text, "the study").doing(doing())?;
@@ -144,7 +135,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     }
     let by = definition.pooled_by.as_deref().unwrap_or(BY_ROW);
     if by != BY_ROW && axes.clone().all(|a| a.name != by) {
-        let why = format!("pooled_by = \"{by}\" is no axis; name one, or \"{BY_ROW}\"");
+        let why = format!("pooled_by = \"{by}\" is not an axis; name one, or \"{BY_ROW}\"");
         return Err(CliError::because(doing(), why));
     }
     if definition.row.is_empty() && definition.grid.is_empty() {
@@ -156,7 +147,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     Ok(definition)
 }
 
-/// Studies of the program with what they measure.
+/// Studies of the program with their titles.
 pub fn offered() -> Vec<PossibleValue> {
     let shipped = SHIPPED.iter().map(|(name, text)| {
         let title = parse(text, name).map(|d| d.title).unwrap_or_default();
@@ -170,7 +161,7 @@ pub fn offered() -> Vec<PossibleValue> {
 pub(super) mod tests {
     use super::*;
 
-    /// The studies that the program has with it.
+    /// Studies shipped with the program.
     pub fn shipped() -> impl Iterator<Item = (&'static str, Definition)> {
         SHIPPED
             .iter()
@@ -182,7 +173,7 @@ pub(super) mod tests {
         for (text, why) in [
             ("title = \"x\"", "no scene"),
             ("title = \"x\"\nrows = []", "unknown field `rows`"),
-            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "no axis"),
+            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "not an axis"),
             (
                 "title = \"x\"\n[[grid]]\n[[grid.axis]]\nname = \"hull\"\nchoice = []",
                 "no choice",

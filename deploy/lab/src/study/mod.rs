@@ -1,4 +1,4 @@
-//! `alight study`: one thing measured over many seeds.
+//! `alight study`: one quantity measured over many seeds.
 
 pub mod definition;
 pub mod envelope;
@@ -13,7 +13,6 @@ use alight_computer::terminal;
 
 use super::args::StudyArgs;
 
-/// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     let Some(name) = args.name.as_deref() else {
         return Err(CliError("STUDY is missing: alight help study names them".into()));
@@ -32,7 +31,9 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
 /// Prints the commands that fly the study in parts.
 fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     if name == "merge" {
-        return Err(CliError("study merge flies nothing: it has no --tasks".into()));
+        return Err(CliError(
+            "--tasks cannot be used with study merge, which flies nothing".into(),
+        ));
     }
     let definition = definition::parse(&definition::text(name)?, name)?;
     let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;

@@ -11,7 +11,7 @@ use super::rows::{CurveAxes, Rows, joined};
 use crate::chart::{self, Curve};
 use crate::report::document::Chart;
 
-/// A metric of a set of trials: its name, its column, its chart's caption, decimals.
+/// Metric of a set of trials: its name, column, chart caption and decimals, and its value.
 type Metric = (
     &'static str,
     &'static str,
@@ -75,7 +75,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     SampleStatistics::of(values).map(|s| s.mean)
 }
 
-/// Aborted descents.
+/// Number of aborted descents.
 pub fn aborts(o: &Outcome) -> f64 {
     f64::from(o.attempts.saturating_sub(u32::from(o.position_error_m.is_some())))
 }
@@ -85,7 +85,7 @@ pub struct Pool {
     group: String,
     planner: String,
     summary: Summary,
-    /// No landing in time, and no contact beyond its limits.
+    /// Trials without a landing in time and without a contact beyond its limits.
     refused: usize,
     metrics: [Option<f64>; METRICS.len()],
 }
@@ -137,7 +137,7 @@ impl Pool {
     }
 }
 
-/// A row per group and planner: landed, unsafe contacts, neither.
+/// Row per group and planner: landed, unsafe contacts, neither.
 pub fn table(by: &str, pools: &[Pool]) -> Table {
     let heads = [by, "planner", "landed", "95 %", "unsafe", "refused"];
     let mut table = Table::new(2.., heads.into_iter().chain(METRICS.iter().skip(1).map(|m| m.1)));
@@ -159,7 +159,7 @@ pub fn table(by: &str, pools: &[Pool]) -> Table {
     table
 }
 
-/// Every metric over each axis of the grids, a curve for each choice of the other.
+/// Every metric over each axis of the grids, with a curve for each choice of the other axis.
 pub fn curves(grids: &[CurveAxes], planners: &[&str], outcomes: &[Outcome]) -> Result<Vec<Chart>, CliError> {
     let mut out = Vec::new();
     for (planner, (_, _, caption, _, metric)) in

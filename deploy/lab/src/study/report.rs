@@ -21,18 +21,14 @@ use crate::chart::{self, Dot};
 use crate::outcome_table::summary_json;
 use crate::report::document::{Block, Chart, Document, write_files};
 
-/// Failures that a report names with their reasons.
 const MAX_FAILURES: usize = 12;
-/// Worst trials that a report names per row.
 const WORST_COUNT: usize = 3;
-/// Rows up to which the terminal shows worst and best trials.
+/// Maximum number of rows with which the terminal shows worst and best trials.
 const MAX_ROWS_WITH_EXTREMES: usize = 20;
-/// Position error that counts as the limits of speed and tilt do, m: half the deck's width less half
-/// of the feet's span.
+/// Position error equivalent to the limits of speed and tilt, m: half the deck's width less half of the feet's span.
 const POSITION_LIMIT_M: f64 = 0.65;
 
-/// A metric of the report: its name, its column, its chart's caption, the minimum end of the chart's axis,
-/// decimals.
+/// Metric of the report: its name, column, chart caption, minimum end of the chart's axis, and decimals.
 type Shown = (&'static str, &'static str, &'static str, f64, usize);
 
 const SHOWN: [Shown; 6] = [
@@ -80,7 +76,6 @@ const SHOWN: [Shown; 6] = [
     ),
 ];
 
-/// A scenario flown by one planner.
 #[derive(Serialize)]
 struct ReportRow {
     scenario: String,
@@ -89,7 +84,7 @@ struct ReportRow {
     summary_values: Map<String, Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     published: Option<PublishedResult>,
-    /// Worst first, by the fraction of a limit of success.
+    /// Worst first, by the fraction of a success limit.
     worst_seeds: Vec<u64>,
     best_seed: u64,
     #[serde(skip)]
@@ -97,7 +92,7 @@ struct ReportRow {
     /// 95 % bootstrap interval of the mean of each of [`SHOWN`].
     #[serde(skip)]
     intervals: Vec<Option<[f64; 2]>>,
-    /// Flies a trial again, without `--seed`; None where the study kept no scene.
+    /// Replay command of a trial, without `--seed`; None if the study kept no scene.
     #[serde(skip)]
     command: Option<String>,
 }
@@ -144,7 +139,7 @@ impl ReportRow {
     }
 }
 
-/// The fraction of a limit of success that a trial takes at worst; failures above all.
+/// Largest fraction of a success limit that a trial reaches; failures are above all.
 fn worst_limit_fraction(o: &Outcome) -> f64 {
     let fraction = |value: Option<f64>, limit: f64| value.map_or(f64::INFINITY, |v| v / limit);
     let worst = fraction(o.position_error_m, POSITION_LIMIT_M)
@@ -154,7 +149,7 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
     worst + if o.success { 0.0 } else { 1e6 }
 }
 
-/// The command that flies a trial of a row again, from the files that the study keeps.
+/// Replay command of a row's trials, with the files that the study keeps.
 pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
@@ -168,12 +163,9 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
     ))
 }
 
-/// A study that was flown.
 pub struct Study<'a> {
     pub title: &'a str,
-    /// Number of landings to fly.
     pub definition: &'a Definition,
-    /// The rows of it.
     pub rows: &'a Rows,
     /// Hash of the nodes' configuration.
     pub hash: &'a str,
@@ -181,7 +173,6 @@ pub struct Study<'a> {
 }
 
 impl Study<'_> {
-    /// The planners that flew, that of the first row first.
     fn planners(&self) -> Vec<&str> {
         let mut all: Vec<&str> = Vec::new();
         let rows = self.rows.rows.iter().map(|r| r.planner.as_str());
@@ -194,28 +185,27 @@ impl Study<'_> {
     }
 }
 
-/// Everything that a study found.
 struct Report {
     rows: Vec<ReportRow>,
-    /// Each planner over all scenarios, and what else the study found.
+    /// Each planner over all scenarios, and further results.
     remarks: Vec<String>,
-    /// The first planner against each other one: over all, then scenario by scenario.
+    /// The first planner compared with each other one: over all, then by scenario.
     comparisons: Vec<Comparison>,
     failures: Vec<String>,
 }
 
-/// A row as it is printed for machines.
+/// Row in machine-readable form.
 #[derive(Serialize)]
 struct PrintedRow<'a> {
     #[serde(flatten)]
     row: &'a ReportRow,
     configuration: &'a str,
-    /// The first planner against that of this row.
+    /// Comparison of the first planner with this row's.
     #[serde(skip_serializing_if = "Option::is_none")]
     against: Option<&'a Comparison>,
 }
 
-/// Reports what a study found.
+/// Reports the results of a study.
 pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<(), CliError> {
     let outcomes: Vec<&Outcome> = study.outcomes.iter().collect();
     let rows: Vec<ReportRow> = outcomes
@@ -276,7 +266,7 @@ fn seeds_of(outcomes: &[Outcome]) -> String {
     }
 }
 
-/// Each planner over all scenarios, where there are several of them.
+/// Each planner over all scenarios, if there are several.
 fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     if rows <= planners.len() {
         return Vec::new();
@@ -303,7 +293,7 @@ fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     planners.iter().map(total).collect()
 }
 
-/// The first planner against each other one: over all, then scenario by scenario.
+/// Compares the first planner with each other one: over all, then by scenario.
 fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
     let Some((first, others)) = planners.split_first() else {
         return Vec::new();
@@ -323,7 +313,7 @@ fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> V
     others.iter().flat_map(compare).collect()
 }
 
-/// Failures with their reasons, a bounded number.
+/// Failures with their reasons, at most [`MAX_FAILURES`].
 fn failures(outcomes: &[Outcome]) -> Vec<String> {
     let failed = || outcomes.iter().filter(|o| !o.success);
     let line = |o: &Outcome| {
@@ -345,7 +335,7 @@ fn failures(outcomes: &[Outcome]) -> Vec<String> {
 }
 
 impl Report {
-    /// The rows for machines; `hash` is that of the configuration.
+    /// Rows in machine-readable form; `hash` is that of the configuration.
     fn printed<'a>(&'a self, hash: &'a str) -> Vec<PrintedRow<'a>> {
         let printed = |row: &'a ReportRow| {
             let is_row =
@@ -358,7 +348,7 @@ impl Report {
         };
         self.rows.iter().map(printed).collect()
     }
-    /// The rows; with intervals, what is published and all metrics, or as a terminal has room for them.
+    /// Table of the rows: with intervals, published values and all metrics if `full`, otherwise as wide as a terminal.
     fn summary(&self, full: bool) -> Table {
         let metrics = || SHOWN.iter().filter(|s| full || s.0 != "tangential_speed_mps");
         let mut heads = vec!["scenario", "planner", "landed"];
@@ -402,8 +392,8 @@ impl Report {
         }
         table
     }
-    /// Paired differences: better and worse where the interval leaves out zero. Less is better everywhere
-    /// but in the rate of landings.
+    /// Paired differences: better or worse if the interval excludes zero. Less is better, except for the rate of
+    /// landings.
     fn differences(&self, is_shown: impl Fn(&Comparison) -> bool) -> Table {
         let heads = [
             "scenario",
@@ -460,7 +450,6 @@ impl Report {
         }
         table
     }
-    /// For a terminal.
     fn console(&self, title: &str, hash: &str) -> Vec<String> {
         let mut out = vec![
             format!("{title}, configuration {hash}; mean, in brackets the 95th percentile"),
@@ -478,7 +467,6 @@ impl Report {
         }
         out
     }
-    /// For Markdown and the page.
     fn document(
         &self,
         study: &Study<'_>,
@@ -522,7 +510,7 @@ impl Report {
             blocks,
         })
     }
-    /// Means with intervals, a chart for each metric.
+    /// Means with intervals, one chart per metric.
     fn charts(&self) -> Result<Vec<Chart>, CliError> {
         let mut planners: Vec<&str> = self.rows.iter().map(|r| r.planner.as_str()).collect();
         planners.sort_unstable();

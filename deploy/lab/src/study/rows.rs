@@ -1,4 +1,4 @@
-//! The rows of a study: its scenes, each by its planners, as its file and the command line describe them.
+//! Rows of a study: its scenes, each flown by its planners, from its file and the command line.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,25 +19,22 @@ use super::definition::{BY_ROW, Changes, Definition, PublishedResult, StudyAxis,
 use crate::args::{PlannerArg, SceneArgs, StudyArgs};
 use crate::scene::Scene;
 
-/// The tables of changes: flags whose files they stand for.
+/// Tables of changes, named after the flags whose files they replace.
 const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 
-/// A scene flown by a planner.
 #[derive(Clone, Debug)]
 pub struct StudyRow {
-    /// The scene's name in tables.
     pub scenario: String,
     pub planner: String,
-    /// Group with which it is pooled.
+    /// Group in which it is pooled.
     pub group: String,
-    /// Published values of the scene, by planner.
     pub published: BTreeMap<String, PublishedResult>,
     pub world: Scenario,
     pub nodes: NodeConfigs,
 }
 
 impl StudyRow {
-    /// Row of a scene, with the planner that its nodes name.
+    /// Row of a scene, with the planner of its nodes.
     pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> StudyRow {
         StudyRow {
             planner: nodes.planner_name().into(),
@@ -52,23 +49,22 @@ impl StudyRow {
     pub fn is_of(&self, o: &Outcome) -> bool {
         (&self.scenario, &self.planner) == (&o.sea, &o.planner)
     }
-    /// The kind of its planner, as the command line names it.
+    /// Kind of its planner, as on the command line.
     pub fn kind(&self) -> &'static str {
         self.nodes.planner_name()
     }
 }
 
-/// The names of the choices of a grid's two axes, to draw curves.
+/// Names of the choices of a grid's two axes, for curves.
 pub struct CurveAxes(pub [(String, Vec<String>); 2]);
 
-/// A scene's name: those of its choices.
+/// Name of a scene, composed of its choices.
 pub fn joined<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.into_iter().filter(|n| !n.is_empty()).collect();
     names.join(", ")
 }
 
 impl Changes {
-    /// The value of a flag, as the command line has it.
     fn value(&self, flag: &str) -> Option<String> {
         let (_, value) = self.flags.iter().find(|(key, _)| subject(key) == flag)?;
         Some(match value {
@@ -79,7 +75,6 @@ impl Changes {
             Value::Integer(_) | Value::Array(_) | Value::Datetime(_) | Value::Table(_) => value.to_string(),
         })
     }
-    /// The flags as arguments of a command line.
     fn arguments(&self) -> impl Iterator<Item = String> {
         let flag_text = |(key, value): (&String, &Value)| {
             if value.is_table() && TABLES.contains(&key.as_str())
@@ -112,8 +107,8 @@ fn subject(flag: &str) -> String {
     }
 }
 
-/// Leaves the choices that agree with the flags given; where none does, the flags themselves stand in their place. Rows
-/// that are listed one by one vary what all of them set.
+/// Keeps the choices that match the given flags; if none does, the flags themselves replace them. Rows listed one by
+/// one vary in the flags that all of them set.
 fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     let varied = |flag: &str| {
         let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
@@ -145,7 +140,7 @@ fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     }];
 }
 
-/// The flags of a scene alone.
+/// Flags of a scene alone.
 #[derive(Parser)]
 #[command(no_binary_name = true, args_override_self = true)]
 struct SceneFlags {
@@ -153,7 +148,7 @@ struct SceneFlags {
     scene: SceneArgs,
 }
 
-/// A configuration with the tables of that name laid over it.
+/// Configuration with the changes' tables of that name applied.
 fn with<T: Serialize + DeserializeOwned + Check>(
     base: T,
     name: &str,
@@ -174,7 +169,7 @@ fn with<T: Serialize + DeserializeOwned + Check>(
     Ok(changed)
 }
 
-/// The scene of the command line's flags with changes, those of later ones over those of earlier ones.
+/// Scene of the command line's flags with changes; later changes take precedence.
 fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> Result<Scene, CliError> {
     let given = given.iter().map(|(flag, value)| flag_text(flag, value));
     let arguments = changes
@@ -210,7 +205,7 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
     }
     let vessel = &mut scene.scenario.vessel;
     if changes.iter().any(|c| c.powered) {
-        // A change of speed goes up by half as well.
+        // A change of speed may increase it by half.
         let most = if vessel.course == VesselCourse::SpeedChange {
             1.5
         } else {
@@ -222,7 +217,6 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
     Ok(scene)
 }
 
-/// All combinations of the axes' choices.
 fn combinations(axes: &[StudyAxis]) -> Vec<Vec<&Changes>> {
     let mut rows: Vec<Vec<&Changes>> = vec![Vec::new()];
     for axis in axes {
@@ -234,7 +228,7 @@ fn combinations(axes: &[StudyAxis]) -> Vec<Vec<&Changes>> {
     rows
 }
 
-/// The planners of the command line, else the study's, else the configured one.
+/// Planners of the command line, otherwise the study's, otherwise the configured one.
 fn planners(definition: &Definition, wanted: &[PlannerArg]) -> Result<Vec<Changes>, CliError> {
     let mut all: Vec<Changes> = Vec::new();
     for name in wanted.iter().filter_map(PlannerArg::to_possible_value) {
@@ -265,18 +259,18 @@ fn planners(definition: &Definition, wanted: &[PlannerArg]) -> Result<Vec<Change
     Ok(all)
 }
 
-/// A study as it is flown.
+/// Study to fly.
 pub struct Rows {
-    /// All of them, by scene, then by planner.
+    /// All rows, by scene, then by planner.
     pub rows: Vec<StudyRow>,
     /// Grids that are drawn as curves.
     pub curves: Vec<CurveAxes>,
-    /// No flag has left a scene out.
+    /// No scene was removed by a flag.
     pub whole: bool,
 }
 
 impl Rows {
-    /// Keeps the row with this number, counted from 1.
+    /// Keeps only the row with this number, counted from 1.
     pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
         let (count, index) = (self.rows.len(), number as usize - 1);
         if index >= count {
@@ -288,7 +282,7 @@ impl Rows {
     }
 }
 
-/// The rows of a study with the command line's flags.
+/// Rows of a study with the command line's flags.
 pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliError> {
     let given = args.scene.given();
     let planners = planners(definition, &args.planners)?;
@@ -433,7 +427,7 @@ mod tests {
             );
             assert_eq!(row.nodes.drone.mission.steady_s, 3.0);
         }
-        // A flag that one row sets.
+        // Flag that one row sets.
         let text = "title = \"ours\"\n[[row]]\nname = \"a\"\n[[row]]\nname = \"b\"\nwind = 6\n";
         let rows = expanded(&parse(text, "own").unwrap(), "--wind 8").unwrap();
         assert!(rows.len() == 2 && rows.iter().all(|r| r.world.drone.wind.mean_mps == 8.0));

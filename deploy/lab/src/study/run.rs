@@ -1,4 +1,4 @@
-//! Runs a grid of scenes and planners: resumable, sharded, every trial a row in a CSV.
+//! Runs a grid of scenes and planners: resumable, sharded, with a CSV row per trial.
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -20,30 +20,26 @@ use crate::args::{Shard, StudyArgs};
 use crate::record::{self, RecordingScene};
 use crate::trials::{fly_seed, in_parallel, seeds};
 
-/// Flight of a grid.
 pub struct GridRun<'a> {
-    /// The study's file.
+    /// Text of the study's file.
     pub study: &'a str,
-    /// Trials of each scene by each planner.
     pub trials: u32,
-    /// Their first seed.
     pub seed0: u64,
     /// Threads; None: all cores.
     pub jobs: Option<u16>,
     /// Directory of rows and scenes.
     pub out: Option<&'a Path>,
-    /// Only this part.
     pub shard: Option<Shard>,
-    /// A row is flown no further once its landing rate is known to this, up and down.
+    /// Half-width of a row's landing rate interval at which the row ends.
     pub within: Option<f64>,
     /// The first failed trials are flown again and recorded.
     pub records_failed: bool,
-    /// The result stands alone on standard output.
+    /// Only the result goes to standard output.
     pub alone: bool,
 }
 
 impl<'a> GridRun<'a> {
-    /// A study as its flags have it.
+    /// Grid by the flags of a study.
     pub fn of(args: &'a StudyArgs, study: &'a str) -> Self {
         GridRun {
             study,
@@ -59,7 +55,7 @@ impl<'a> GridRun<'a> {
     }
 }
 
-/// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
+/// Hash of the nodes' configuration without the planner's kind, the same for all rows of a table.
 pub fn configuration_hash(nodes: &NodeConfigs) -> String {
     let mut drone = DroneFile {
         bridge: nodes.bridge.clone(),
@@ -76,7 +72,6 @@ fn rows_file(out: &Path) -> PathBuf {
     out.join("rows.csv")
 }
 
-/// The rows that `dir` already holds.
 fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     let path = rows_file(dir);
     let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
@@ -84,8 +79,8 @@ fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
 
-/// Joins what `dirs` hold into `out`: rows, and the files that fly a trial again. All have to be of
-/// one configuration, whose hash is given.
+/// Joins the contents of `dirs` into `out`: rows, and the files for replaying a trial. All have to be of one
+/// configuration, whose hash is returned.
 pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
     let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
     let mut outcomes = Vec::new();
@@ -95,7 +90,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
         outcomes.extend(read_rows(dir)?);
         hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
         for part in ["scenarios", "configs/vessel", "configs/drone", "configs/tuning"] {
-            // What is not there was the default.
+            // A missing file was the default.
             for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
                 let folder = out.join(part);
                 std::fs::create_dir_all(&folder).map_err(|e| writing(&e))?;
@@ -124,31 +119,31 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     Ok((outcomes, hash))
 }
 
-/// File of the scene of a row in a study's directory.
+/// File of a row's scene in a study's directory.
 pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
     out.join("scenarios").join(file_name(scenario))
 }
 
-/// Files of a study for the configurations of vessel and drone and the keys of the method that are not the defaults.
+/// Files in a study's directory for the non-default configurations of vessel and drone and keys of the method.
 pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
     let name = file_name(&format!("{} {}", row.scenario, row.planner));
     ["vessel", "drone", "tuning"].map(|side| out.join("configs").join(side).join(&name))
 }
 
-/// The file with the hash of the configuration that a directory's rows were flown with.
+/// File with the hash of the configuration with which a directory's rows were flown.
 const HASH_FILE: &str = "configuration";
 
-/// The study whose rows a directory holds.
+/// File of the study whose rows a directory contains.
 pub const STUDY_FILE: &str = "study.toml";
 
-/// The hash of `dir`, if it has one.
+/// Hash of `dir`, if it has one.
 fn read_hash(dir: &Path) -> Option<String> {
     let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
     Some(text.trim().into())
 }
 
-/// Writes what is needed to fly a trial of the study again; rejects a directory that holds rows of
-/// another study, configuration or scene.
+/// Writes the files for replaying the study's trials. Rejects a directory with rows of another study, configuration or
+/// scene.
 fn prepare(study: &str, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
@@ -218,7 +213,6 @@ fn file_name(scenario: &str) -> String {
     format!("{safe}.toml")
 }
 
-/// Scenario, planner and seed of a trial.
 type TrialKey = (String, String, u64);
 
 fn key_of(o: &Outcome) -> TrialKey {
@@ -228,11 +222,10 @@ fn wanted_key((row, seed): &(&StudyRow, u64)) -> TrialKey {
     (row.scenario.clone(), row.planner.clone(), *seed)
 }
 
-/// The rows' file of a study.
 struct RowsWriter(Mutex<csv::Writer<File>>);
 
 impl RowsWriter {
-    /// Opens it, and reads what was flown before.
+    /// Opens the file, and reads the trials flown before.
     fn open(
         args: &GridRun<'_>,
         out: &Path,
@@ -248,7 +241,7 @@ impl RowsWriter {
         Ok((RowsWriter(Mutex::new(lines)), done))
     }
     fn add(&self, outcome: &Outcome) -> Result<(), CliError> {
-        // Whoever panicked while writing has ended the study.
+        // A thread that panicked while writing has ended the study.
         let Ok(mut writer) = self.0.lock() else {
             return Ok(());
         };
@@ -259,7 +252,7 @@ impl RowsWriter {
     }
 }
 
-/// Flies what is not flown yet; all outcomes in the order of rows and seeds.
+/// Flies the missing trials; returns all outcomes in the order of rows and seeds.
 pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let opened = args
@@ -314,11 +307,11 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
     Ok(done)
 }
 
-/// Trials of a row between two looks at its interval.
+/// Trials of a row between two checks of its interval.
 const LOOKED_AT: usize = 20;
 
-/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. That a row ends by its own
-/// trials makes the interval cover a little less than 95 %.
+/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. Because the row's own
+/// trials end it, the interval covers a little less than 95 %.
 fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
     let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
@@ -327,10 +320,10 @@ fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     flown >= LOOKED_AT && (rate - low).max(high - rate) <= within
 }
 
-/// Failed trials that are flown again and recorded.
+/// Maximum number of failed trials that are flown again and recorded.
 const MAX_RECORDED_FAILURES: usize = 5;
 
-/// Flies the first failed trials again, with a recording of each.
+/// Flies the first failed trials again, each with a recording.
 fn record_failed(
     args: &GridRun<'_>,
     out: &Path,

@@ -1,16 +1,16 @@
-//! `alight study --tasks`: a study as commands that fly a row and a block of seeds each, one a line, for a scheduler that
-//! gives the next one to whoever is free (HyperQueue's `--each-line`, GNU parallel, xargs).
+//! `alight study --tasks`: prints a study as commands that each fly a row and a block of seeds, one per line, for a
+//! scheduler that gives the next one to the next free worker (HyperQueue's `--each-line`, GNU parallel, xargs).
 
 use alight_computer::exit::CliError;
 
 use crate::args::StudyArgs;
 
-/// Commands, at most: a scheduler takes more badly than fewer and longer ones.
+/// Maximum number of commands: schedulers handle fewer and longer ones better.
 const TASKS: u64 = 100_000;
-/// Flags that each command has of its own, with their values.
+/// Flags that differ between the commands, with values.
 const OWN: [&str; 5] = ["--tasks", "--trials", "--seed0", "--out", "--jobs"];
 
-/// The commands for `rows` rows; `given` is the command line that asked for them, from the program's name on.
+/// Commands for `rows` rows; `given` is the command line that requested them, including the program's name.
 pub fn commands(
     args: &StudyArgs,
     seeds: u32,
@@ -48,7 +48,7 @@ pub fn commands(
         .collect())
 }
 
-/// A command line without the flags that each command has of its own.
+/// Command line without the flags that differ between the commands.
 fn kept(given: &[String]) -> Vec<&str> {
     let mut kept = Vec::new();
     let mut all = given.iter().map(String::as_str);
@@ -65,7 +65,7 @@ fn kept(given: &[String]) -> Vec<&str> {
     kept
 }
 
-/// As a POSIX shell reads it back.
+/// Argument quoted for a POSIX shell.
 fn quoted(argument: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {
@@ -115,7 +115,7 @@ mod tests {
             "{}",
             all[5]
         );
-        // Each command is one that this program takes, and asks for no commands again.
+        // Each command is valid for this program, and does not ask for commands itself.
         let last = all[5].replace('\'', "");
         let args: StudyArgs = typed(last.split_whitespace().skip(1).filter(|w| *w != "my"));
         assert!(args.tasks.is_none() && args.row == Some(2));

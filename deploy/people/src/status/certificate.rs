@@ -1,17 +1,16 @@
-//! Protection of the radio, as `alight check` and the status of a running vessel judge it.
+//! Findings on the protection of the radio, for `alight check` and for the status of a running vessel.
 
 use alight_computer::certificates::RENEWAL_DAYS;
 use alight_shared::msg::Certificate;
 
 use super::finding::{Finding, FindingTopic};
 
-/// Whether an endpoint stays inside this computer.
 fn is_loopback(endpoint: &str) -> bool {
     let host = endpoint.split_once('/').map_or(endpoint, |(_, host)| host);
     host.starts_with("127.") || host.starts_with("localhost:") || host.starts_with("[::1]")
 }
 
-/// A radio with these endpoints and no certificate.
+/// Finding for a radio that has these endpoints and no certificate.
 pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("certificate");
     if endpoints.clone().any(|e| e.starts_with("quic/")) {
@@ -29,7 +28,6 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
     )
 }
 
-/// A certificate, or why it cannot be read.
 pub fn judge(read: Result<&Certificate, &str>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("certificate");
     let c = match read {

@@ -1,4 +1,4 @@
-//! `alight status`: status of this computer, from another terminal.
+//! `alight status`: status of this computer, read from another terminal.
 
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use super::{Status, watch};
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
-Exit codes: 0 fine, 1 warnings or no process, 2 broken; of --watch those of the last status."
+Exit codes: 0 fine, 1 warnings or no process, 2 broken; with --watch that of the last status."
 )]
 pub struct StatusArgs {
     #[command(flatten)]
@@ -28,25 +28,23 @@ pub struct StatusArgs {
     /// Show everything: each finding, each process, each topic as each process reads it, the radio; --json always does
     #[arg(long, conflicts_with = "watch")]
     all: bool,
-    /// Go on showing until stopped (q); without a terminal a line for each change
+    /// Show it until stopped (q); without a terminal, a line for each change
     #[arg(long)]
     watch: bool,
-    /// Print as one JSON object, which the page of alight view draws, too
+    /// Print one JSON object, the one that the page of alight view draws
     #[arg(long)]
     json: bool,
 }
 
-/// Time between two JSON objects.
 const JSON_PERIOD: Duration = Duration::from_secs(1);
-/// Messages are read this often: their age is known to this.
+/// Period of reading messages, and hence the resolution of their ages.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// Looks at a computer's processes.
 struct ComputerObserver {
     configured: ComputerReport,
     instance: Instance,
     follower: InstanceFollower,
-    /// It has waited for every report.
+    /// The observer has waited for the first report of every process.
     has_waited: bool,
 }
 
@@ -60,9 +58,9 @@ impl ComputerObserver {
             has_waited: false,
         })
     }
-    /// Reads for so long; at first for as long as every process takes to report. None: nothing runs, or it was asked to end.
+    /// Reads messages for `span`; at first for as long as every process takes to report. Returns None when no process
+    /// runs or the user has ended the command.
     fn read(&mut self, span: Duration) -> Option<Status> {
-        // It joins with its first poll.
         let first = Duration::from_secs_f64(OBSERVATION_S) + 2 * POLL_PERIOD;
         let mut left = if self.has_waited { span } else { first };
         while !left.is_zero() {
@@ -79,14 +77,14 @@ impl ComputerObserver {
     }
 }
 
-/// Shows once, or until stopped.
+/// Shows the status once, or repeatedly until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
-    let mut look = ComputerObserver::at(&args.subject.computer()?)?;
-    let Some(first) = look.read(Duration::ZERO) else {
+    let mut observer = ComputerObserver::at(&args.subject.computer()?)?;
+    let Some(first) = observer.read(Duration::ZERO) else {
         if end_requested() {
             return Ok(Exit::Success);
         }
-        let absent = Status::absent(&look.configured);
+        let absent = Status::absent(&observer.configured);
         show(args, &absent)?;
         return Ok(absent.worst.exit());
     };
@@ -94,7 +92,7 @@ pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
     let mut next = Some(first);
     if args.watch && !args.json {
         watch::run(|span| {
-            let status = next.take().or_else(|| look.read(span));
+            let status = next.take().or_else(|| observer.read(span));
             worst = status.as_ref().map_or(worst, |s| s.worst);
             Ok(status)
         })?;
@@ -102,7 +100,7 @@ pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
         while let Some(status) = next.take() {
             worst = status.worst;
             show(args, &status)?;
-            next = args.watch.then(|| look.read(JSON_PERIOD)).flatten();
+            next = args.watch.then(|| observer.read(JSON_PERIOD)).flatten();
         }
     }
     Ok(worst.exit())

@@ -1,4 +1,4 @@
-//! Wind, waves and advised heading relative to the vessel's bow, as far as they are known.
+//! Known wind, waves and advised heading relative to the vessel's bow.
 
 use alight_computer::situation::ObservedSituation;
 use alight_shared::frames::wrap_angle;
@@ -8,29 +8,24 @@ use serde::Serialize;
 
 use super::Figure;
 
-/// A slower vessel has no course over ground, m/s.
+/// Minimum speed at which a course over ground is shown, m/s.
 const STILL_MPS: f64 = 0.3;
-/// Text for a wind that is too light for a direction.
+/// Text for a wind too light to have a direction.
 const CALM: &str = "calm";
-/// A direction this close to the bow or the stern is named after it, deg.
+/// Half-width of the sectors called ahead and astern, deg.
 const ABOUT_DEG: f64 = 5.0;
 
-/// Directions clockwise from the bow, -180 to 180 deg; None: not known.
+/// Directions clockwise from the bow, -180 to 180 deg; None if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Compass {
-    /// The vessel's mean heading, deg from north.
     pub heading_deg: f64,
-    /// Direction from which the wind comes.
     pub wind_from_deg: Option<f64>,
-    /// Direction from which the waves come.
     pub waves_from_deg: Option<f64>,
-    /// The heading to turn to before a landing, where one is worth it.
+    /// Heading to turn to before a landing, if the turn is worth it.
     pub advised_deg: Option<f64>,
-    /// All of it as text.
     pub text: String,
 }
 
-/// A wind for people: in knots where the configuration asks for them.
 pub fn wind(wind: Wind, knots: bool) -> String {
     let text = wind.to_string();
     if !knots || text == CALM {
@@ -39,13 +34,14 @@ pub fn wind(wind: Wind, knots: bool) -> String {
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
 }
 
-/// The standard deviation of a speed, m/s, for people.
+/// Text of a speed's standard deviation, m/s.
 pub fn known_to(sd_mps: f64, knots: bool) -> String {
     let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
     format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)
 }
 
-/// A vessel's speed over ground for the operator, by its velocity to north and east, m/s; and where to, unless it lies still.
+/// Text of a vessel's speed over ground, and its course in deg, None when it lies still. Arguments: velocity to north
+/// and east, m/s.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
     let text = if knots {
@@ -57,13 +53,12 @@ pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     (text, (mps >= STILL_MPS).then_some(course_deg))
 }
 
-/// A direction (deg, clockwise from north) relative to the bow.
+/// Direction relative to the bow, deg, of a direction clockwise from north, deg.
 fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     let turn = wrap_angle((direction_deg - heading_deg).to_radians()).to_degrees();
     (10.0 * turn).round() / 10.0
 }
 
-/// As text: `40° to starboard of the bow`.
 fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };
@@ -76,7 +71,7 @@ fn bow_text(from_bow_deg: f64) -> String {
     }
 }
 
-/// Direction that a wind comes from, deg from the bow, and its text; None: not known, or a calm, which comes from nowhere.
+/// Direction that a wind comes from, deg from the bow, and its text. An unknown wind or a calm has no direction.
 fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
     let Some(blows) = blows else {
         return (None, "wind unknown".into());
@@ -90,7 +85,7 @@ fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<
     (Some(from), format!("wind {speed} from {}", bow_text(from)))
 }
 
-/// Compass of the drone: the forecast's heading, the odometry's wind, the vessel's advice.
+/// Compass of the drone, from the forecast's heading, the odometry's wind and the vessel's advice.
 pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
     let heading_deg = s
         .snapshot
@@ -119,12 +114,12 @@ pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
     })
 }
 
-/// A direction clockwise from north, rad, as a bearing, deg.
+/// Bearing, deg, of a direction in rad clockwise from north.
 pub fn bearing_deg(rad: f32) -> f64 {
     f64::from(rad).to_degrees().rem_euclid(360.0)
 }
 
-/// Waves and advised course as text: `waves from 20° to port of the bow; turn to 030°, ...`.
+/// Text of waves and advised course: `waves from 20° to port of the bow; turn to 030°, ...`.
 pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = bow_text(from_bow(bearing_deg(a.waves_to) + 180.0, now));
@@ -155,7 +150,6 @@ pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     )
 }
 
-/// The vessel's heading, with the advice.
 pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     Figure::of(
         "heading",
@@ -164,14 +158,14 @@ pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     )
 }
 
-/// Direction from which the waves come and the advised turn, deg from the bow; None where no other course is advised.
+/// Direction that the waves come from and the advised turn, deg from the bow; no turn if the course is already best.
 fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// Compass of the vessel: the waves, and the advice of its own estimate; the wind `blows` as a drone has reported it.
+/// Compass of the vessel, from the advice of its estimator and the wind `blows` that a drone has reported.
 pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);

@@ -1,4 +1,4 @@
-//! The drone's computer: findings, state and figures.
+//! Findings, state and figures of the drone's computer.
 
 use alight_computer::io::mavlink_key;
 use alight_computer::process::snapshot::{minutes, time};
@@ -20,12 +20,11 @@ use super::finding::{Finding, FindingTopic};
 use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 
-/// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
+/// Age of the vessel's estimate that is a warning, as a fraction of its topic's limit.
 const OLD_LINK: f64 = 0.5;
-/// Tags with a detection this recent are in sight, s.
+/// Maximum age of a detection whose tags count as in view, s.
 const FRESH_TAGS_S: f64 = 1.0;
 
-/// Findings on a drone's situation.
 pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     if let Some(for_s) = s.still_armed_s() {
@@ -63,7 +62,7 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        all.push(FindingTopic("deck").stopping("the vessel has closed it: nothing descends", remedy));
+        all.push(FindingTopic("deck").stopping("closed by the vessel: no drone may descend", remedy));
     }
     let vessel = (*s.snapshot.grant).and_then(|g| g.dimensions);
     if let Some(why) = s.known.deck.and_then(|own| own.differs_from(&vessel?)) {
@@ -72,21 +71,22 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     }
     let relative = s.snapshot.forecast.fresh(s.now_ns).and_then(|f| f.relative);
     if let Some(m) = relative.and_then(|r| r.contradicted_m) {
-        let found = format!("the place by moving base is off by {m:.2} m by the tags: not used");
-        let remedy = "if it stays: drone.airframe.gnss_antenna_m, and the mount of the vessel's receiver";
+        let found = format!("the moving-base position differs from the tags by {m:.2} m and is not used");
+        let remedy =
+            "if this persists, check drone.airframe.gnss_antenna_m and the mount of the vessel's receiver";
         all.push(FindingTopic("relative").warning(found, remedy));
     }
     all.extend(s.snapshot.frame().map(frame));
     all
 }
 
-/// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
+/// Finding on a mission that is silent, has ended, was aborted, or waits for an action of its operator.
 fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("mission");
     if s.snapshot.mission.is_old(s.now_ns) {
         let age = minutes(s.snapshot.mission.age_s(s.now_ns));
         let found = format!("no message from the mission for {age}");
-        return vec![TOPIC.broken(found, "it is started again by itself; else take the drone over")];
+        return vec![TOPIC.broken(found, "it restarts by itself; otherwise take manual control")];
     }
     let mut all = Vec::new();
     let entered = format!("the drone is in state {}", m.state.because(&m.entered));
@@ -102,7 +102,6 @@ fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     all
 }
 
-/// The vessel's newest estimate, and who sends it.
 fn link(s: &ObservedSituation) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("link");
     let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
@@ -114,13 +113,13 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
     let otherwise = known_otherwise(s);
     let mut all = vec![if let (true, Some(by)) = (age_s.is_infinite(), otherwise) {
         TOPIC.warning(
-            format!("no vessel received yet: it is known by its {by} alone"),
+            format!("no vessel received yet: it is located by its {by} alone"),
             remedy,
         )
     } else if age_s.is_infinite() {
         TOPIC.stopping("no vessel received yet", remedy)
     } else if let (true, Some(by)) = (age_s > limit_s, otherwise) {
-        TOPIC.warning(format!("{found}: it is known by its {by} alone"), remedy)
+        TOPIC.warning(format!("{found}: it is located by its {by} alone"), remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -145,7 +144,7 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// By what a vessel is known that need not be received: its tags are in sight, or a beacon gives its place.
+/// Source that locates a vessel without its estimates: its tags or its beacon.
 fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     let forecast = s.snapshot.forecast.fresh(s.now_ns)?;
     let min_level = s.snapshot.mission.as_ref()?.least_vessel;
@@ -158,9 +157,9 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// A gauge that shows so much more than counts is doubted.
+/// Excess of the shown over the usable charge (fractions) at which the gauge is doubted.
 const DOUBTED: f64 = 0.02;
-/// A battery that does not last for the way to the deck and one attempt.
+/// Finding on a battery that does not last for the way to the deck and one attempt.
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {
     let mission = s.snapshot.mission.as_ref()?;
     let reserve = mission.battery_reserve;
@@ -172,34 +171,32 @@ fn battery_low(s: &ObservedSituation) -> Option<Finding> {
         100.0 * charge,
         100.0 * reserve
     );
-    Some(FindingTopic("battery").broken(found, "land while it lasts, or change it"))
+    Some(FindingTopic("battery").broken(found, "land now, or replace the battery"))
 }
 
-/// The frame of a drone that runs, and the vessel in it.
+/// Finding on the origin of a running drone's frame and the vessel's distance from it.
 pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let begins = format!(
-        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
+        "the origin of the drone's frame is at {:.6}, {:.6}, {:.1} m above the ellipsoid",
         origin.latitude_deg, origin.longitude_deg, origin.height_m
     );
     match deck_m {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to no vessel beyond 5 km: compare what the autopilot and her receiver report with a chart",
+            "the mission flies to no vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
     }
 }
 
-/// Whether a landing may be ordered now, or go on.
 pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     let mission = s.snapshot.mission.fresh(s.now_ns);
     let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
     Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
 }
 
-/// Data that a landing needs and that is missing.
 fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     let snapshot = &s.snapshot;
     let Some(mission) = snapshot.mission.fresh(s.now_ns) else {
@@ -217,7 +214,7 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// Unknown waves of the vessel, where a landing needs her computer.
+/// Text for unknown waves of the vessel, when a landing needs her computer.
 fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
     match (mission.least_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
@@ -226,7 +223,6 @@ fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static st
     }
 }
 
-/// The state of its mission.
 pub fn state(s: &ObservedSituation) -> Option<StateView> {
     let m = s.snapshot.mission.as_ref()?;
     let since_s = if m.since == Time::EPOCH {
@@ -251,7 +247,6 @@ pub fn state(s: &ObservedSituation) -> Option<StateView> {
     })
 }
 
-/// The state in one clause.
 pub fn headline(state: Option<&StateView>) -> String {
     let Some(state) = state else {
         return "no mission reports".into();
@@ -293,7 +288,6 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     all
 }
 
-/// From the drone to the deck's centre: horizontally, and upwards.
 fn distance(s: &ObservedSituation) -> Figure {
     const NAME: &str = "distance";
     let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied());
@@ -346,7 +340,7 @@ fn link_figure(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
 }
 
-/// The battery, and what the way to the deck and one attempt cost of it.
+/// Battery, and the charge needed for the way to the deck and one attempt.
 fn battery(s: &ObservedSituation) -> Figure {
     const NAME: &str = "battery";
     let Some(a) = *s.snapshot.autopilot else {
@@ -380,7 +374,7 @@ fn battery(s: &ObservedSituation) -> Figure {
     }
 }
 
-/// Whose the vessel's deck is, and what the helm states.
+/// Owner of the vessel's deck, and the course that the helm states.
 fn deck(s: &ObservedSituation) -> Figure {
     const NAME: &str = "deck";
     let Some(g) = *s.snapshot.grant else {
@@ -442,7 +436,6 @@ fn autopilot(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
 }
 
-/// Probability that a landing from here succeeds, and that its contact is unsafe.
 fn likelihood(s: &ObservedSituation) -> Option<Figure> {
     let m = (*s.snapshot.mission)?;
     let value = format!("{:.0} %", (100.0 * m.likelihood?).floor());
@@ -452,7 +445,6 @@ fn likelihood(s: &ObservedSituation) -> Option<Figure> {
     Some(Figure::of("likelihood", value, note).stale(s.snapshot.mission.is_old(s.now_ns)))
 }
 
-/// The relative place by moving base, where a receiver measures it.
 fn relative(s: &ObservedSituation) -> Option<Figure> {
     let r = (*s.snapshot.forecast)?.relative?;
     let value = match r.solution {
@@ -466,11 +458,10 @@ fn relative(s: &ObservedSituation) -> Option<Figure> {
         None => "not confirmed by the tags yet".into(),
     };
     let stale = s.snapshot.forecast.is_old(s.now_ns) || r.age_s > topics::RELATIVE.stale_after.secs();
-    let note = format!("place by moving base, {by_tags}");
+    let note = format!("moving-base position, {by_tags}");
     Some(Figure::of("relative", value, note).stale(stale))
 }
 
-/// When the plan touches down.
 fn touchdown(s: &ObservedSituation) -> Figure {
     const NAME: &str = "touchdown";
     let Some(p) = *s.snapshot.plan else {
@@ -486,7 +477,7 @@ fn touchdown(s: &ObservedSituation) -> Figure {
     Figure {
         value: match left_s {
             _ if stands => Some("done".into()),
-            // The countdown of an old plan does not count.
+            // The countdown of an old plan is invalid.
             Some(_) if stale => None,
             Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
             None => Some("not planned".into()),
@@ -497,7 +488,6 @@ fn touchdown(s: &ObservedSituation) -> Figure {
     }
 }
 
-/// Response of the attitude to set-points.
 fn response(r: &AttitudeResponse) -> Figure {
     let [roll, pitch] = r.lag_s;
     let source = if r.identified {
@@ -514,7 +504,7 @@ fn response(r: &AttitudeResponse) -> Figure {
     )
 }
 
-/// Extent of the landing, when not onto the deck.
+/// Mode of the landing, when it does not end on the deck.
 fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     match m.settings.mode {
         LandingMode::Land => None,
@@ -534,7 +524,6 @@ fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     }
 }
 
-/// Set-point of the shadow, compared with the pilot's.
 fn shadow(s: &ShadowComparison) -> Figure {
     let [roll, pitch] = s.tilt.map(f64::to_degrees);
     let motors = if s.stops { "; would stop the motors" } else { "" };

@@ -1,5 +1,3 @@
-//! Findings: topic, severity, remedy.
-
 use core::fmt;
 
 use alight_computer::exit::Exit;
@@ -10,17 +8,13 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingLevel {
-    /// As it should be.
     #[default]
     Fine,
-    /// Works, but not as it should.
     Warning,
-    /// Does not work.
     Broken,
 }
 
 impl FindingLevel {
-    /// The worst of what was found.
     pub fn worst(findings: &[Finding]) -> FindingLevel {
         findings
             .iter()
@@ -28,7 +22,7 @@ impl FindingLevel {
             .max()
             .unwrap_or(FindingLevel::Fine)
     }
-    /// The text as a terminal shows it: its first part bold red or yellow where something is not fine.
+    /// Text for a terminal: the first part is bold red or yellow unless the level is fine.
     pub fn coloured(self, text: &str) -> String {
         let colour = match self {
             FindingLevel::Fine => return text.into(),
@@ -38,7 +32,7 @@ impl FindingLevel {
         let (first, rest) = text.split_at(text.find(' ').unwrap_or(text.len()));
         colour.bold(first) + rest
     }
-    /// Exit of a command that found nothing worse.
+    /// Exit code of a command whose worst finding has this level.
     pub const fn exit(self) -> Exit {
         match self {
             FindingLevel::Fine => Exit::Success,
@@ -48,20 +42,18 @@ impl FindingLevel {
     }
 }
 
-/// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     pub topic: &'static str,
     pub level: FindingLevel,
-    /// No landing goes on while it stands.
     pub stops: bool,
     pub found: String,
-    /// The remedy; empty when fine.
+    /// Action that removes the cause; empty when fine.
     pub remedy: String,
 }
 
 impl fmt::Display for Finding {
-    /// In one line: what was looked at, what was found, what to do.
+    /// One line: topic, what was found, what to do.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.topic, self.found)?;
         if self.remedy.is_empty() {
@@ -72,7 +64,7 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// Lines of `alight check`, of at most [`WIDTH`] columns where nothing without a space is longer.
+    /// Lines of `alight check`, of at most [`WIDTH`] columns unless a term is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
             FindingLevel::Fine => "fine",
@@ -92,7 +84,6 @@ impl Finding {
 /// Columns before a finding's text.
 const INDENT: usize = 24;
 
-/// Subject of a finding, by its name.
 #[derive(Clone, Copy)]
 pub struct FindingTopic(pub &'static str);
 
@@ -106,22 +97,18 @@ impl FindingTopic {
             remedy: remedy.into(),
         }
     }
-    /// As it should be.
     pub fn fine(self, found: impl Into<String>) -> Finding {
         self.finding(FindingLevel::Fine, found, "")
     }
-    /// Works, but not as it should.
     pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         self.finding(FindingLevel::Warning, found, remedy)
     }
-    /// A warning that no landing goes on with.
     pub fn stopping(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
             stops: true,
             ..self.warning(found, remedy)
         }
     }
-    /// Does not work.
     pub fn broken(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         self.finding(FindingLevel::Broken, found, remedy)
     }
@@ -145,7 +132,7 @@ mod tests {
         );
         let pieces = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         assert!(pieces(&lines).join(" ").contains(found), "{lines}");
-        // A text without a space that is longer than a line stays whole.
+        // A term that is longer than a line is not broken.
         let long = "x".repeat(100);
         assert!(FindingTopic("key").warning(&*long, "").lines().contains(&long));
     }

@@ -1,4 +1,4 @@
-//! Findings about a situation: every threshold and every sentence of `alight status` and of the page.
+//! Findings on a situation: thresholds and texts of `alight status` and of the page.
 
 use alight_computer::process::lateness;
 use alight_computer::process::snapshot::minutes;
@@ -8,7 +8,6 @@ use alight_shared::metrics::MetricName;
 use super::finding::{Finding, FindingTopic};
 use super::{drone, vessel};
 
-/// Findings on the situation.
 pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = processes(s);
     all.extend(match s.vessel() {
@@ -18,7 +17,6 @@ pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// The service's unit.
 fn unit(s: &ObservedSituation) -> &'static str {
     if s.known.vessel.is_some() {
         "alight-vessel"
@@ -27,7 +25,6 @@ fn unit(s: &ObservedSituation) -> &'static str {
     }
 }
 
-/// Processes that are silent, late, or do not record, and a configuration that is not theirs any more.
 fn processes(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     let silent: Vec<String> = s
@@ -48,7 +45,7 @@ fn processes(s: &ObservedSituation) -> Vec<Finding> {
         all.push(FindingTopic("processes").broken(
             format!("no report of the service for {}", minutes(for_s)),
             format!(
-                "it ended or is frozen, and starts no process again: systemctl status {}",
+                "it ended or is frozen, and restarts no process: systemctl status {}",
                 unit(s)
             ),
         ));
@@ -60,7 +57,7 @@ fn processes(s: &ObservedSituation) -> Vec<Finding> {
         if steps > 0 {
             all.push(FindingTopic("recorder").warning(
                 format!("{steps} steps not recorded by {}", p.kind.name()),
-                "the process goes on without; its journal names file and error: free space, or make it writable",
+                "the process continues without recording; its journal names file and error: free space, or make it writable",
             ));
         }
     }

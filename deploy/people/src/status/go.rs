@@ -1,11 +1,11 @@
-//! GO or NO-GO for a landing, and the stages of one.
+//! GO or NO-GO for a landing, and the stages of a landing.
 
 use alight_shared::msg::{Reason, ReasonCode, State};
 use serde::Serialize;
 
 use super::finding::{Finding, FindingLevel};
 
-/// Stages of a landing in their order; hold, idle and giving up are none of them.
+/// Stages of a landing in order, without hold, idle and abort states.
 const STAGES: [State; 7] = [
     State::GetAltitude,
     State::Approach,
@@ -16,32 +16,30 @@ const STAGES: [State; 7] = [
     State::Landed,
 ];
 
-/// A forecast of less than this quality is shown as one of 0 %.
 const NO_QUALITY: f64 = 0.005;
-/// Text for an unknown wind.
 pub const NO_WIND: &str = "the wind is not known yet";
 
-/// Text for a forecast without this quality, 0 to 1; None: it has some.
+/// Text for a forecast without usable quality (0 to 1); None when the quality suffices.
 pub fn no_forecast(quality: f64) -> Option<&'static str> {
     let none = !(quality >= NO_QUALITY);
     none.then_some("forecast quality 0 %: the vessel's motion is not identified yet, or she lies still")
 }
 
-/// Reason against an order to land in a state that was `entered` so: the drone stands, is to take off, or has given up, be it by
-/// an abort; None: a landing may be ordered, or goes on.
+/// Reason why the state forbids a landing order: the drone stands, takes off, or its attempt has ended or was aborted.
+/// None when a landing may be ordered or continue. `entered` is the reason for which the state was entered.
 pub fn barred(state: State, entered: &Reason) -> Option<String> {
     let bars = state.ending().is_some() || state.stands_for_take_off() || state == State::TakeOff;
     bars.then(|| state.because(entered))
 }
 
-/// The one sentence that counts in a state, for people: why a landing has ended or was stopped; else how far it is, or
-/// `waits: ` with what the next state waits for (`waits_for`, the text of `code`); else what the drone does.
+/// Most important sentence of a state: the reason why the landing ended or was set back; otherwise its progress, or
+/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise what the drone does.
 pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
     let why = entered.to_string();
     if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
         return why;
     }
-    // These texts describe what goes on, and name nothing that is missing.
+    // Texts that describe progress, not a missing condition.
     let goes_on = matches!(
         code,
         ReasonCode::Descending
@@ -64,31 +62,30 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
     }
 }
 
-/// Whether a landing may be ordered now, or go on, with the reason in one sentence.
+/// Whether a landing may be ordered now or may continue, with the reason in one sentence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Go {
-    /// None: not known.
+    /// None if unknown.
     pub go: Option<bool>,
-    /// The reason against it; of a GO other facts for the crew.
+    /// Reason of a NO-GO; further facts for the crew otherwise.
     pub why: String,
 }
 
 impl Go {
-    /// One that is not known, because this is missing.
+    /// Unknown because `missing` is missing.
     pub fn unknown(missing: impl Into<String>) -> Go {
         Go {
             go: None,
             why: missing.into(),
         }
     }
-    /// A NO-GO for this reason.
     pub fn barred(why: impl Into<String>) -> Go {
         Go {
             go: Some(false),
             why: why.into(),
         }
     }
-    /// The worse of both, of equals the first: a NO-GO before what is not known, that before a GO.
+    /// Worse of both, the first if equal: NO-GO before unknown before GO.
     pub fn worse(self, other: Option<Go>) -> Go {
         let rank = |go: &Go| match go.go {
             Some(false) => 2,
@@ -100,12 +97,11 @@ impl Go {
             Some(_) | None => self,
         }
     }
-    /// By what was found; `unknown` names what is missing for a judgement.
+    /// Judgement by findings; `unknown` names data missing for it.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
-        // Of several the worst; of equals the first.
         let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
-            // The text of the mission's finding has a subject of its own.
+            // The text of the mission's finding already has a subject.
             let has_subject = f.topic == "mission";
             return Go::barred(if has_subject {
                 f.found.clone()
@@ -117,7 +113,7 @@ impl Go {
             return Go::unknown(missing);
         }
         let why = match findings.iter().filter(|f| f.level > FindingLevel::Fine).count() {
-            0 => "no finding stops a landing".into(),
+            0 => "ready to land".into(),
             1 => "one warning, which does not stop a landing".into(),
             n => format!("{n} warnings, which do not stop a landing"),
         };
@@ -125,15 +121,12 @@ impl Go {
     }
 }
 
-/// A stage, and whether the landing is past it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
     pub name: &'static str,
-    /// Place of the landing in relation to it.
     pub is: StageProgress,
 }
 
-/// Place of a landing in relation to a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StageProgress {
@@ -142,9 +135,8 @@ pub enum StageProgress {
     Ahead,
 }
 
-/// The stages, by a state.
 pub fn stages(state: State) -> Vec<Stage> {
-    // A search is the end of the approach to a vessel that is known by its beacon.
+    // A search ends the approach to a vessel that is located by its beacon.
     let shown = if state == State::Search {
         State::Approach
     } else {
@@ -218,14 +210,14 @@ mod tests {
         );
         let bars = |state| why(state, ReasonCode::None).is_some();
         assert!([State::Landed, State::Preparing, State::TakeOff, State::StandDown].map(bars) == [true; 4]);
-        // The mission takes an order in a climb after a take-off, and one goes on in a descent.
+        // The mission accepts an order during the climb after a take-off; a landing continues during a descent.
         assert!([State::Idle, State::Hold, State::ClimbOut, State::Descent].map(bars) == [false; 4]);
         assert!(
             no_forecast(0.004).is_some() && no_forecast(f64::NAN).is_some() && no_forecast(0.3).is_none()
         );
     }
 
-    /// No state's sentence calls progress a wait, and an end names its cause.
+    /// Sentences of progress do not begin with `waits`, and sentences of an ended landing name the cause.
     #[test]
     fn sentences_of_states() {
         let of =

@@ -1,6 +1,6 @@
-//! Status of one computer: what is known ([`ObservedSituation`]), what it means ([`findings`]), and its texts. Terminal
-//! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show one object, [`Status`], which `alight status --json`
-//! prints; `alight check` reports in the same [`finding`]s.
+//! Status of one computer: the known facts ([`ObservedSituation`]), their meaning ([`findings`]) and their texts.
+//! Terminal ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show the same object, [`Status`], which
+//! `alight status --json` prints. `alight check` reports [`finding`]s, too.
 
 pub mod certificate;
 pub mod command;
@@ -25,41 +25,33 @@ use go::{Go, Stage};
 use serde::Serialize;
 use vessel::DRONES;
 
-/// The state of a landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateView {
     pub name: String,
-    /// Action of the drone in it.
     pub does: &'static str,
-    /// Since when, s; 0 where it has not changed since the mission began.
+    /// Time in this state, s; 0 if the state has not changed since the mission began.
     pub since_s: f64,
-    /// Why it was entered; empty: no reason.
     pub entered: String,
-    /// Condition of the next state, with figure and limit; empty: none.
+    /// Condition of the next state, with figure and limit; may be empty.
     pub waiting: String,
-    /// The one sentence that counts ([`go::sentence`]).
+    /// Most important sentence ([`go::sentence`]).
     pub sentence: String,
-    /// The stages of a landing, and which of them it is.
     pub stages: Vec<Stage>,
-    /// Nothing new is known of it.
     pub stale: bool,
 }
 
-/// A figure with its name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
     pub name: &'static str,
-    /// With its unit; None: not known.
+    /// With unit; None if unknown.
     pub value: Option<String>,
     pub note: String,
-    /// The worst of the findings with this name as their topic.
+    /// Worst level of the findings whose topic has this name.
     pub level: FindingLevel,
-    /// It is an old one.
     pub stale: bool,
 }
 
 impl Figure {
-    /// One that is known.
     pub fn of(name: &'static str, value: impl Into<String>, note: impl Into<String>) -> Figure {
         Figure {
             name,
@@ -68,23 +60,20 @@ impl Figure {
             ..Figure::default()
         }
     }
-    /// One that is not known.
     pub fn unknown(name: &'static str) -> Figure {
         Figure {
             name,
             ..Figure::default()
         }
     }
-    /// From a message that may be an old one.
+    /// Marks a quantity whose message may be outdated.
     pub fn stale(self, stale: bool) -> Figure {
         Figure { stale, ..self }
     }
 }
 
-/// Remedy for motors that run on the deck.
 pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
-/// The processes that report.
 fn processes(s: &ObservedSituation) -> Option<Figure> {
     let names: Vec<&str> = s
         .snapshot
@@ -97,7 +86,6 @@ fn processes(s: &ObservedSituation) -> Option<Figure> {
     (!s.snapshot.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
 }
 
-/// Course that the helm states.
 pub fn course(course: Course) -> String {
     match course {
         Course::Unknown => "not stated".into(),
@@ -106,41 +94,33 @@ pub fn course(course: Course) -> String {
     }
 }
 
-/// A computer's situation and what it means.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Status {
-    /// Whose it is.
     pub title: String,
-    /// Whether its processes run.
     pub running: bool,
-    /// The state, in one clause.
     pub headline: String,
-    /// Whether a landing may be ordered now, or go on; of a vessel with what her foremost drone reports.
+    /// Whether a landing may be ordered now or may continue. For a vessel this includes the report of her foremost
+    /// drone.
     pub go: Go,
-    /// The state of the landing; None: not known.
     pub state: Option<StateView>,
-    /// Wind, waves and advised heading from the bow; None: no heading is known.
+    /// Wind, waves and advised heading from the bow; None if no heading is known.
     pub compass: Option<Compass>,
-    /// Figures, the most important first.
     pub figures: Vec<Figure>,
-    /// The worst of the findings.
     pub worst: FindingLevel,
-    /// Findings with their remedies.
     pub findings: Vec<Finding>,
-    /// The situation of the findings.
     #[serde(flatten)]
     pub situation: ObservedSituation,
 }
 
 impl Status {
-    /// The status of a computer that is `configured` so, by the `snapshot` of its processes; None: nothing runs.
+    /// Status of a computer with configuration `configured`, from the `snapshot` of its processes; None when no process
+    /// runs.
     pub fn look(snapshot: Option<&Snapshot>, configured: &ComputerReport) -> Status {
         match snapshot {
             Some(snapshot) => Status::of(ObservedSituation::look(snapshot, configured, steady_ns())),
             None => Status::absent(configured),
         }
     }
-    /// The status of this situation.
     pub fn of(situation: ObservedSituation) -> Status {
         if situation.known.vessel.is_some() && situation.vessel().is_none() {
             const TOPIC: FindingTopic = FindingTopic("processes");
@@ -177,7 +157,7 @@ impl Status {
             Some((_, status)) => vessel::go(&findings, status),
             None => drone::go(&situation, &findings),
         };
-        // Of several drones each has a figure, which judges itself.
+        // Each of several drones has a figure with its own level.
         for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);
             figure.level = own.map(|f| f.level).max().unwrap_or_default();
@@ -195,7 +175,6 @@ impl Status {
             situation,
         }
     }
-    /// Status of a computer on which nothing runs.
     pub fn absent(known: &ComputerReport) -> Status {
         const TOPIC: FindingTopic = FindingTopic("processes");
         const FOUND: &str = "no process runs on this computer, or this user has no access to it";
@@ -212,7 +191,7 @@ impl Status {
         };
         Status::without(known, "no process runs", found)
     }
-    /// Status of a computer of which no more is known.
+    /// Status of a computer of which only the configuration is known.
     fn without(known: &ComputerReport, headline: &str, why: Finding) -> Status {
         Status {
             title: known.title.to_string(),
@@ -227,7 +206,6 @@ impl Status {
             ..Status::default()
         }
     }
-    /// The findings that are not fine, the worst first.
     pub fn alarms(&self) -> Vec<&Finding> {
         let mut all: Vec<&Finding> = self
             .findings

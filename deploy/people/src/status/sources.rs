@@ -1,5 +1,5 @@
-//! Findings on a vessel's sensors and its estimate: rejections, remarks on the bytes, and
-//! whether a landing can do with the estimate.
+//! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate suffices for a
+//! landing.
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::SourceHealth;
@@ -7,18 +7,19 @@ use alight_shared::msg::{EstimatorStatus, Line};
 
 use super::finding::{Finding, FindingTopic};
 
-/// A sensor or an estimate older than this is missing, s.
+/// Age at which a sensor or an estimate is missing, s.
 pub const MISSING_S: f64 = 2.0;
-/// Standard deviations of an estimate that a landing can do with. Chosen: the drone finds the deck's tags by them from
-/// 10 m away, within a view of some 5 m and some degrees, and begins above the deck by the height.
+/// Maximum standard deviations of an estimate for a landing. Chosen: within these deviations the drone finds the deck's
+/// tags from 10 m away, in a view of some 5 m and some degrees; the height is where it begins above the deck.
 const MAX_PLACE_M: f64 = 5.0;
 const MAX_HEIGHT_M: f64 = 5.0;
 const MAX_TILT_DEG: f64 = 2.0;
 const MAX_HEADING_DEG: f64 = 5.0;
-/// Fewer measurements of the last seconds are no rate.
+/// Minimum number of recent measurements for a rejection rate.
 const MIN_RECENT: u64 = 5;
 
-/// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
+/// Finding on one source. A missing source is a warning because another of its kind may replace it; [`estimator`]
+/// reports a kind that is missing altogether.
 pub fn source(s: &SourceHealth) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("source");
     let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
@@ -42,13 +43,13 @@ pub fn source(s: &SourceHealth) -> Finding {
     if uses.is_stuck {
         return TOPIC.broken(
             format!("{counts}; STUCK: it repeats one sample, {} rejected", uses.stuck),
-            "its numbers are no measurement: power it off and on, then its cable and its driver",
+            "its output is not a measurement: power it off and on, then check its cable and its driver",
         );
     }
     match silent {
         Some(why) => TOPIC.warning(
             format!("{counts}; {why}"),
-            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
+            "check its power, its cable, and its rate and format in vessel.toml; run alight check with the service stopped",
         ),
         None if d.mismatched_pulses > 0 => TOPIC.warning(
             format!(
@@ -60,14 +61,13 @@ pub fn source(s: &SourceHealth) -> Finding {
         None => match rejection(s) {
             Some(rejections) => TOPIC.warning(
                 format!("{counts}; {rejections}"),
-                "too old or from the future: its clock, its latency_s, its line; else another sensor contradicts it: its mount",
+                "if its data are too old or from the future, check its clock, latency_s and line; if another sensor contradicts it, its mount",
             ),
             None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
         },
     }
 }
 
-/// Findings on a source.
 pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
     let remarks = s.report.remarks.iter().map(|r| {
         let remedy = r.remedy.as_ref().map(Line::as_str);
@@ -76,7 +76,7 @@ pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
     core::iter::once(source(s)).chain(remarks)
 }
 
-/// Remark on a source's bytes in addition to their counts.
+/// Decoding remark on a source, in addition to its counts.
 pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("sensors");
     let found = format!("{name}: {text}");
@@ -86,7 +86,7 @@ pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
     }
 }
 
-/// A source of whose newest measurements more are rejected than used.
+/// Text for a source whose recent measurements were mostly rejected.
 fn rejection(s: &SourceHealth) -> Option<String> {
     let [used, rejections] = s.uses.lately;
     let all = used + rejections;
@@ -98,7 +98,6 @@ fn rejection(s: &SourceHealth) -> Option<String> {
     })
 }
 
-/// Parts of an estimate that are worse than a landing needs.
 fn uncertain(sd: [f64; 4]) -> Vec<String> {
     let [place, height, tilt, heading] = sd;
     let deg = f64::to_degrees;
@@ -114,7 +113,7 @@ fn uncertain(sd: [f64; 4]) -> Vec<String> {
     .collect()
 }
 
-/// Gaps of the estimate, and whether it is good enough for a landing.
+/// Findings on gaps of the estimate and on whether it suffices for a landing.
 pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("estimator");
     let mut all = Vec::new();
@@ -127,7 +126,9 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
         };
-        all.push(FindingTopic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
+        all.push(
+            FindingTopic("sensors").broken(found, "check the sensor and [[sensor.sources]] in vessel.toml"),
+        );
     }
     let [horizontal, height, tilt, heading] = e.sd;
     let rejections: Vec<String> = sources.iter().filter_map(rejection).collect();
@@ -232,7 +233,7 @@ mod tests {
         ] {
             assert!(worse.found.contains(part), "{worse:?}");
         }
-        // Rejections now and then are no finding, and without an estimate they are the reason.
+        // Occasional rejections are no finding; without an estimate they are its reason.
         let now_and_then = rejecting([60, 3]);
         assert_eq!(source(&now_and_then).level, FindingLevel::Fine);
         assert_eq!(estimator(&sound(), &[now_and_then])[0].level, FindingLevel::Fine);

@@ -1,4 +1,4 @@
-//! A status as text: headline, then labelled lines, at most 20 of 80 columns; and everything of it.
+//! Text of a status: headline and labelled lines, at most 20 lines of 80 columns, or the full report.
 
 use alight_computer::process::{metrics, snapshot::time};
 use alight_computer::terminal::{WIDTH, wrap};
@@ -6,14 +6,11 @@ use alight_computer::terminal::{WIDTH, wrap};
 use super::finding::FindingLevel;
 use super::{Figure, Status};
 
-/// Lines of a status on standard output.
 const HEIGHT: usize = 20;
-/// Columns of a label.
 const LABEL: usize = 11;
-/// Figures whose change is one of the state.
+/// Figures whose change counts as a change of the status.
 const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
 
-/// One line as it fits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusLine {
     pub text: String,
@@ -21,7 +18,6 @@ pub struct StatusLine {
 }
 
 impl StatusLine {
-    /// A line below the first of an entry has no label, and no colour.
     fn coloured(&self) -> String {
         if self.text.starts_with(' ') {
             return self.text.clone();
@@ -31,7 +27,6 @@ impl StatusLine {
 }
 
 impl Figure {
-    /// Value and note; None: nothing to print.
     fn text(&self) -> Option<String> {
         let value = self.value.as_deref().unwrap_or("unknown");
         let text = match (self.note.as_str(), &self.value) {
@@ -43,7 +38,7 @@ impl Figure {
     }
 }
 
-/// A text without its numbers and units, which change all the time.
+/// Text without numbers and units, which change with every reading.
 fn without_numbers(text: &str) -> String {
     let is_term = |t: &&str| t.len() > 3 && !t.contains(|c: char| c.is_ascii_digit());
     text.split_whitespace()
@@ -53,7 +48,7 @@ fn without_numbers(text: &str) -> String {
 }
 
 impl Status {
-    /// Key of the status: the same until something changes that people have to know.
+    /// Key of the status; it changes only when the operator has to know.
     pub fn key(&self) -> String {
         let state = self
             .state
@@ -70,11 +65,9 @@ impl Status {
             .collect();
         format!("{state:?} {figures:?} {alarms:?}")
     }
-    /// Title and headline.
     fn title(&self) -> String {
         format!("{}: {}", self.title, self.headline)
     }
-    /// Progress of the mission, or the condition that is not met.
     fn mission(&self) -> Option<(&'static str, String)> {
         let state = self.state.as_ref()?;
         let waiting = state.waiting.as_str();
@@ -87,11 +80,9 @@ impl Status {
         }
         Some(("mission", text))
     }
-    /// Labelled texts of the figures.
     fn entries(&self) -> impl Iterator<Item = (&'static str, String)> {
         self.figures.iter().filter_map(|f| Some((f.name, f.text()?)))
     }
-    /// One line of what is now: headline, state, alarms.
     pub fn line(&self) -> String {
         let states = self.entries().filter(|(name, _)| STATE.contains(name));
         let states = self.mission().into_iter().chain(states);
@@ -106,7 +97,7 @@ impl Status {
             .collect();
         parts.join("; ")
     }
-    /// The lines that fit into so many rows and columns: the worst alarms first, for what is at the end may be missing.
+    /// Lines that fit into `width` columns and `height` rows, the worst alarms first because the end may be cut off.
     pub fn lines(&self, width: usize, height: usize) -> Vec<StatusLine> {
         let alarms = self.alarms();
         let mut lines = wrapped("", &self.title(), FindingLevel::Fine, 0, width);
@@ -129,13 +120,13 @@ impl Status {
         }
         lines
     }
-    /// As it is printed: on a terminal with the labels of alarms in their colours.
+    /// Printed text; on a terminal the labels of alarms are coloured.
     pub fn text(&self) -> String {
         let lines = self.lines(WIDTH, HEIGHT);
         let texts: Vec<String> = lines.iter().map(StatusLine::coloured).collect();
         texts.join("\n")
     }
-    /// Everything: each finding, what each process reports of itself, and each topic as each process reads it.
+    /// Full report: each finding, each process's report, and each topic as each process reads it.
     pub fn all(&self) -> String {
         let snapshot = &self.situation.snapshot;
         let mut lines = vec![self.title()];
@@ -175,7 +166,6 @@ impl Status {
     }
 }
 
-/// Label of an alarm.
 fn label(level: FindingLevel) -> &'static str {
     match level {
         FindingLevel::Broken => "ALARM",
@@ -183,9 +173,8 @@ fn label(level: FindingLevel) -> &'static str {
     }
 }
 
-/// An entry's lines, all but the first below its text.
+/// Lines of an entry, indented below its text.
 fn wrapped(label: &str, text: &str, level: FindingLevel, indent: usize, width: usize) -> Vec<StatusLine> {
-    // A space follows the label.
     let mut entry = format!("{label:<0$}", indent.saturating_sub(1));
     wrap(&mut entry, indent, width, text);
     let lines = entry.lines().map(|line| StatusLine {
@@ -195,7 +184,6 @@ fn wrapped(label: &str, text: &str, level: FindingLevel, indent: usize, width: u
     lines.collect()
 }
 
-/// As many characters as fit.
 fn cut(text: &str, width: usize) -> String {
     text.chars().take(width).collect()
 }
@@ -248,7 +236,7 @@ mod tests {
             lines[1].text,
             "ALARM      armed: landed and still ARMED -> keep clear"
         );
-        // The first warning is whole.
+        // The first warning is complete.
         assert!(lines[2].text.contains("warning 0") && lines[6].text.ends_with("-> none"));
         assert!(
             lines[19].text.contains("more: alight status --all"),

@@ -1,4 +1,4 @@
-//! The vessel's computer: findings, state and figures.
+//! Findings, state and figures of the vessel's computer.
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::ObservedSituation;
@@ -15,10 +15,9 @@ use super::go::Go;
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 
-/// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
+/// Silence after which a drone is out of reach, s. Drones report at 2 Hz.
 pub const LOST_CONTACT_S: f64 = 5.0;
 
-/// Findings on a vessel's situation.
 pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();
     let mut all = vec![radio(s, known)];
@@ -37,7 +36,8 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     all
 }
 
-/// The radio's endpoints. Of one that found no place in the report the worst is assumed: others reach it.
+/// Endpoints of the radio. An endpoint that did not fit into the report counts as reachable from outside, the worst
+/// case.
 fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
     let is_whole = known.listen.left_out == 0 && known.connect.left_out == 0;
     let reported = known.listen.iter().chain(known.connect.iter());
@@ -70,7 +70,6 @@ fn unauthorised_peers(s: &ObservedSituation, known: &VesselReport) -> Finding {
     )
 }
 
-/// Whose the deck is.
 fn owner(status: &VesselStatus) -> String {
     let owner = status.deck_owner;
     let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
@@ -81,7 +80,6 @@ fn owner(status: &VesselStatus) -> String {
 const DECK: FindingTopic = FindingTopic("deck");
 const OPEN_DECK: &str = "alight command deck open";
 
-/// Whether the deck is open, and its owner.
 fn deck_access(status: &VesselStatus) -> Finding {
     let found = owner(status);
     let deck = &status.deck;
@@ -89,27 +87,27 @@ fn deck_access(status: &VesselStatus) -> Finding {
         (Some(Closure::Crew), _) => DECK.stopping(format!("closed by the crew; {found}"), OPEN_DECK),
         (Some(Closure::CheckpointDamaged), _) => DECK.stopping(
             "closed: the file of the drones on it is damaged",
-            format!("look, and once the deck is empty: {OPEN_DECK}"),
+            format!("look at the deck; once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::CheckpointMissing), _) => DECK.stopping(
             "closed: the file of the drones on it is missing",
-            format!("look, and once the deck is empty: {OPEN_DECK}"),
+            format!("look at the deck; once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::CheckpointUnwritable), _) => DECK.stopping(
             format!("closed: the file of the drones on it cannot be written, and may be old; {found}"),
-            format!("free space, or make it writable; look, and once the deck is empty: {OPEN_DECK}"),
+            format!("free space, or make it writable; look at the deck, and once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::Switch), _) => DECK.stopping(
             format!("closed by the crew's switch; {found}"),
             "open it at the switch (deck.crew_switch)",
         ),
         (Some(Closure::Sensor), _) => DECK.stopping(
-            format!("closed: its sensor detects an object that is no drone; {found}"),
-            "look, and take it away (deck.occupancy_sensor)",
+            format!("closed: its sensor detects an object that is not a drone; {found}"),
+            "look at the deck, and remove the object (deck.occupancy_sensor)",
         ),
         (None, Some(age_s)) if age_s > LOST_CONTACT_S => DECK.stopping(
             format!("{found}, silent for {}", time(age_s)),
-            format!("it may stand there; once it does not: {OPEN_DECK}"),
+            format!("it may be on the deck; once it is not: {OPEN_DECK}"),
         ),
         (None, _) => DECK.fine(found),
     }
@@ -127,7 +125,10 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(deck.starved.iter().map(|s| {
         DECK.broken(
             s.to_string(),
-            format!("look now: once drone {} is not there: {OPEN_DECK}", s.owner),
+            format!(
+                "look at the deck now; once drone {} is not on it: {OPEN_DECK}",
+                s.owner
+            ),
         )
     }));
     all.extend(deck.follows_another.iter().map(|f| {
@@ -136,15 +137,15 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
                 "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
                 f.drone, f.boot
             ),
-            "switch one of the two off: each reserves the deck by itself",
+            "switch one of the two off: each reserves the deck on its own",
         )
     }));
     all.extend(deck.unplaced.iter().map(|id| {
         DECK.stopping(
             format!(
-                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+                "drone {id} is switched on without a position: it may be on the deck, which no other drone is given"
             ),
-            format!("wait for its position; or look, and once it is not there: {OPEN_DECK}"),
+            format!("wait for its position; or look, and once it is not on the deck: {OPEN_DECK}"),
         )
     }));
     all.extend(deck.aborts.iter().map(|id| {
@@ -160,22 +161,21 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     );
     all.extend(deck.file_error.iter().map(|e| {
         DECK.warning(
-            format!("its state would not outlive the process: {e}"),
+            format!("its state cannot be saved for a restart: {e}"),
             "free space, or make it writable",
         )
     }));
     all
 }
 
-/// Course that the helm states, and the orders to it.
 fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("course");
     let stated = course(deck.course);
     let turns = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if turns {
         TOPIC.stopping(
-            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
-            "keep course and speed, and state it: the helm's switch, or alight command steady",
+            format!("{stated}; a drone waits for a steady course, or aborts its descent"),
+            "keep course and speed, and confirm: the helm's switch, or alight command steady",
         )
     } else if deck.wants_steady {
         TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
@@ -190,15 +190,13 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
-/// The course that the helm may choose before a landing.
 fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
     FindingTopic("heading").fine(compass::advice(a, knots))
 }
 
-/// Name of the figures of drones, each of which judges itself.
+/// Name of the figures of drones; each has a level of its own.
 pub const DRONES: &str = "drones";
 
-/// Report of a drone about itself.
 pub fn drone(d: &DroneStatus) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("drones");
     let number = d.header.drone;
@@ -212,7 +210,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
                 time(d.mission_age_s.into()),
                 d.state.name()
             ),
-            "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+            "the deck stays reserved for it; abort is relayed: alight command abort --drone, or take manual control",
         );
     }
     let armed = if d.armed { "armed" } else { "disarmed" };
@@ -221,7 +219,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
     if d.state == State::StandDown {
         return TOPIC.warning(
             found,
-            "stand clear; where it stays armed, disarm by remote control",
+            "stand clear; if it stays armed, disarm it by remote control",
         );
     }
     if d.state.starts_motors() {
@@ -230,22 +228,21 @@ pub fn drone(d: &DroneStatus) -> Finding {
     TOPIC.fine(found)
 }
 
-/// The drones, and how long ago each reported.
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("drones");
     if status.drones.is_empty() {
-        let remedy = "is one switched on, in reach, and in radio.tls.peers?";
+        let remedy = "check that it is switched on, in radio reach and in radio.tls.peers";
         return vec![TOPIC.warning("none received", remedy)];
     }
     status.drones.iter().map(contact_finding).collect()
 }
 
-/// Newest report of a drone, and its age.
+/// Finding on a drone's newest report and its age.
 fn contact_finding(c: &DroneContact) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("drones");
     let found = drone(&c.status);
     let lost = c.age_s > LOST_CONTACT_S;
-    // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
+    // An armed drone stays an alarm when it falls silent: anyone who approaches it has to know.
     let found = match c.status.still_armed_s {
         None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
         None | Some(_) => found,
@@ -256,7 +253,7 @@ fn contact_finding(c: &DroneContact) -> Finding {
     }
 }
 
-/// The drone that has the deck, else the one that was received last.
+/// Drone that owns the deck, otherwise the drone received last.
 fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
     let owner = status
         .drones
@@ -266,19 +263,18 @@ fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
     owner.or(newest)
 }
 
-/// Whether a landing may be ordered by what the vessel knows of herself.
+/// Whether a landing may be ordered according to the vessel's own state.
 pub fn own_go(findings: &[Finding], status: &VesselStatus) -> Go {
     let own = findings.iter().filter(|f| f.topic != DRONES);
     let own: Vec<Finding> = own.cloned().collect();
     Go::of(&own, no_waves(status))
 }
 
-/// The worse of that and of what the foremost drone reports.
+/// Worse of the vessel's own judgement and that of the foremost drone.
 pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
     Go::of(findings, no_waves(status)).worse(foremost_go(status))
 }
 
-/// Unknown waves, which a landing needs.
 fn no_waves(status: &VesselStatus) -> Option<&'static str> {
     match status.estimator.waves {
         Some([_, quality]) => go::no_forecast(quality),
@@ -286,7 +282,7 @@ fn no_waves(status: &VesselStatus) -> Option<&'static str> {
     }
 }
 
-/// Reason against an order by the foremost drone's report; None: there is no such reason.
+/// Judgement by the foremost drone's report; None if nothing is against an order.
 fn foremost_go(status: &VesselStatus) -> Option<Go> {
     let Some(d) = foremost(status) else {
         return Some(Go::unknown("no drone is received"));
@@ -303,13 +299,11 @@ fn foremost_go(status: &VesselStatus) -> Option<Go> {
     windless.then(|| Go::unknown(format!("drone {number}: {}", go::NO_WIND)))
 }
 
-/// The wind by the foremost drone's newest report.
 pub fn wind(status: &VesselStatus) -> Option<Wind> {
     let newest = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S)?;
     Some(Wind::towards(newest.status.wind?.map(f64::from)))
 }
 
-/// The state of the foremost drone.
 pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
     Some(StateView {
@@ -329,7 +323,6 @@ pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> 
     })
 }
 
-/// The state, and since when.
 pub fn headline(s: &ObservedSituation, worst: FindingLevel) -> String {
     let state = match worst {
         FindingLevel::Fine => "works",
@@ -377,7 +370,6 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
         .collect()
 }
 
-/// A drone that was received.
 fn contact(d: &DroneContact) -> Figure {
     let status = &d.status;
     let armed = if status.armed { "armed" } else { "disarmed" };
@@ -394,7 +386,6 @@ fn contact(d: &DroneContact) -> Figure {
     .stale(d.age_s > LOST_CONTACT_S)
 }
 
-/// Speed over ground, and the course that it makes good.
 fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
     let known = e.mean_velocity.filter(|_| is_recent(e));
     known.map_or(Figure::unknown("speed"), |velocity| {
@@ -410,7 +401,7 @@ fn is_recent(e: &EstimatorStatus) -> bool {
     e.estimate_age_s.is_some_and(|s| s <= MISSING_S)
 }
 
-/// Waves, and the estimate of the motion in them.
+/// Waves, and the accuracy of the estimated motion.
 fn motion(e: &EstimatorStatus) -> [Figure; 2] {
     let waves = e.waves.map(|[height_m, quality]| {
         let note = format!("forecast quality {:.0} %", 100.0 * quality);

@@ -1,5 +1,5 @@
-//! `alight status --watch`: one page that is drawn again in the window that it has, and on anything but a terminal a line for
-//! each change. The terminal is left as it was, however the view ends.
+//! `alight status --watch`: a page redrawn to the size of the terminal window; without a terminal, one line per change.
+//! The terminal is restored however the command ends.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -15,13 +15,11 @@ use ratatui::{DefaultTerminal, Frame};
 use super::Status;
 use super::finding::FindingLevel;
 
-/// Between two drawings.
 const PERIOD: Duration = Duration::from_millis(250);
-/// Keys and changes of the window taken in between, at most.
 const MAX_EVENTS: u32 = 64;
 
-/// Shows what `look` returns after having waited for a while, until it returns nothing more or the operator ends it (q, Esc,
-/// Ctrl-C).
+/// Shows each status that `look` returns after waiting for the given time, until it returns None or the user quits (q,
+/// Esc, Ctrl-C).
 pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
     if !std::io::stdout().is_terminal() {
         let mut key = None;
@@ -33,11 +31,10 @@ pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -
         }
         return Ok(());
     }
-    // It is restored by a panic, too.
     let mut view =
         ratatui::try_init().doing("drawing in the terminal; without --watch the page is printed")?;
     let shown = show(&mut view, &mut look);
-    ratatui::try_restore().doing("leaving the terminal as it was: the command reset does so")?;
+    ratatui::try_restore().doing("restoring the terminal: run the command reset")?;
     shown
 }
 
@@ -55,7 +52,6 @@ fn show(
     Ok(())
 }
 
-/// Whether a key that ends the view was pressed since the last look.
 fn is_ended() -> Result<bool, CliError> {
     const READING: &str = "reading the terminal's keys";
     for _ in 0..MAX_EVENTS {

@@ -1,6 +1,6 @@
-//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer through
-//! shared memory, or from ashore through the vessel, with an operator's certificate ([`ashore`]). On the vessel's
-//! computer also the crew's order for the deck. Every answer names its drone.
+//! `alight command`: an operator's command to a mission, and its answer. On the drone's own computer it goes through
+//! shared memory; from ashore it goes through the vessel, with an operator's certificate ([`ashore`]). On the vessel's
+//! computer it also gives the crew's orders for the deck. Every answer names its drone.
 
 mod ashore;
 mod beacon;
@@ -27,55 +27,51 @@ use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
 use clap::{Args, Command as Clap, ValueEnum};
 use serde_json::json;
 
-/// Period at which the effect of a command is looked for.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// Without `--for` course and speed are kept for so long, s.
 const STEADY_S: u32 = 60;
 
-/// `--for` in seconds is at most this.
 const MAX_LASTING_S: u32 = 3600;
 
-/// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum OrderArg {
     /// Land on the vessel.
     Land,
     /// Stop landing, climb and hold; always wins.
     Abort,
-    /// Hold where you are.
+    /// Hold the present position.
     Hold,
     /// Take off from the deck, climb and hold (drone.mission.takeoff); with sorties_max unattended cycles.
     Takeoff,
     /// Unattended cycles: ready for the next sortie.
     Ready,
-    /// Keep a place next to the vessel for a while (--height, --ahead, --right, --for).
+    /// Keep a position next to the vessel for a while (--height, --ahead, --right, --for).
     Station,
     /// Show the mission's state; commands nothing.
     Status,
-    /// Place of a silent vessel: latitude and longitude, deg.
+    /// Give the position of a silent vessel: latitude and longitude, deg.
     DeckAt,
     /// On the vessel: close the deck or open it.
     Deck,
-    /// On the vessel: course and speed are kept for a while (`--for`).
+    /// On the vessel: announce a steady course and speed for a while (`--for`).
     Steady,
-    /// On the vessel: she turns or may turn, until `steady` is ordered.
+    /// On the vessel: announce a turn, until `steady` is ordered.
     Turning,
 }
 
-/// Order of the crew for the deck.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CrewOrderArg {
-    /// No drone descends; a descent that is still high is broken off.
+    /// No drone may descend; a descent that is still high is aborted.
     Closed,
-    /// It is free, but for drones that report from it.
+    /// Drones may land, unless a drone reports from the deck.
     Open,
-    /// The crew is clear of the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
+    /// The crew is clear of the drone of `--drone`, which may take off: within two minutes, or until `closed` with
+    /// `--standing`.
     Takeoff,
 }
 
 impl OrderArg {
-    /// Whether a flag or value, by its field, counts with this order.
+    /// Whether this order uses the argument with this field name.
     fn takes(self, field: &str) -> bool {
         let is_at = self == OrderArg::DeckAt;
         let is_crews = matches!(self, OrderArg::Deck | OrderArg::Steady | OrderArg::Turning);
@@ -93,7 +89,8 @@ impl OrderArg {
     }
 }
 
-/// Help of the order that follows `alight command` on a command line, with the flags that count with it; None: no order.
+/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None without an
+/// order.
 pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
     let mut orders = typed.iter().skip(2).filter_map(|t| t.to_str());
     let order = orders.find_map(|t| OrderArg::from_str(t, false).ok());
@@ -112,7 +109,6 @@ pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
 }
 
 impl CommandArgs {
-    /// The command, if there is one.
     fn kind(&self) -> Result<Option<CommandKind>, CliError> {
         Ok(match self.order {
             OrderArg::Land => Some(CommandKind::Land),
@@ -126,14 +122,13 @@ impl CommandArgs {
             }
         })
     }
-    /// Time of `--for` in whole multiples of `unit`, which a plain number counts, or `usual`.
+    /// Time of `--for` in whole multiples of `unit`, the unit of a plain number; otherwise `usual`.
     fn lasting(&self, unit: (&str, f64), limit: u32, usual: u32) -> Result<u32, CliError> {
         let given = self.lasting.map_or(Ok(usual), |t| t.whole(unit, &(0..=limit)));
         given.map_err(|e| CliError::because("--for", e))
     }
 }
 
-/// A command.
 #[derive(Args, Debug)]
 #[command(after_help = "On the computer it is for, as the user that runs Alight:\n  \
 sudo -u alight alight command abort\n  \
@@ -147,39 +142,40 @@ pub struct CommandArgs {
     pub order: OrderArg,
     /// deck: closed, open, takeoff; deck-at: latitude, longitude
     ///
-    /// Places are in deg: alight command deck-at 59.3456 18.1234 --error 10.
+    /// Positions are in deg: alight command deck-at 59.3456 18.1234 --error 10.
     #[arg(value_name = "VALUE", num_args = 0..=2, allow_negative_numbers = true)]
     pub values: Vec<String>,
-    /// deck takeoff: each take-off until the deck is closed
+    /// deck takeoff: clear all take-offs until closed
     ///
-    /// It clears each take-off of that drone until the deck is closed or one is stopped there, not those of two minutes.
+    /// Clears every take-off of that drone until the deck is closed or a take-off is stopped there, not only those
+    /// within two minutes.
     #[arg(long)]
     pub standing: bool,
     /// steady, deck-at: s [60, 300]; station: min [10]
     ///
-    /// A unit may follow: 90s, 5min. With `steady` 0 no course is stated any more.
+    /// A unit may follow: 90s, 5min. `steady` with 0 withdraws the course.
     #[arg(long = "for", value_name = "TIME")]
     pub lasting: Option<WrittenTime>,
-    /// Place of a station
+    /// Position of a station
     #[command(flatten)]
     pub station: station::StationArgs,
     /// deck-at: the vessel's course, deg from north
     #[arg(long, value_name = "DEG", requires = "speed")]
     pub course: Option<f64>,
-    /// deck-at: its speed, m/s [default: it lies still]
+    /// deck-at: speed, m/s [default: stationary]
     ///
     /// A unit may follow: 5kn.
     #[arg(long, value_name = "M/S", value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// deck-at: standard deviation of the place, m
+    /// deck-at: position's standard deviation, m
     ///
     /// 1 to 1000 m, each axis.
     #[arg(long, value_name = "M", default_value_t = 10.0)]
     pub error: f64,
-    /// Configuration of the computer that it is for (TOML)
+    /// Configuration of the computer (TOML)
     ///
-    /// The vessel's for `deck`, `steady` and `turning`, else the drone's [default: /etc/alight/vessel.toml or
-    /// /etc/alight/drone.toml; without the drone's: of a landing that runs here].
+    /// The vessel's for `deck`, `steady` and `turning`, otherwise the drone's [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml; without the latter, that of a landing that runs here].
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Set of processes [default: the configuration's]
@@ -198,8 +194,8 @@ pub struct CommandArgs {
     pub vessel_id: u32,
     /// Drone; deck open: one that is clear of the deck
     ///
-    /// From ashore it is needed where the vessel receives several drones, and quicker where it receives one. With `deck open`
-    /// the crew has checked that this drone is neither on the deck nor above it.
+    /// From ashore it is required if the vessel receives several drones, and saves time if it receives one. With `deck
+    /// open` the crew has checked that this drone is neither on the deck nor above it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub drone: Option<u32>,
     /// One JSON object instead of lines
@@ -207,19 +203,18 @@ pub struct CommandArgs {
     pub json: bool,
 }
 
-/// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let clears = args.order == OrderArg::Deck && args.values == ["takeoff"];
     if args.standing && !clears {
         return Err(CliError(
-            "--standing belongs to alight command deck takeoff --drone N".into(),
+            "--standing is only for alight command deck takeoff --drone N".into(),
         ));
     }
     station::check(args)?;
     let has_values = matches!(args.order, OrderArg::Deck | OrderArg::DeckAt);
     if !has_values && !args.values.is_empty() {
         return Err(CliError(format!(
-            "{}: closed, open and takeoff belong to `alight command deck`, places to `alight command deck-at`",
+            "{}: closed, open and takeoff are for `alight command deck`, positions for `alight command deck-at`",
             args.values.join(" ")
         )));
     }
@@ -247,7 +242,6 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// The crew's order for the deck.
 fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
     let order = match values {
         [value] => CrewOrderArg::from_str(value, false).ok(),
@@ -255,24 +249,25 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// The computer of the vessel, on which `what` is done.
+/// Configuration of the vessel's computer, on which this command runs; `what` names the order in errors.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
         return Err(CliError(format!(
-            "{what} on the vessel's own computer: no --vessel"
+            "{what} on the vessel's own computer: remove --vessel"
         )));
     }
     commanded_vessel(args.config.as_deref(), args.instance.as_deref())
 }
 
-/// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
+/// Gives an order to the vessel's process on this computer. Returns the status that confirms it; None if the process
+/// did not accept it.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
     let memory = join(&computer.instance, "alight-vessel", NAMED)?;
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
-/// The memory of the set of processes `name`, which `unit` runs; `other` is the advice on naming another.
+/// Shared memory of the instance `name`, which the systemd `unit` runs; `other` is advice on naming another.
 fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
@@ -284,17 +279,14 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     Ok(Memory::join(&instance, "command")?)
 }
 
-/// Advice on naming another vessel's process.
 const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
-/// Remedy for an order that was not taken.
 const NOT_TAKEN: &str =
-    "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
+    "the vessel's process has not taken the order: check systemctl status alight-vessel, and order it again";
 
-/// Gives an order about the course.
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
-            "--drone {drone}: the course is the vessel's, for every drone"
+            "--drone {drone}: the course is the same for every drone; remove the flag"
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
@@ -306,21 +298,22 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     Ok(Exit::of(newest.is_some()))
 }
 
-/// Effect of an order about the course that was taken.
 fn stated(order: DeckOrder) -> &'static str {
     match order {
-        DeckOrder::Steady(0) => "nothing is stated of the course",
-        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
+        DeckOrder::Steady(0) => "no course is stated",
+        DeckOrder::Steady(_) => {
+            "course and speed are stated as steady; a turn at the helm's switch takes precedence"
+        }
         DeckOrder::Turning
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
         | DeckOrder::TakeOff(_)
-        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns",
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while the vessel turns",
     }
 }
 
-/// Whether drones may descend.
+/// Closes or opens the deck, or clears a take-off.
 fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     let order = match (ordered, args.drone) {
         (CrewOrderArg::Closed, None) => DeckOrder::Closed,
@@ -339,7 +332,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
             )));
         }
     };
-    let newest = order_aboard(args, "the deck is closed and opened", order)?;
+    let newest = order_aboard(args, "orders for the deck are given", order)?;
     let closed = newest.as_ref().is_some_and(|s| s.deck.closed.is_some());
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
@@ -347,7 +340,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
         terminal::line(match ordered {
             CrewOrderArg::Closed => "the deck is closed",
             CrewOrderArg::Open if closed => {
-                "the order is taken, but switch or sensor keep the deck closed: alight status"
+                "the order is taken, but a switch or sensor keeps the deck closed: see alight status"
             }
             CrewOrderArg::Open => "the deck is open",
             CrewOrderArg::Takeoff if closed => {
@@ -367,7 +360,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     ))
 }
 
-/// Meaning of the clearance for a take-off to the crew: a drone whose take-off is ordered may wait for it alone.
+/// Meaning of a take-off clearance for the crew: an ordered take-off may be waiting for nothing else.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
@@ -380,23 +373,23 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
              5 s after it reports so"
         }
         (false, false) => {
-            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
-             ordered, by whomever"
+            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after any order to \
+             take off"
         }
     }
 }
 
-/// A drone that the order to open the deck leaves it to, and what frees it.
+/// Text about a silent drone for which the opened deck stays reserved, and how to release it.
 fn kept_by(unheard: &Unheard) -> String {
     format!(
-        "{unheard};\norder it again in {:.0} s, or once it is neither there nor above:\nalight command deck \
+        "{unheard};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \
          open --drone {}",
         unheard.remaining_s.ceil(),
         unheard.drone
     )
 }
 
-/// Through the shared memory of the drone's computer.
+/// Commands the drone through the shared memory of this computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     let is_abort = args.order == OrderArg::Abort;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
@@ -447,7 +440,7 @@ mod tests {
     use super::*;
     use alight_shared::msg::{Seq, State};
 
-    /// The crew's clearance may be what a take-off that is ordered waits for.
+    /// An ordered take-off may wait only for the crew's clearance.
     #[test]
     fn warning_by_the_state_of_a_cleared_drone() {
         let warns = |state| {

@@ -1,4 +1,4 @@
-//! `alight config`: a configuration with its declarations.
+//! `alight config`: prints configurations with the descriptions of their keys.
 
 use alight_computer::config::method::KeyOwner;
 use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
@@ -8,23 +8,23 @@ use alight_shared::config::{Check, commented_keys};
 use clap::Args;
 use serde::Serialize;
 
-/// A configuration of a computer.
+/// Configuration of a computer.
 #[derive(Args, Debug)]
 pub struct ConfigArgs {
-    /// Every key that the file may set, with its default and its meaning, not only those that `alight init` writes
+    /// Print every key of the file with its default and its meaning, not only those that `alight init` writes
     #[arg(long)]
     pub all: bool,
-    /// The keys of the method, which no file of a flight sets: for --tuning of studies
+    /// Print keys of the method, which no file of a flight sets: for --tuning of studies
     #[arg(long, conflicts_with = "all")]
     pub tuning: bool,
 }
 
-/// Prints the vessel's: as it is shipped, or other keys of it.
+/// Prints the vessel's configuration.
 pub fn vessel(args: &ConfigArgs) -> Result<Exit, CliError> {
     print::<VesselComputerConfig>(args, include_str!("../../../vessel/vessel.toml"))
 }
 
-/// Prints the drone's: as it is shipped, or other keys of it.
+/// Prints the drone's configuration.
 pub fn drone(args: &ConfigArgs) -> Result<Exit, CliError> {
     print::<DroneComputerConfig>(args, include_str!("../../../drone/drone.toml"))
 }

@@ -15,7 +15,6 @@ use serde::Serialize;
 
 use crate::view::picture::FlightLine;
 
-/// Flights that the page lists.
 const MAX_ON_PAGE: usize = 8;
 
 /// Flights to list.
@@ -24,7 +23,7 @@ pub struct FlightsArgs {
     /// Directory of the flights (recorder.directory)
     #[arg(value_name = "DIR", default_value = "/var/lib/alight/flights")]
     pub directory: PathBuf,
-    /// Give files an end that a kill or a power cut left without, so that viewers open them
+    /// Repair files left without an end by a kill or a power cut, for viewers
     #[arg(long)]
     pub mend: bool,
     /// Output format.
@@ -32,24 +31,21 @@ pub struct FlightsArgs {
     pub form: Form,
 }
 
-/// A flight as it is listed.
 #[derive(Debug, Serialize)]
 struct Row {
     path: PathBuf,
-    /// When it began (UTC).
     begun: String,
     /// complete, running, cut off, or damaged.
     files: &'static str,
-    /// Files, and those of them without an end.
+    /// Number of files, and of those without an end.
     parts: usize,
     cut: usize,
     bytes: u64,
-    /// Summary of the computer.
     #[serde(flatten)]
     summary: FlightSummary,
 }
 
-/// Lists them, the newest last.
+/// Lists the flights, the newest last.
 pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     let flights = flights(&args.directory)?;
     if args.mend {
@@ -72,7 +68,7 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The flights below `directory`, or the one that it is.
+/// Flights in `directory`, or `directory` itself if it is one.
 fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(
@@ -83,7 +79,7 @@ fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     if !below.is_empty() || !store::is_flight(directory) {
         return Ok(below);
     }
-    // Of `land --log`, without a flight's name.
+    // Flights of `land --log` have no name.
     let own = StoredFlight::of(directory).unwrap_or_else(|| StoredFlight {
         path: directory.into(),
         number: 0,
@@ -105,16 +101,16 @@ fn repaired(path: &Path, done: &Repair) -> String {
     )
 }
 
-/// The newest flights below a recorder's directory that have ended, for the page.
+/// Newest completed flights in a recorder's directory, for the page.
 pub fn earlier(directory: &str) -> Vec<FlightLine> {
-    // Without a recorder no flight is recorded, and a directory that cannot be read is for `alight flights` to report.
+    // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
     let all = store::flights(Path::new(directory)).unwrap_or_default();
     let ended = all.iter().rev().filter(|f| !f.is_running());
     ended
         .take(MAX_ON_PAGE)
         .map(Row::of)
         .map(|row| FlightLine {
-            text: format!("{}; {}", row.summary.reason, row.figures()),
+            text: format!("{}; {}", row.summary.reason, row.metrics()),
             outcome: row.summary.outcome,
             when: row.begun,
         })
@@ -142,8 +138,7 @@ impl Row {
             summary: summary.unwrap_or_default(),
         }
     }
-    /// The metrics as text.
-    fn figures(&self) -> String {
+    fn metrics(&self) -> String {
         let of = |name: &str| self.summary.figures.get(name).copied();
         let counted = |name: &str, one: &str, more: &str| {
             of(name)
@@ -165,7 +160,6 @@ impl Row {
     }
 }
 
-/// Minutes and seconds.
 fn length(s: f64) -> String {
     let s = s.max(0.0).round() as u64;
     match s / 3600 {
@@ -198,7 +192,7 @@ fn table(rows: &[Row]) -> String {
             row.files,
             row.summary.computer,
             outcome,
-            row.figures(),
+            row.metrics(),
         ]);
     }
     table.text()

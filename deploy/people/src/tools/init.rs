@@ -1,7 +1,7 @@
-//! `alight init`: asks what an installer knows, writes the configurations of both computers, and checks them.
+//! `alight init`: asks the installer for boat and drone, writes the configurations of both computers, and checks them.
 //!
-//! The files are the shipped ones, comments included, with the answers in their places; every answer is validated by the
-//! configuration's own checks before the next question is asked.
+//! The files are the shipped ones, with their comments and with the answers as values. Each answer is validated by the
+//! configuration's own checks before the next question.
 
 #[cfg(test)]
 mod tests;
@@ -24,44 +24,40 @@ use crate::tools::{check, tag};
 /// Directory of the files.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "An empty answer keeps what stands in brackets. The answers may come from a file, a line each:\n\
+    after_help = "An empty answer keeps the value in brackets. The answers may come from a file, a line each:\n\
 alight init --out boat < answers.txt\n\
-Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as certificates that are not made yet."
+Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as missing certificates."
 )]
 pub struct InitArgs {
-    /// Write vessel.toml and drone.toml there; the directory is made, a file that is there stays as it is
+    /// Directory of vessel.toml and drone.toml, made if missing; existing files are kept
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 }
 
-/// Sensors that are asked for.
 const SENSORS: usize = 8;
-/// Times that one question is asked.
+/// Attempts at each question.
 const TRIES: usize = 5;
 
-/// Both configurations while they are filled in.
 #[derive(Clone, Debug, PartialEq)]
 struct Boat {
     vessel: String,
     drone: String,
 }
 
-/// Whose file a key stands in.
 #[derive(Clone, Copy)]
 enum BoatFile {
     Vessel,
     Drone,
 }
 
-/// A key of a file: whose, its table ("": the file's own) and its name.
+/// Key of a file: file, table ("" for the file's own keys) and name.
 type Place = (BoatFile, &'static str, &'static str);
 
-/// A question whose answer is a value of the files: the text, and the keys, all of which get it.
+/// Question for a value: its text, and the keys that are set to the value.
 struct Question(&'static str, &'static [Place]);
 
 const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
 const CAMERA: Place = (BoatFile::Drone, "camera", "source");
-/// The question that follows the lens of a camera.
 const DISTORTION: Question = Question(
     "The lens's distortion k1, k2, p1, p2, k3",
     &[(BoatFile::Drone, "drone.camera.lens", "distortion")],
@@ -153,7 +149,6 @@ const QUESTIONS: &[Question] = &[
 ];
 
 impl Boat {
-    /// The shipped files.
     fn shipped() -> Boat {
         Boat {
             vessel: include_str!("../../../vessel/vessel.toml").into(),
@@ -166,17 +161,16 @@ impl Boat {
             BoatFile::Drone => &mut self.drone,
         }
     }
-    /// The value of a key as the file has it, the first line of it.
+    /// First line of a key's value in the file.
     fn value(&mut self, (of, table, key): Place) -> Option<String> {
         let mut found = lines(self.file(of)).filter(|(at, _)| *at == (table, key));
         let (_, line) = found.next()?;
         line.split_once(" = ").map(|(_, value)| value.to_owned())
     }
-    /// Puts a value in the place of another; the comments around it stay.
+    /// Replaces a value; the comments around it stay.
     fn set(&mut self, (of, table, key): Place, value: &str) {
         self.replace((of, table, key), &format!("{key} = {value}"));
     }
-    /// Puts lines in the place of a key and its value.
     fn replace(&mut self, (of, table, key): Place, with: &str) {
         let text = self.file(of);
         let (mut all, mut replaced) = (String::new(), false);
@@ -191,19 +185,17 @@ impl Boat {
         }
         *text = all;
     }
-    /// Whether both are valid as they stand.
     fn check(&self) -> Result<(VesselComputerConfig, DroneComputerConfig), CliError> {
         Ok((
             config::parse(&self.vessel, "vessel.toml")?,
             config::parse(&self.drone, "drone.toml")?,
         ))
     }
-    /// A number of the drone's file.
     fn number(&mut self, table: &'static str, key: &'static str) -> f64 {
         let value = self.value((BoatFile::Drone, table, key));
         value.and_then(|v| v.parse().ok()).unwrap_or_default()
     }
-    /// Moments of inertia of the shipped drone's shape with this mass and arm.
+    /// Scales the shipped drone's moments of inertia to this mass and arm.
     fn scale_inertia(&mut self) {
         let mut shipped = Boat::shipped();
         let size = |boat: &mut Boat| {
@@ -219,13 +211,13 @@ impl Boat {
             .collect();
         self.set(INERTIA, &format!("[{}]", scaled.join(", ")));
     }
-    /// Values that follow from the answers: names of certificates, maximum thrust, tags that suit the deck.
+    /// Sets values that follow from the answers: names of certificates, maximum thrust, tags that suit the deck.
     fn derive(&mut self) -> Result<(), CliError> {
         let hovers = |boat: &mut Boat| {
             let mass_kg = boat.number("drone.airframe", "mass_kg");
             [mass_kg, boat.number("autopilot", "hover_thrust")]
         };
-        // As shipped it is as measured.
+        // The shipped values were measured.
         let [mass_kg, hover] = hovers(self);
         if [mass_kg, hover] != hovers(&mut Boat::shipped()) {
             let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
@@ -252,8 +244,8 @@ impl Boat {
     }
 }
 
-/// Each line of a shipped file with the table and the key that it belongs to, ("", "") for comments and headings. A value of
-/// several lines is an array whose last line is its bracket.
+/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and headings. A value
+/// of several lines is an array that ends with its bracket.
 fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     let (mut table, mut open) = ("", None);
     text.lines().map(move |line| {
@@ -274,7 +266,6 @@ fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     })
 }
 
-/// An answer as a value of the same kind as `before`, both as the file has them.
 fn written(answer: &str, before: &str) -> Result<String, String> {
     let number = |text: &str| {
         let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
@@ -304,14 +295,13 @@ fn written(answer: &str, before: &str) -> Result<String, String> {
     }
 }
 
-/// Who answers.
 struct Installer<R, W> {
     answers: R,
     out: W,
 }
 
 impl<R: BufRead, W: Write> Installer<R, W> {
-    /// One answer; empty: as it stands.
+    /// Reads one answer; empty: keep the present value.
     fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
         const ASKING: &str = "asking for what is installed";
         write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;
@@ -320,12 +310,12 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         let n = self.answers.read_line(&mut line).doing(ASKING)?;
         if n == 0 {
             return Err(CliError(format!(
-                "the answers end before \"{question}\": nothing was written; an empty line keeps what stands in brackets"
+                "the answers end before \"{question}\": nothing was written; an empty line keeps the value in brackets"
             )));
         }
         Ok(line.trim().to_owned())
     }
-    /// Asks until `take` accepts the answer. What it does not accept is reported, a few times.
+    /// Asks until `take` accepts the answer, at most [`TRIES`] times, and prints why it does not.
     fn until(
         &mut self,
         question: &str,
@@ -343,7 +333,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             "\"{question}\" has no valid answer: nothing was written"
         )))
     }
-    /// A value that stands in the files.
     fn value(&mut self, boat: &mut Boat, Question(question, places): &Question) -> Result<(), CliError> {
         let Some(stands) = places.first().and_then(|at| boat.value(*at)) else {
             return Ok(());
@@ -361,13 +350,13 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             {
                 changed.scale_inertia();
             }
-            // Tags of the shipped deck may not fit another, and are chosen again at the end.
+            // The tags of the shipped deck may not fit another; they are chosen again at the end.
             changed.derive().map_err(|e| e.to_string())?;
             *boat = changed;
             Ok(())
         })
     }
-    /// The size, focal lengths and principal point of the belly camera's lens, which belong together.
+    /// Asks for size, focal lengths and principal point of the belly camera's lens, which belong together.
     fn lens(&mut self, boat: &mut Boat) -> Result<(), CliError> {
         const QUESTION: &str = "The camera's lens, from a calibration: width, height, fx, fy, cx, cy, px";
         let place = |key| (BoatFile::Drone, "drone.camera.lens", key);
@@ -393,7 +382,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             Ok(())
         })
     }
-    /// The vessel's address in the drone's file.
     fn address(&mut self, boat: &mut Boat) -> Result<(), CliError> {
         const QUESTION: &str = "The vessel's address on the network of the radio";
         self.until(QUESTION, "192.168.7.1", |answer| {
@@ -407,7 +395,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             Ok(())
         })
     }
-    /// The vessel's sensors, one after the other.
     fn sensors(&mut self, boat: &mut Boat) -> Result<(), CliError> {
         const SOURCES: Place = (BoatFile::Vessel, "sensor", "sources");
         let (shipped, mut sources) = (boat.clone(), Vec::new());
@@ -458,7 +445,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
     }
 }
 
-/// Writes a file that is not there yet.
+/// Writes a new file; an existing one is an error.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let doing = || {
         format!(
@@ -474,7 +461,6 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     file.write_all(text.as_bytes()).doing(doing())
 }
 
-/// Asks, writes and checks.
 pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let files = ["vessel.toml", "drone.toml"].map(|name| args.out.join(name));
     if let Some(there) = files.iter().find(|f| f.exists()) {
@@ -495,7 +481,7 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let [first, second] = &files;
     write_new(first, &boat.vessel)?;
     write_new(second, &boat.drone).inspect_err(|_| {
-        // Both or none: with one of them the next try would be rejected.
+        // Both files or none: a remaining one would block the next attempt.
         let _stays = std::fs::remove_file(first);
     })?;
     for path in &files {

@@ -1,4 +1,4 @@
-//! `alight keys`: certificates.
+//! `alight keys`: makes and shows certificates.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,11 @@ use serde::Serialize;
 use serde_json::json;
 use time::OffsetDateTime;
 
-/// Certificates of one directory that are shown at most.
 const MAX_SHOWN: usize = 256;
 
-/// Certificates.
+/// Certificates to make or show.
 #[derive(Args, Debug)]
 pub struct KeysArgs {
-    /// Certificates to make or show.
     #[command(subcommand)]
     pub what: KeysVerb,
 }
@@ -31,12 +29,12 @@ alight keys vessel 1 --dir keys --address 192.168.7.1\n  alight keys drone 1 --d
 Copy keys/vessel-1 to the vessel and keys/drone-1 to the drone; keep keys/authority-key.pem off both.\n\
 Exit codes: 0 fine, 1 something expires within 30 days or has expired, 2 bad input.")]
 pub enum KeysVerb {
-    /// Make a private authority: its key signs everybody else's certificate.
+    /// Make a private authority, whose key signs all other certificates.
     Init {
         /// Directory of the authority
         #[arg(long, value_name = "DIR", default_value = "keys")]
         dir: PathBuf,
-        /// Days until it expires
+        /// Validity in days
         #[arg(long, value_name = "DAYS", default_value_t = 3650, value_parser = clap::value_parser!(u32).range(1..=36500))]
         days: u32,
     },
@@ -44,9 +42,9 @@ pub enum KeysVerb {
     Vessel(SideArgs),
     /// Make a drone's key and certificate.
     Drone(SideArgs),
-    /// Make an operator's key and certificate: whoever holds it may command drones through the vessel.
+    /// Make an operator's key and certificate, which allow commanding drones through the vessel.
     Operator(SideArgs),
-    /// Show what is there and when it expires.
+    /// Show certificates and their expiry dates.
     Show {
         /// Directory of the authority, or of one side
         #[arg(long, value_name = "DIR", default_value = "keys")]
@@ -60,7 +58,7 @@ pub enum KeysVerb {
 /// One side.
 #[derive(Args, Debug)]
 pub struct SideArgs {
-    /// The number in the configuration (vessel_id, drone_id)
+    /// Number in the configuration (vessel_id, drone_id)
     pub name: u32,
     /// Directory of the authority
     #[arg(long, value_name = "DIR", default_value = "keys")]
@@ -68,12 +66,11 @@ pub struct SideArgs {
     /// Addresses or host names that the other side dials [default: 127.0.0.1]
     #[arg(long, value_name = "HOST")]
     pub address: Vec<String>,
-    /// Days until it expires
+    /// Validity in days
     #[arg(long, value_name = "DAYS", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=36500))]
     pub days: u32,
 }
 
-/// Makes or shows.
 pub fn run(args: &KeysArgs) -> Result<Exit, CliError> {
     match &args.what {
         KeysVerb::Init { dir, days } => {
@@ -100,7 +97,6 @@ fn issue_and_report(side: &SideArgs, kind: &str) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// A certificate that is shown.
 #[derive(Serialize)]
 struct Row {
     file: String,

@@ -1,4 +1,4 @@
-//! Commands for people: flights, checks, certificates, configurations.
+//! Commands for users: flights, checks, certificates, configurations.
 
 pub mod check;
 pub mod command;

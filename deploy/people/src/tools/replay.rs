@@ -1,4 +1,4 @@
-//! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
+//! `alight replay`: runs new nodes on recorded inputs and compares the outputs bit for bit.
 
 use alight_shared::msg::ComputerReport;
 use std::path::{Path, PathBuf};
@@ -22,14 +22,14 @@ use serde_json::json;
 
 use crate::tools::view::start_viewer;
 
-/// A recording to compute again.
+/// Recording to compute again.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view a flight is held back to real time once the drone has appeared. It waits for no viewer,\n\
-and ends when it is over, or 10 s later while there is a viewer."
+    after_help = "With --view a flight runs in real time once the drone has appeared. It waits for no viewer,\n\
+and ends with the flight, or 10 s later if there is a viewer."
 )]
 pub struct ReplayArgs {
-    /// Recording (`alight trial --record FILE.mcap`), or a flight of the recorder (`alight flights`), or one of its files
+    /// Recording (`alight trial --record FILE.mcap`), recorded flight (`alight flights`), or one of its files
     #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub path: PathBuf,
     /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
@@ -38,7 +38,6 @@ pub struct ReplayArgs {
     /// Draw the last landing to an SVG, by the drone's own estimate: path, displacement, velocities, angles
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
     /// Output format.
@@ -46,18 +45,15 @@ pub struct ReplayArgs {
     pub form: Form,
 }
 
-/// Parts that only the laboratory has.
+/// Parts that only the laboratory provides.
 pub struct Laboratory<'a> {
-    /// The law of a recorded planner that the drone does not carry: a baseline.
+    /// Law of a recorded baseline planner, which the drone does not carry.
     pub law: ForeignLaw<'a>,
-    /// Begins the plot of a log to a file.
     pub plot: Option<BeginPlot<'a>>,
 }
 
-/// Begins the plot of a log to a file.
 pub type BeginPlot<'a> = &'a dyn Fn(&Path, &Log) -> Result<Box<dyn Plot>, CliError>;
 
-/// Replays and reports.
 pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliError> {
     let path = &args.path;
     if args.record.is_some() && !path.is_dir() {
@@ -78,7 +74,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     let mut observers: Vec<&mut dyn StepObserver> = Vec::new();
     observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
     observers.extend(watcher.as_mut().map(|w| w.as_mut() as &mut dyn StepObserver));
-    // Whoever looks at a flight sees people's time.
+    // A viewed flight is replayed in real time.
     let is_shown = !log.is_recording() && !observers.is_empty();
     observers.extend(plot.as_mut().map(|p| p.as_mut() as &mut dyn StepObserver));
     let nodes = contained(path, || {
@@ -104,7 +100,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     report(args, &nodes)
 }
 
-/// Prints how it went.
+/// Prints the result.
 fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in nodes {
@@ -137,7 +133,6 @@ fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
     Ok(Exit::of(first.is_none()))
 }
 
-/// The plot to draw of a flight.
 fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plot>, CliError> {
     let begin = laboratory.plot.ok_or_else(|| {
         CliError(
@@ -149,7 +144,6 @@ fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plo
     begin(to, log)
 }
 
-/// The recording to make of a flight.
 fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
     let headers = shown(log);
     if headers.is_empty() {
@@ -163,10 +157,12 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
         values: [live].into(),
         ..log.about.clone()
     };
-    Recorder::create(to, &headers, &about, |_| Ok(())).map(|(recorder, ())| recorder)
+    let (mut recorder, ()) = Recorder::create(to, &about, |_| Ok(()))?;
+    headers.into_iter().for_each(|header| recorder.begin(header));
+    Ok(recorder)
 }
 
-/// Who looks on.
+/// Viewer of a replay.
 fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
     let drone = log
         .find("mission")
@@ -183,7 +179,7 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
     Ok(watcher)
 }
 
-/// Log of the recording at `path`; reports files of it that have no end.
+/// Log of the recording at `path`. Reports its files that have no end.
 fn recorded(path: &Path) -> Result<Log, CliError> {
     let log = Log::open(path)?;
     if log.starts.iter().all(|s| s.header.process == WORLD) {
@@ -192,7 +188,7 @@ fn recorded(path: &Path) -> Result<Log, CliError> {
             "{}: {}",
             path.display(),
             if below {
-                "holds flights and is none; name one of them (`alight flights` lists them)"
+                "holds flights but is not one; name one of them (`alight flights` lists them)"
             } else {
                 "no step is recorded there; `alight flights` lists the flights of this computer"
             }

@@ -1,4 +1,4 @@
-//! `alight config schema`: the messages on Zenoh and iceoryx2, for programs of others.
+//! `alight config schema`: the messages on Zenoh and iceoryx2, for other programs.
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
@@ -10,10 +10,8 @@ use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
 use serde_json::json;
 
-/// Descriptions stand below their fields, so far in.
 const INDENT: usize = 4;
 
-/// Whose schema.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Topics of the radio are keys of Zenoh, alight/vessel-1/estimate; a query on\n\
@@ -23,7 +21,7 @@ pub struct SchemaArgs {
     /// Topic whose fields are shown [default: a list of all topics]
     #[arg(value_name = "TOPIC")]
     pub topic: Option<String>,
-    /// Print one JSON object, the last line: topics with their JSON Schemas
+    /// Print one JSON object, as the last line: topics with their JSON Schemas
     #[arg(long)]
     pub json: bool,
 }
@@ -54,7 +52,6 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Those of the table, and what processes report about themselves.
 fn all() -> Vec<&'static Topic> {
     let reports = [&topics::PROCESS, &topics::VESSEL_PROCESS];
     topics::ALL.iter().chain(reports).collect()

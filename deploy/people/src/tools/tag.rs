@@ -13,30 +13,30 @@ use alight_uav::camera::layout::{CELLS, cells, faults};
 use clap::{Args, ValueEnum};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
 
-/// The deck's tags.
+/// Tags of the deck.
 #[derive(Args, Debug)]
 pub struct TagArgs {
-    /// Configuration of the drone's computer, whose vessel, deck and tags are meant [default: /etc/alight/drone.toml]
+    /// Configuration of the drone's computer, for vessel, deck and tags [default: /etc/alight/drone.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// The shipped configuration's deck, in the place of this computer's; its tags have numbers that any boat may have
+    /// Use the shipped configuration's deck instead of this computer's; its tags have numbers that any boat may have
     #[arg(long, conflicts_with = "config")]
     pub shipped: bool,
-    /// The tags that are suggested for the deck's size, in the place of those that are configured
+    /// Use the tags suggested for the deck's size instead of the configured ones
     #[arg(long)]
     pub suggest: bool,
     /// Number of the vessel, whose tags get numbers of their own [default: with --suggest the configuration's]
     #[arg(long, value_name = "N")]
     pub vessel: Option<u32>,
-    /// Write printable sheets of the tags at true scale, and a drawing of the deck with their places
+    /// Write printable sheets of the tags at true scale, and a drawing of the deck with their positions
     #[arg(long, value_name = "FILE")]
     pub pdf: Option<PathBuf>,
-    /// Paper of the sheets; a tag that is larger is cut into tiles
+    /// Paper of the sheets; larger tags are cut into tiles
     #[arg(long, value_enum, default_value = "a4")]
     pub paper: Paper,
 }
 
-/// A paper of ISO 216, upright.
+/// Portrait paper size of ISO 216.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Paper {
     A0,
@@ -47,7 +47,6 @@ pub enum Paper {
 }
 
 impl Paper {
-    /// Width and height, mm.
     fn size_mm(self) -> [f64; 2] {
         match self {
             Paper::A0 => [841.0, 1189.0],
@@ -59,14 +58,14 @@ impl Paper {
     }
 }
 
-/// The configuration that is meant, and where it is from; `installed`: where this computer's is.
-fn meant(args: &TagArgs, installed: &Path) -> Result<(DroneComputerConfig, String), CliError> {
+/// Selected configuration and its source; `installed` is the path of this computer's.
+fn selected(args: &TagArgs, installed: &Path) -> Result<(DroneComputerConfig, String), CliError> {
     if args.shipped {
         return Ok((DroneComputerConfig::default(), "the shipped configuration".into()));
     }
     let path = match &args.config {
         Some(path) => path.as_path(),
-        // One that may not be read is not missing: to read it fails with that reason.
+        // An unreadable file is not missing: reading it fails with the reason.
         None if installed.try_exists().unwrap_or(true) => installed,
         None => {
             return Err(CliError(format!(
@@ -82,7 +81,7 @@ fn meant(args: &TagArgs, installed: &Path) -> Result<(DroneComputerConfig, Strin
 /// Prints the list and writes the sheets.
 pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
-    let (computer, from) = meant(args, installed)?;
+    let (computer, from) = selected(args, installed)?;
     let drone = computer.drone;
     let deck = drone.deck;
     let tags = if args.suggest {
@@ -90,7 +89,7 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     } else {
         drone.tags()
     };
-    // What is printed and glued keeps its numbers unless it is asked for others.
+    // Printed tags keep their numbers unless others are requested.
     let configured = computer.bridge.vessel_id;
     let numbered = args.vessel.or(args.suggest.then_some(configured));
     let tags = numbered.map_or(tags, |vessel| of_vessel(&tags, vessel));
@@ -122,7 +121,6 @@ fn numbers(tags: &[DeckTag]) -> String {
     }
 }
 
-/// A tag as the drone's configuration has it, on a line of its own.
 pub fn row(t: &DeckTag) -> String {
     let DeckTag {
         id,
@@ -132,13 +130,11 @@ pub fn row(t: &DeckTag) -> String {
     format!("  {{ id = {id}, side_m = {side_m:?}, centre_m = [{x:?}, {y:?}, {z:?}] }},\n")
 }
 
-/// The tags as the drone's configuration has them.
 fn listed(tags: &[DeckTag]) -> String {
     let rows: String = tags.iter().map(row).collect();
     format!("[drone.deck]\ntags = [\n{rows}]")
 }
 
-/// Points of a PDF in a millimetre.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;
 /// Room around a tile for its marks and legend, mm; printers leave 5 mm blank.
 const BORDER_MM: f64 = 15.0;
@@ -146,7 +142,7 @@ const BORDER_MM: f64 = 15.0;
 const MARK_MM: [f64; 2] = [5.0, 1.0];
 const FONT: Name = Name(b"F");
 
-/// A page being drawn, in mm from its lower left corner.
+/// Page being drawn, in mm from its lower left corner.
 struct Page {
     content: Content,
     paper_mm: [f64; 2],
@@ -180,11 +176,11 @@ impl Page {
     fn rectangle(&mut self, x: f64, y: f64, width: f64, height: f64) -> &mut Content {
         self.content.rect(x as f32, y as f32, width as f32, height as f32)
     }
-    /// A tag with its margin, its lower left corner at `x`, `y`; its upper edge is forward.
+    /// Draws a tag with its margin, its lower left corner at `x`, `y` and its upper edge forward.
     fn tag(&mut self, tag: &DeckTag, x: f64, y: f64, scale: f64) {
         let cell = 1e3 * tag.side_m / 8.0 * scale;
         let Some(cells) = cells(tag.id) else { return };
-        // One black square, and on it the white cells: no seams between black ones.
+        // White cells on one black square leave no seams between black cells.
         self.content.set_fill_gray(0.0);
         self.rectangle(x + cell, y + cell, 8.0 * cell, 8.0 * cell)
             .fill_nonzero();
@@ -203,7 +199,7 @@ impl Page {
         }
         self.content.set_fill_gray(0.0);
     }
-    /// A line of 100 mm, which shows whether the printer kept the scale.
+    /// Draws a line of 100 mm, which shows whether the printer kept the scale.
     fn ruler(&mut self) {
         let y = 4.0;
         self.line([BORDER_MM, y], [BORDER_MM + 100.0, y]);
@@ -215,14 +211,14 @@ impl Page {
 }
 
 struct Sheets {
-    /// Vessel and numbers, which every sheet has.
+    /// Vessel and tag numbers, printed on every sheet.
     whose: String,
     paper: Paper,
     pages: Vec<Page>,
 }
 
 impl Sheets {
-    /// The PDF and how many pages it has.
+    /// PDF and its number of pages.
     fn print(whose: &str, deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
         let mut sheets = Sheets {
             whose: whose.into(),
@@ -234,7 +230,7 @@ impl Sheets {
         let pages = sheets.pages.len();
         (sheets.finish(), pages)
     }
-    /// The deck from above, forward up, and the table of its tags.
+    /// Draws the deck from above, forward up, and the table of its tags.
     fn overview(&mut self, deck: &DeckGeometry, tags: &[DeckTag]) {
         let mut page = Page::new(self.paper);
         let [width, height] = page.paper_mm;
@@ -242,7 +238,6 @@ impl Sheets {
         let table = 5.0 * (tags.len() + 3) as f64;
         let room = [width - 2.0 * BORDER_MM, height - 3.0 * BORDER_MM - table];
         let scale = (room[0] / across_mm).min(room[1] / length_mm);
-        // The deck's centre on the page.
         let (cx, cy) = (0.5 * width, height - 2.0 * BORDER_MM - 0.5 * length_mm * scale);
         let mut y = height - BORDER_MM;
         let title = format!(
@@ -289,7 +284,7 @@ impl Sheets {
         page.ruler();
         self.pages.push(page);
     }
-    /// A tag at true scale in as many tiles as it needs, from its upper left corner on.
+    /// Draws a tag at true scale in as many tiles as it needs, from its upper left corner.
     fn tiles(&mut self, tag: &DeckTag) {
         let whole = 1e3 * tag.side_m * MARGIN;
         let paper_mm = self.paper.size_mm();
@@ -368,7 +363,7 @@ mod tests {
         String::from_utf8_lossy(&sheets.0).into_owned()
     }
 
-    /// The tags are this computer's, and one without a configuration is an error.
+    /// Without --config the tags are this computer's; a missing configuration is an error.
     #[test]
     fn tags_of_this_computer() {
         let directory = std::env::temp_dir().join(format!("alight-tag-{}", std::process::id()));
@@ -382,7 +377,7 @@ mod tests {
             pdf: None,
             paper: Paper::A4,
         };
-        let first = |args: &TagArgs| meant(args, &installed).map(|(c, _)| c.drone.tags()[0].id);
+        let first = |args: &TagArgs| selected(args, &installed).map(|(c, _)| c.drone.tags()[0].id);
         let why = first(&args(None, false)).unwrap_err().to_string();
         assert!(why.contains("--config") && why.contains("--shipped"), "{why}");
         assert_eq!(first(&args(None, true)).unwrap(), 0);
@@ -426,7 +421,7 @@ mod tests {
             let text = String::from_utf8_lossy(&bytes);
             assert!(text.starts_with("%PDF-") && text.contains("/Count "), "{side_m}");
         }
-        // The black square's width in the tile's own millimetres.
+        // Width of the black square in the tile's own millimetres.
         let (bytes, _) = Sheets::print("Vessel 1", &deck, &one(0.1), Paper::A4);
         assert!(String::from_utf8_lossy(&bytes).contains(" 100 100 re"));
     }

@@ -33,7 +33,7 @@ use crate::view::memory_feed::MemoryFeed;
 use crate::view::server::{PageOrder, Served};
 use crate::view::watcher::Watcher;
 
-/// Subject of the view, and its address.
+/// Computer to show, and the addresses to serve.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
@@ -42,7 +42,7 @@ board name an address of this computer's network (or view.listen), where\n\
 everybody sees it: alight view --listen 192.168.7.1:7450\n\
 Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket,\n\
 ws://127.0.0.1:8765.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it."
+Ctrl-C ends it; no flight waits for it."
 )]
 pub struct ViewCommand {
     #[command(flatten)]
@@ -58,14 +58,14 @@ pub struct ViewCommand {
     pub supervised: bool,
 }
 
-/// Time between two looks; the display rates of recordings lie on this grid.
-const LOOK_PERIOD_NS: i64 = 20_000_000;
-/// The view when there is only the page to show.
+/// Polling period, ns; the display rates of recordings lie on this grid.
+const POLL_PERIOD_NS: i64 = 20_000_000;
+/// Polling period when only the page is served.
 const PAGE_PERIOD: Duration = Duration::from_millis(100);
-/// The name is asked again after this long when no process runs with it.
+/// Pause before looking again for processes with this name.
 const ABSENT_PAUSE: Duration = Duration::from_millis(500);
 
-/// Address at which it is served: the flags over the configuration.
+/// Addresses to serve: the flags take precedence over the configuration.
 fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     let address = |text: &str| {
         text.parse::<SocketAddr>()
@@ -82,7 +82,7 @@ fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     })
 }
 
-/// Starts the view of a flight that is computed; gives it with the lines with its addresses.
+/// Starts the view of a simulated flight. Returns the view and the lines with its addresses.
 pub fn start_viewer(
     view: &ViewConfig,
     name: &str,
@@ -94,9 +94,8 @@ pub fn start_viewer(
     Ok((Box::new(watcher), lines))
 }
 
-/// Shows until it is asked to end.
 pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
-    // The first call installs the signal's handler.
+    // The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);
@@ -171,7 +170,7 @@ fn drone(
             continue;
         };
         if is_new {
-            // Processes that were started since may have another number and another clock.
+            // Processes started since may have another number and another clock.
             if let Ok(Computer::Drone(newest)) = subject.computer() {
                 computer = *newest;
                 configured = Facts::drone(&computer).report;
@@ -181,9 +180,9 @@ fn drone(
             watcher.board.earlier = flights::earlier(&computer.recorder.directory);
             watcher.board.order.label = view.abort.then_some("ABORT");
         }
-        ports.look(&computer, &mut watcher, wall_ns);
+        ports.poll(&computer, &mut watcher, wall_ns);
         let wait = if is_live {
-            let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);
+            let next = POLL_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(POLL_PERIOD_NS);
             Duration::from_nanos(next.unsigned_abs())
         } else {
             PAGE_PERIOD
@@ -197,12 +196,11 @@ fn drone(
 
 fn reject(order: Option<PageOrder>) {
     if let Some(order) = order {
-        // Who gave it may have gone.
+        // The viewer that gave the order may be gone.
         let _gone = order.reply.send(Err("no mission runs".into()));
     }
 }
 
-/// Shared memory of a drone's processes.
 struct Ports {
     memory: Memory,
     feed: MemoryFeed<Memory>,
@@ -226,10 +224,10 @@ impl Ports {
             memory,
         })
     }
-    /// Shows what is new of the processes, and carries out the page's order.
-    fn look(&mut self, computer: &DroneComputerConfig, watcher: &mut Watcher, wall_ns: i64) {
+    /// Shows new messages of the processes, and carries out the page's order.
+    fn poll(&mut self, computer: &DroneComputerConfig, watcher: &mut Watcher, wall_ns: i64) {
         let now_ns = steady_ns();
-        let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
+        let grid_ns = (now_ns + wall_ns) / POLL_PERIOD_NS * POLL_PERIOD_NS;
         let (t, now): (Time<TrueTime>, _) = (Time::from_nanos(grid_ns), computer.clock.now());
         self.camera.poll(&self.memory, t, now, watcher);
         let mission = self.feed.poll(t, now, watcher);
@@ -242,8 +240,8 @@ impl Ports {
         }
     }
 
-    /// Carries out the order of the page: an abort as `alight command abort` gives it here. What became of it, once that
-    /// is known.
+    /// Carries out the page's order, an abort, as `alight command abort` would on this computer, and replies with its
+    /// result.
     fn order(
         &mut self,
         computer: &DroneComputerConfig,
@@ -262,10 +260,9 @@ impl Ports {
         let taken = mission.filter(|m| command.answered(m) == Some(true));
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
-            None if command.is_over(now) => Err(
-                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
-                    .to_owned(),
-            ),
+            None if command.is_over(now) => {
+                Err("ABORT NOT TAKEN: the mission does not show it; take manual control".to_owned())
+            }
             None => return None,
         };
         let (_, order) = self.abort.take()?;
@@ -275,7 +272,7 @@ impl Ports {
     }
 }
 
-/// The time of day less the steady clock, ns: messages for Foxglove bear the time of day.
+/// Time of day minus the steady clock, ns: messages for Foxglove bear the time of day.
 fn wall_offset_ns() -> i64 {
     wall_ns() - steady_ns()
 }

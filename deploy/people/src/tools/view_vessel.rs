@@ -1,4 +1,4 @@
-//! The vessel's computer for people with a browser: her status, judged, as `alight status` prints it.
+//! `alight view` on the vessel's computer: her status, judged as `alight status` prints it.
 
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
@@ -19,32 +19,27 @@ use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
 use crate::view::server::PageOrder;
 
-/// Changes of drones' states that are kept.
 const LOG_LINES: usize = 12;
-/// Drones whose changes are followed.
 const DRONES: usize = 32;
 
-/// Looks at the vessel's status, again and again.
 pub struct VesselObserver<'a> {
     computer: &'a VesselComputerConfig,
     aboard: InstanceFollower,
     configured: ComputerReport,
     motion: MotionHistory,
-    /// When the newest status was written, on the steady clock, ns.
+    /// Time at which the newest status was written, steady clock, ns.
     ended_ns: i64,
     states: BTreeMap<u32, State>,
     log: VecDeque<(i64, String)>,
-    /// Flights that had ended when the look began, as the vessel's own process does.
+    /// Flights that had ended when the view began, as the vessel's own process lists them.
     earlier: Vec<FlightLine>,
-    /// Time at which the newest listed flight ended, how and why.
     result: Option<(i64, &'static str, String)>,
     order: OrderView,
-    /// The page's order under way to the vessel's process.
     given: Option<(OrderOnItsWay, PageOrder)>,
 }
 
 impl<'a> VesselObserver<'a> {
-    /// At this vessel; `may_order`: the page may close her deck.
+    /// Observer of this vessel; `may_order` lets the page close her deck.
     pub fn new(computer: &'a VesselComputerConfig, may_order: bool) -> Result<VesselObserver<'a>, CliError> {
         Ok(VesselObserver {
             computer,
@@ -63,7 +58,7 @@ impl<'a> VesselObserver<'a> {
             given: None,
         })
     }
-    /// The crew's order for the deck, as `alight command deck closed` gives it.
+    /// Gives the crew's order for the deck, as `alight command deck closed` does.
     pub fn close_deck(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {
             let memory = self.aboard.poll().map(|(memory, _)| memory);
@@ -90,10 +85,9 @@ impl<'a> VesselObserver<'a> {
     }
     fn answer(&mut self, order: PageOrder, answer: Result<String, String>) {
         self.order.answer = answer.clone().unwrap_or_else(|e| e);
-        // Who gave it may have gone.
+        // The viewer that gave the order may be gone.
         let _gone = order.reply.send(answer);
     }
-    /// The picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
         let Some((_, snapshot)) = self.aboard.poll() else {
             return Picture {
@@ -131,7 +125,6 @@ impl<'a> VesselObserver<'a> {
         })
     }
 
-    /// News in it.
     fn take(&mut self, s: &ObservedSituation) {
         let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
             return;
@@ -142,7 +135,7 @@ impl<'a> VesselObserver<'a> {
         }
         self.ended_ns = at_ns;
         let samples = &status.estimator.motion;
-        // They were taken evenly over the half second before.
+        // The samples were taken evenly over the preceding half second.
         let step_ns = 500_000_000 / i64::try_from(samples.len().max(1)).unwrap_or(1);
         for (k, sample) in (0..)
             .zip(samples.iter().rev())
@@ -158,7 +151,7 @@ impl<'a> VesselObserver<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                // Whoever looks on since it stood on the deck has observed no flight.
+                // A view that began when the drone was already on the deck has observed no flight.
                 if let (Some(ended), Some(_)) = (state.ending(), before) {
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
                 }

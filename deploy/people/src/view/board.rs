@@ -1,19 +1,14 @@
-//! Board: situation of a running flight, its history, and the picture of both that the page shows.
+//! Board: situation and history of a running flight, from which it makes the page's picture.
 
 use std::collections::VecDeque;
 
-use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
+use alight_computer::record::messages::Message;
 use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, VesselEstimate};
+use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State};
 use alight_shared::process::ProcessState;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::PilotOut;
-use alight_uav::planner::PlannerOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::ComputerOut;
 
 use crate::status::Status;
 use crate::view::camera_image::ShownImage;
@@ -22,12 +17,9 @@ use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, 
 use crate::view::scene::scene;
 use crate::view::track::GroundTrack;
 
-/// Changes of state that are kept.
 const LOG_LINES: usize = 12;
-/// Flights that are kept.
 const FLIGHTS: usize = 8;
 
-/// A flight that ended.
 struct Ended {
     at: Time<TrueTime>,
     outcome: &'static str,
@@ -51,35 +43,32 @@ impl Ended {
     }
 }
 
-/// Messages of a flight.
 pub struct Board {
-    /// Messages of the computer.
     pub situation: ObservedSituation,
-    /// Roll, pitch (rad) and height (m) by the vessel's own estimate, and when it came.
+    /// Roll, pitch (rad) and height (m) by the vessel's own estimate, with the time of reception.
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
     track: GroundTrack,
-    /// The newest motion is the vessel's own estimate of it.
+    /// The newest motion is the vessel's own estimate.
     is_own: bool,
+    /// Messages come from the vessel's own computer.
+    has_vessel: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
-    /// When the landing was begun that goes on.
     begun: Option<Time<TrueTime>>,
     shown: Option<State>,
-    /// Flights of earlier runs, the newest first, from whoever keeps them.
+    /// Flights of earlier runs, the newest first, as their recorder lists them.
     pub earlier: Vec<FlightLine>,
-    /// The order that may be given, and its answer.
     pub order: OrderView,
-    /// The newest image of the drone's camera.
     pub camera: Option<ShownImage>,
-    /// The foot plane below the drone's centre of mass, and the deck above the water at rest, m, where they are known.
+    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at rest, m, if
+    /// known.
     pub heights_m: Option<[f64; 2]>,
-    /// The feet's clearance at which the flare begins, m, once the mission has named it.
+    /// Clearance of the feet at which the flare begins, m, once the mission has named it.
     flare_m: Option<f64>,
 }
 
 impl Board {
-    /// Nothing is known yet but this.
     pub fn new(known: ComputerReport) -> Board {
         Board {
             situation: ObservedSituation {
@@ -90,6 +79,7 @@ impl Board {
             motion: MotionHistory::default(),
             track: GroundTrack::default(),
             is_own: false,
+            has_vessel: false,
             log: VecDeque::new(),
             flights: VecDeque::new(),
             begun: None,
@@ -101,7 +91,7 @@ impl Board {
             flare_m: None,
         }
     }
-    /// Forgets what is known but for the flights that ended; observes again from `t` on.
+    /// Clears everything except the flights that ended; observes again from `t` on.
     pub fn reset(&mut self, t: Time<TrueTime>) {
         let known = core::mem::take(&mut self.situation.known);
         let flights = core::mem::take(&mut self.flights);
@@ -114,76 +104,74 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    /// A step of the vessel.
-    pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
-        self.moved(t, o.vessel.estimate.as_ref().map(|e| motion(&e.eta)));
-    }
-    /// The vessel's broadcast as the bridge received it.
-    pub fn received(&mut self, t: Time<TrueTime>, estimate: Option<&VesselEstimate<DroneClock>>) {
-        self.moved(t, estimate.map(|e| motion(&e.eta)));
-    }
-    /// A step of the bridge.
-    pub fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        let snapshot = &mut self.situation.snapshot;
-        snapshot.link.set(t.nanos(), o.link);
-        snapshot.grant.set(t.nanos(), o.deck);
-        snapshot.wave.set(t.nanos(), o.wave);
-    }
-    /// A step of the predictor.
-    pub fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
-        self.situation.snapshot.drone.set(t.nanos(), i.drone);
-        self.situation.snapshot.forecast.set(t.nanos(), o.forecast);
-        if let Some(drone) = i.drone {
-            let ground = |[north, east, _]: [f64; 3]| [north, east];
-            let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
-            let deck = forecast.and_then(|f| f.stages.first());
-            let deck = deck.map(|s| ground(s.position));
-            self.track
-                .add(t, drone.frames, Some(ground(drone.position)), deck);
+    /// A message that came at `t`.
+    pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        let (snapshot, ns) = (&mut self.situation.snapshot, t.nanos());
+        match *message {
+            Message::OwnEstimate(e) => {
+                self.has_vessel = true;
+                self.moved(t, motion(&e.eta));
+            }
+            // The vessel is looked at herself.
+            Message::Estimate(_) if self.has_vessel => {}
+            Message::Estimate(e) => self.moved(t, motion(&e.eta)),
+            Message::Link(m) => snapshot.link.set(ns, Some(*m)),
+            Message::Deck(m) => snapshot.grant.set(ns, Some(*m)),
+            Message::Wave(m) => snapshot.wave.set(ns, Some(*m)),
+            Message::Forecast(m) => {
+                snapshot.forecast.set(ns, Some(*m));
+                self.sample(t);
+            }
+            Message::Drone(drone) => {
+                snapshot.drone.set(ns, Some(*drone));
+                let ground = |[north, east, _]: [f64; 3]| [north, east];
+                let forecast = snapshot.forecast.fresh(ns);
+                let deck = forecast.and_then(|f| f.stages.first());
+                let deck = deck.map(|s| ground(s.position));
+                self.track
+                    .add(t, drone.frames, Some(ground(drone.position)), deck);
+            }
+            Message::Autopilot(a) => {
+                let was_armed = snapshot.autopilot.map(|a| a.armed);
+                snapshot.autopilot.set(ns, Some(*a));
+                if was_armed == Some(false) && a.armed {
+                    self.flight_begins();
+                }
+            }
+            Message::Mission(m) => {
+                snapshot.mission.set(ns, Some(*m));
+                self.entered(t, m);
+                self.flare_m = flare_m(m).or(self.flare_m);
+            }
+            Message::Plan(_, m) => snapshot.plan.set(ns, Some(*m)),
+            Message::SetPoint(_, m) => snapshot.response = Some(m.response),
+            Message::Sensors(_)
+            | Message::OwnWave(_)
+            | Message::Tag(_)
+            | Message::Uvdar(_)
+            | Message::Range(_)
+            | Message::Command(_)
+            | Message::FlownPlan(_)
+            | Message::Touchdown(_) => {}
         }
-        self.sample(t);
     }
-    /// A step of the mission.
-    pub fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        let was_armed = self.situation.snapshot.autopilot.map(|a| a.armed);
-        if was_armed == Some(false) && i.autopilot.is_some_and(|a| a.armed) {
-            self.flight_begins();
-        }
-        self.situation.snapshot.autopilot.set(t.nanos(), i.autopilot);
-        if let Some(m) = &o.state {
-            self.entered(t, m);
-            self.flare_m = flare_m(m).or(self.flare_m);
-        }
-        self.situation.snapshot.mission.set(t.nanos(), o.state);
-    }
-    /// A step of the planner.
-    pub fn planner(&mut self, t: Time<TrueTime>, o: &PlannerOut) {
-        self.situation.snapshot.plan.set(t.nanos(), o.plan);
-    }
-    /// A step of the pilot.
-    pub fn pilot(&mut self, o: &PilotOut) {
-        let newest = o.set_point.map(|s| s.response);
-        self.situation.snapshot.response = newest.or(self.situation.snapshot.response);
-    }
-    /// Report of the computer about itself.
     pub fn reported(&mut self, report: Option<ComputerReport>) {
         if let Some(report) = report {
             self.situation.known = report;
             self.situation.snapshot.computer = report.into();
         }
     }
-    /// Reports of processes.
     pub fn processes(&mut self, reports: Vec<ProcessState>) {
         let reports = reports.into_iter().map(|p| (p.kind, p));
         self.situation.snapshot.processes.extend(reports);
     }
 
-    fn moved(&mut self, t: Time<TrueTime>, motion: Option<[f64; 3]>) {
-        self.own_motion = motion.map(|m| (t, m)).or(self.own_motion);
+    fn moved(&mut self, t: Time<TrueTime>, motion: [f64; 3]) {
+        self.own_motion = Some((t, motion));
         self.sample(t);
     }
-    /// The motion by the vessel's own estimate; by the drone's forecast where that does not come.
-    fn sample(&mut self, t: Time<TrueTime>) {
+    /// The motion at `t` by the vessel's own estimate; by the drone's forecast where that does not come.
+    pub fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
         let of_forecast = stage.map(|s| [s.euler[0], s.euler[1], -s.position[2]]);
@@ -191,18 +179,17 @@ impl Board {
         let own = self.own_motion.filter(fresh).map(|(_, motion)| motion);
         let sample = own.or(of_forecast);
         if own.is_some() != self.is_own {
-            // They count heights from levels of their own.
+            // The two sources measure heights from different levels.
             self.is_own = own.is_some();
             self.motion.relevel(sample);
         }
         self.motion.add(t, sample);
     }
 
-    /// Drops the answer to an order of the flight before.
     fn flight_begins(&mut self) {
         self.order.answer.clear();
     }
-    /// Keeps a change of state, and what it ends.
+    /// Logs a change of state, and the flight that it ends.
     fn entered(&mut self, t: Time<TrueTime>, m: &MissionState) {
         let before = self.shown.replace(m.state);
         if before == Some(m.state) {
@@ -215,7 +202,7 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // Who looks on since the drone stood on the deck has observed no flight.
+        // A view that began when the drone was already on the deck has observed no flight.
         if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
@@ -228,7 +215,6 @@ impl Board {
         }
     }
 
-    /// The picture at `t`.
     pub fn picture(&self, t: Time<TrueTime>) -> Picture {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();
@@ -276,19 +262,17 @@ impl Board {
     }
 }
 
-/// A landing or a take-off goes on in a state.
 fn is_flight(state: State) -> bool {
     state.is_landing() || state.is_take_off()
 }
 
-/// The clearance of the flare, m, where a reason of the mission names it.
+/// Clearance of the flare, m, if a reason of the mission names it.
 fn flare_m(m: &MissionState) -> Option<f64> {
     let names = |code| matches!(code, ReasonCode::Descending | ReasonCode::FlareHeight);
     let reasons = [m.waiting, m.entered];
     reasons.iter().find(|r| names(r.code)).map(|r| r.limit)
 }
 
-/// Roll, pitch, height of a vessel's estimate.
 fn motion(eta: &[f64; 6]) -> [f64; 3] {
     [eta[3], eta[4], -eta[2]]
 }

@@ -1,4 +1,4 @@
-//! The drone's camera on the page: marked images out of shared memory, encoded here, while somebody looks.
+//! The drone's camera on the page: marked images from shared memory, encoded while the page has a viewer.
 
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_transport::images::{ImageSubscriber, ImageTopic};
@@ -8,19 +8,18 @@ use jpeg_encoder::{ColorType, Encoder};
 use crate::view::camera_image::ShownImage;
 use crate::view::watcher::Watcher;
 
-/// Most bytes of an encoded image.
 const MAX_BYTES: usize = 20_000;
-/// JPEG qualities, of which the first is taken that gives no more than those bytes; noise alone needs the last.
+/// JPEG qualities, of which the first that gives at most [`MAX_BYTES`] is used; only noise needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];
 
-/// Reads the camera's images while somebody looks.
+/// Reader of the camera's images while the page has a viewer.
 #[derive(Default)]
 pub struct CameraFeed {
     images: Option<ImageSubscriber>,
 }
 
 impl CameraFeed {
-    /// Shows the newest image, if there is one; the camera makes none without a viewer.
+    /// Shows the newest image, if any. Without a viewer the camera makes none.
     pub fn poll(&mut self, memory: &Memory, t: Time<TrueTime>, now: Time<DroneClock>, watcher: &mut Watcher) {
         if !watcher.server.is_watched() {
             self.images = None;
@@ -28,7 +27,7 @@ impl CameraFeed {
             return;
         }
         if self.images.is_none() {
-            // Where it cannot be had, all places taken, the page goes on without it, and it is tried again.
+            // If all subscriptions are taken, the page continues without images and tries again.
             self.images = memory.image_subscriber(ImageTopic::Marked).ok();
         }
         let Some(images) = &mut self.images else { return };
@@ -47,7 +46,7 @@ impl CameraFeed {
     }
 }
 
-/// As a JPEG; None for one that no quality makes small enough, or whose size is not that of its bytes.
+/// JPEG of an image; None if no quality makes it small enough, or if its size does not match its bytes.
 fn encode(size: [u32; 2], pixels: &[u8]) -> Option<Vec<u8>> {
     let [width, height] = size.map(|s| u16::try_from(s).unwrap_or(0));
     QUALITIES.into_iter().find_map(|quality| {
@@ -71,7 +70,7 @@ mod tests {
     use std::net::TcpStream;
     use std::time::Duration;
 
-    /// Looks of 5 ms at what is going to be.
+    /// Polls of 5 ms.
     const MAX_POLLS: u32 = 2000;
 
     #[test]
@@ -126,7 +125,7 @@ mod tests {
         drop(viewer);
         for _ in 0..MAX_POLLS {
             if watcher.server.is_watched() {
-                // The server finds the viewer gone when it writes to it.
+                // The server notices that a viewer is gone when it writes to it.
                 watcher.server.show(watcher.board.picture(Time::from_secs(50.0)));
                 pause(Duration::from_millis(5));
             }

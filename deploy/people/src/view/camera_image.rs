@@ -1,22 +1,20 @@
-//! Image of the drone's camera as the page shows it: its age, and what is detected in it.
+//! Image of the drone's camera on the page: its age, and the detections in it.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::CameraView;
 
-/// The image that the page shows.
 #[derive(Clone, Copy, Debug)]
 pub struct ShownImage {
-    /// Middle of its exposure, on the board's clock.
+    /// Middle of the exposure, on the board's clock.
     pub at: Time<TrueTime>,
-    /// The time on the drone's clock, ns.
+    /// Middle of the exposure on the drone's clock, ns.
     pub at_ns: i64,
-    /// Tags and outlines of the deck in it.
+    /// Number of tags and of outlines of the deck in the image.
     pub marks: [u32; 2],
 }
 
 impl ShownImage {
-    /// For the page at `t`.
     pub fn view(&self, t: Time<TrueTime>) -> CameraView {
         let age = (t - self.at).max(Span::ZERO);
         CameraView {
@@ -27,7 +25,6 @@ impl ShownImage {
     }
 }
 
-/// Marks in it, for people.
 fn describe([tags, outlines]: [u32; 2]) -> String {
     let tags = match tags {
         0 => return "no tag of the deck is detected".into(),

@@ -1,8 +1,8 @@
-//! Bounds on viewers' connections: number, queue of each, time without reading or asking.
+//! Limits on viewers' connections: number, queue of each, idle time.
 //!
-//! A connection that is accepted when all places are taken gets one all the same: of those that have not asked for anything
-//! yet the one that was silent longest is closed, and only without such a one a viewer. So whoever opens connections and
-//! sends nothing over them keeps no other out.
+//! When all places are taken, a new connection takes the place of another: of the connections without a complete
+//! request the one that was silent longest, otherwise of the viewers. Connections without a request therefore keep no
+//! viewer out.
 
 use std::future::Future;
 use std::io;
@@ -21,16 +21,14 @@ use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep};
 
-/// Connections at a time; a browser has up to six.
+/// Maximum number of connections; a browser has up to six.
 const CONNECTIONS: usize = 64;
-/// Connections that wait to be taken.
+/// Maximum number of connections that wait to be accepted.
 const BACKLOG: u32 = 64;
-/// Buffer of the kernel for a viewer that does not read, bytes: a few pictures, so that one that reads slowly sees
-/// recent ones.
+/// Kernel's send buffer for a viewer that does not read, bytes: a few pictures, so that a slow reader sees recent ones.
 const SEND_BUFFER_BYTES: u32 = 32 << 10;
-/// A connection over which nothing went for so long is closed, and one whose first request is not complete by then.
+/// Idle time after which a connection is closed, and limit for completing its first request.
 const IDLE: Duration = Duration::from_secs(30);
-/// After a connection could not be accepted (no more files).
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
 pub struct Guard {
@@ -38,21 +36,20 @@ pub struct Guard {
     places: Vec<Place>,
 }
 
-/// A connection as the guard sees it.
 struct Place {
     peer: Weak<State>,
     close: oneshot::Sender<()>,
 }
 
 impl Guard {
-    /// Listens on `address`; inside a runtime.
+    /// Listens on `address`; call inside a runtime.
     pub fn listen(address: SocketAddr) -> io::Result<Guard> {
         let socket = if address.is_ipv4() {
             TcpSocket::new_v4()?
         } else {
             TcpSocket::new_v6()?
         };
-        // A server that is started again listens at once.
+        // A restarted server listens at once.
         socket.set_reuseaddr(true)?;
         socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
         socket.bind(address)?;
@@ -61,14 +58,13 @@ impl Guard {
             places: Vec::with_capacity(CONNECTIONS),
         })
     }
-    /// Gives a place to a connection, which may cost another its own.
+    /// Gives a place to a connection, closing another if all are taken.
     fn seat(&mut self, stream: TcpStream) -> Connection {
         self.places.retain(|p| p.peer.strong_count() > 0);
         if self.places.len() >= CONNECTIONS {
             let order = |p: &Place| p.peer.upgrade().map(|s| s.order());
             let all = self.places.iter().enumerate();
             if let Some((k, _)) = all.min_by_key(|(_, p)| order(p)) {
-                // One that ended meanwhile needs no closing.
                 let _ended = self.places.swap_remove(k).close.send(());
             }
         }
@@ -105,7 +101,6 @@ impl Listener for Guard {
     }
 }
 
-/// State of a viewer.
 #[derive(Debug, Default)]
 struct State {
     stalled: AtomicBool,
@@ -114,7 +109,7 @@ struct State {
 }
 
 impl State {
-    /// The one with the smallest of these gives way first: that has not asked, that was silent longest.
+    /// Order of closing, the smallest first: without a request before with one, then by the length of silence.
     fn order(&self) -> (bool, i64) {
         (
             self.asked.load(Ordering::Relaxed),
@@ -123,16 +118,15 @@ impl State {
     }
 }
 
-/// A viewer, as the handlers of its requests see it.
+/// Viewer, for the handlers of its requests.
 #[derive(Clone, Debug, Default)]
 pub struct ViewerPeer(Arc<State>);
 
 impl ViewerPeer {
-    /// Whether it has not taken what was sent to it: it is sent nothing more until it has.
+    /// The viewer has not read the last picture; it is sent nothing more until it has.
     pub fn is_stalled(&self) -> bool {
         self.0.stalled.load(Ordering::Relaxed)
     }
-    /// A request of it is complete.
     pub fn has_asked(&self) {
         self.0.asked.store(true, Ordering::Relaxed);
     }
@@ -144,17 +138,16 @@ impl Connected<IncomingStream<'_, Guard>> for ViewerPeer {
     }
 }
 
-/// The connection of a viewer.
 pub struct Connection {
     stream: TcpStream,
     peer: ViewerPeer,
-    /// Comes when its place is given to another.
+    /// Signalled when its place is given to another.
     closed: Option<oneshot::Receiver<()>>,
     idle: Pin<Box<Sleep>>,
 }
 
 impl Connection {
-    /// Closes a connection over which nothing goes, or whose place is another's.
+    /// Closes an idle connection, or one whose place was given to another.
     fn watch<T>(&mut self, cx: &mut Context<'_>, done: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         let closed = self.closed.as_mut();
         if closed.is_none_or(|c| Pin::new(c).poll(cx).is_ready()) {

@@ -6,7 +6,7 @@ use alight_computer::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use mcap::McapError;
 
-/// Channels of a server. A message of a channel without a subscriber is not even encoded.
+/// Channels of a server. Messages of a channel without a subscriber are not encoded.
 pub struct LiveSink {
     context: Arc<Context>,
     channels: Vec<Arc<RawChannel>>,
@@ -14,7 +14,6 @@ pub struct LiveSink {
 }
 
 impl LiveSink {
-    /// Those of this server.
     pub fn new(context: &Arc<Context>) -> LiveSink {
         LiveSink {
             context: Arc::clone(context),

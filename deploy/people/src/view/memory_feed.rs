@@ -1,7 +1,6 @@
 //! Messages of the processes of a drone's computer, read from their shared memory without waiting.
 
-use alight_bridge::{BridgeIn, BridgeOut};
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::messages::Message;
 use alight_shared::bus::readers;
 use alight_shared::msg::{
     AutopilotState, Command, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState,
@@ -11,15 +10,11 @@ use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::Memory;
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::{PilotIn, PilotOut};
-use alight_uav::planner::{PlannerIn, PlannerOut};
-use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 use crate::view::watcher::Watcher;
 
 readers! {
-    /// Reads all that a viewer shows.
+    /// Reader of all messages that a viewer shows.
     pub struct MemoryFeed {
         computer: ComputerReport,
         processes: ProcessState,
@@ -41,7 +36,7 @@ readers! {
 }
 
 impl MemoryFeed<Memory> {
-    /// Shows `watcher` what is new; the mission's newest state, if it is.
+    /// Passes new messages to `watcher`. Returns the mission's state if it is new.
     pub fn poll(
         &mut self,
         t: Time<TrueTime>,
@@ -49,51 +44,41 @@ impl MemoryFeed<Memory> {
         watcher: &mut Watcher,
     ) -> Option<MissionState> {
         let ns = now.nanos();
-        let bridge = BridgeOut {
-            estimate: self.estimate.newest(ns),
-            wave: self.wave.newest(ns),
-            deck: self.deck.newest(ns),
-            link: self.link.newest(ns),
-            ..BridgeOut::default()
-        };
-        watcher.step(t, NodeStep::Bridge(now, &BridgeIn::default(), &bridge));
-        watcher.received(t, &bridge);
-        let input = PredictorIn {
-            tags: self.tags.all(ns),
-            uvdar: self.uvdar.all(ns),
-            ranges: self.ranges.all(ns),
-            drone: self.drone.newest(ns),
-            ..PredictorIn::default()
-        };
-        let predicted = PredictorOut {
-            forecast: self.forecast.newest(ns),
-            ..PredictorOut::default()
-        };
-        watcher.step(t, NodeStep::Predictor(now, &input, &predicted));
-        let plan = self.plan.newest(ns);
-        let planned = PlannerOut { plan };
-        watcher.step(t, NodeStep::Planner(now, &PlannerIn::default(), &planned));
-        let piloted = PilotOut {
-            set_point: self.set_point.newest(ns),
-            ..PilotOut::default()
-        };
-        let flown = PilotIn {
-            plan,
-            ..PilotIn::default()
-        };
-        watcher.step(t, NodeStep::Pilot(now, &flown, &piloted));
-        let asked = MissionIn {
-            autopilot: self.autopilot.newest(ns),
-            commands: self.commands.all(ns),
-            ..MissionIn::default()
-        };
-        let decided = MissionOut {
-            state: self.mission.newest(ns),
-            ..MissionOut::default()
-        };
+        let (plan, state) = (self.plan.newest(ns), self.mission.newest(ns));
         watcher.board.reported(self.computer.newest(steady_ns()));
         watcher.board.processes(self.processes.all(steady_ns()));
-        watcher.step(t, NodeStep::Mission(now, &asked, &decided));
-        decided.state
+        let mut show = |message: Message<'_>| watcher.message(t, &message);
+        self.estimate
+            .newest(ns)
+            .iter()
+            .for_each(|m| show(Message::Estimate(m)));
+        self.wave.newest(ns).iter().for_each(|m| show(Message::Wave(m)));
+        self.deck.newest(ns).iter().for_each(|m| show(Message::Deck(m)));
+        self.link.newest(ns).iter().for_each(|m| show(Message::Link(m)));
+        self.tags.all(ns).iter().for_each(|m| show(Message::Tag(m)));
+        self.uvdar.all(ns).iter().for_each(|m| show(Message::Uvdar(m)));
+        self.ranges.all(ns).iter().for_each(|m| show(Message::Range(m)));
+        self.forecast
+            .newest(ns)
+            .iter()
+            .for_each(|m| show(Message::Forecast(m)));
+        self.drone.newest(ns).iter().for_each(|m| show(Message::Drone(m)));
+        self.commands
+            .all(ns)
+            .iter()
+            .for_each(|m| show(Message::Command(m)));
+        self.autopilot
+            .newest(ns)
+            .iter()
+            .for_each(|m| show(Message::Autopilot(m)));
+        state.iter().for_each(|m| show(Message::Mission(m)));
+        plan.iter().for_each(|m| show(Message::Plan(now, m)));
+        plan.iter().for_each(|m| show(Message::FlownPlan(m)));
+        self.set_point
+            .newest(ns)
+            .iter()
+            .for_each(|m| show(Message::SetPoint(now, m)));
+        watcher.show(t);
+        state
     }
 }

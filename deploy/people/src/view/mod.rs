@@ -1,8 +1,7 @@
-//! Views of a landing while it goes on: a page for a browser and Foxglove, served by a runtime of one thread.
+//! Views of a landing in progress: a page for a browser and Foxglove, served by a runtime of one thread.
 //!
-//! A [`watcher`] is shown the nodes' outputs, live out of shared memory ([`memory_feed`]) or by what computes them, keeps
-//! it on a [`board`], and gives the [`server`] a [`picture`] of it some times a second. Nothing in a flight waits for a
-//! viewer.
+//! A [`watcher`] receives the nodes' outputs, from shared memory ([`memory_feed`]) or from a simulation, keeps them on
+//! a [`board`], and gives the [`server`] a [`picture`] of it some times a second. No flight waits for a viewer.
 
 pub mod board;
 pub mod camera;

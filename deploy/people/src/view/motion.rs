@@ -1,4 +1,4 @@
-//! The last minute of the deck's motion.
+//! The deck's motion during the last minute.
 
 use std::collections::VecDeque;
 
@@ -6,12 +6,11 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::MotionView;
 
-/// Time between two samples, ms: a roll of 2 s has eight.
+/// Time between two samples, ms; a roll of 2 s has eight.
 const STEP_MS: i64 = 250;
-/// A minute of them.
 const SAMPLES: usize = 240;
 
-/// Roll and pitch (rad) and height (m, upwards) at a moment, where they were known.
+/// Roll and pitch (rad) and height (m, upwards), if known.
 type Sample = Option<[f64; 3]>;
 
 /// Samples at a fixed rate.
@@ -22,7 +21,7 @@ pub struct MotionHistory {
 }
 
 impl MotionHistory {
-    /// Takes what is known at `t`, or that nothing is, when a sample is due.
+    /// Adds the sample at `t` when one is due; None for unknown motion.
     pub fn add(&mut self, t: Time<TrueTime>, sample: Sample) {
         let step = Span::from_millis(STEP_MS);
         let Some(newest) = self.newest else {
@@ -38,7 +37,7 @@ impl MotionHistory {
             return self.add(t, sample);
         }
         for k in 1..=due {
-            // What was missed between is a gap.
+            // Missed samples are gaps.
             self.samples.push_back(sample.filter(|_| k == due));
             self.newest = Some(newest + step * k);
         }
@@ -46,7 +45,7 @@ impl MotionHistory {
             self.samples.pop_front();
         }
     }
-    /// From now on heights are counted from another level, by which this is `sample`: the newest stays where it is.
+    /// Moves earlier heights to another reference level, in which the newest sample is `sample`.
     pub fn relevel(&mut self, sample: Sample) {
         let before = self.samples.iter().rev().flatten().next().copied();
         if let (Some(before), Some(sample)) = (before, sample) {
@@ -54,7 +53,6 @@ impl MotionHistory {
             self.samples.iter_mut().flatten().for_each(|s| s[2] += by);
         }
     }
-    /// For the page.
     pub fn view(&self) -> MotionView {
         let known = self.samples.iter().flatten();
         let (sum, n) = known.fold((0.0, 0_u32), |(sum, n), s| (sum + s[2], n + 1));
@@ -94,7 +92,7 @@ mod tests {
         let heave: Vec<f64> = view.heave_m.iter().flatten().copied().collect();
         assert!(heave.iter().all(|h| h.abs() <= 1.01), "{heave:?}");
         assert_eq!(view.pitch_deg.last(), Some(&Some(-11.46)));
-        // A jump of the clock begins again.
+        // A jump of the clock starts a new history.
         history.add(at(10), Some([0.0; 3]));
         assert_eq!(history.view().roll_deg, [Some(0.0)]);
     }

@@ -1,4 +1,4 @@
-//! Deck, drone and plan on axes that go with the deck: under way, too, a plan that lands ends on it.
+//! Deck, drone and plan on axes that move with the deck, so that a plan that lands ends on it.
 
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::frames::wrap_angle;
@@ -7,14 +7,14 @@ use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
 
-/// Every so many stages of the plan are drawn.
+/// Stages of the plan per drawn point.
 const PATH_STEP: usize = 2;
-/// A plan that is older is not drawn any more, s: the vessel has left it behind.
+/// Age at which a plan is no longer drawn, s: the vessel has left it behind.
 const FORGOTTEN_S: f64 = 5.0;
-/// A planned contact is shown for so long after its time, s.
+/// Time for which a past planned contact is shown, s.
 const PAST_S: f64 = 1.0;
 
-/// The scene at `now_ns` of the observer's clock, without the bodies' sizes; None without a forecast of the deck.
+/// Scene at `now_ns` of the observer's clock, without the bodies' sizes; None without a forecast of the deck.
 pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
     let forecast = known.forecast.as_ref()?;
     let now = forecast.header.at + Span::from_secs(known.forecast.age_s(now_ns));
@@ -48,7 +48,7 @@ pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
     })
 }
 
-/// The deck at `t`; before and after the forecast it goes on as its first or last stage moves over ground.
+/// Deck at `t`. Outside the forecast it continues with the velocity of the first or last stage.
 fn deck_at(forecast: &DeckForecast, t: Time<DroneClock>) -> Option<DeckStage> {
     if let Some(deck) = forecast.at(t) {
         return Some(deck);
@@ -68,7 +68,7 @@ fn deck_at(forecast: &DeckForecast, t: Time<DroneClock>) -> Option<DeckStage> {
     Some(deck)
 }
 
-/// The plan's stages, each from the deck as it is forecast for that time, until the planned contact.
+/// Stages of the plan until the planned contact, each relative to the deck forecast for its time.
 fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<DeckPoint> {
     let time = |k: i64| plan.header.at + plan.step * k;
     let stages = (0..).zip(plan.stages.iter());
@@ -85,7 +85,6 @@ fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<DeckPoint> {
         .collect()
 }
 
-/// The planned contact, and the deck then as far as it is forecast.
 fn contact(
     plan: &Plan,
     forecast: &DeckForecast,
@@ -102,7 +101,7 @@ fn contact(
     })
 }
 
-/// The vessel's mean velocity in the forecast, forward and to starboard, m/s.
+/// Mean velocity of the vessel in the forecast, forward and to starboard, m/s.
 fn way(forecast: &DeckForecast) -> [f64; 2] {
     let sum = |k: usize| forecast.stages.iter().map(|s| s.velocity[k]).sum::<f64>();
     let n = forecast.stages.len().max(1) as f64;
@@ -110,7 +109,7 @@ fn way(forecast: &DeckForecast) -> [f64; 2] {
     [tenth(forward), tenth(right)]
 }
 
-/// A place of the NED from the deck at `deck`, on axes along `heading`, rad.
+/// Position `at` in NED relative to the deck at `deck`, on axes along `heading`, rad.
 fn place(at: [f64; 3], deck: [f64; 3], heading: f64) -> DeckPoint {
     let (sin, cos) = heading.sin_cos();
     let [north, east, down] = [at[0] - deck[0], at[1] - deck[1], at[2] - deck[2]];

@@ -1,8 +1,8 @@
-//! The viewers' server: the page, its pictures as server-sent events, and Foxglove's protocol, on a runtime of one
+//! Server for viewers: the page, its pictures as server-sent events, and Foxglove's protocol, on a runtime with one
 //! thread of its own.
 //!
-//! Nothing waits for a viewer: the newest picture replaces the one before, and a viewer that has not taken what was
-//! sent to it is sent nothing until it has.
+//! The server waits for no viewer: the newest picture replaces the one before, and a viewer that has not read the last
+//! one is sent nothing until it has.
 
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
@@ -28,33 +28,29 @@ use tokio::sync::{oneshot, watch};
 use crate::view::guard::{Guard, ViewerPeer};
 use crate::view::picture::Picture;
 
-/// Messages that wait for a viewer with Foxglove; then the oldest give way.
+/// Messages queued for a viewer with Foxglove; then the oldest are dropped.
 const BACKLOG: usize = 512;
-/// An order that the page gave has an answer after this long.
+/// Limit for the answer to an order of the page.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
-/// A viewer that has not taken the last picture is looked at again after this long.
+/// Pause before checking again a viewer that has not read the last picture.
 const STALL_PAUSE: Duration = Duration::from_millis(100);
 
-/// Addresses of what is served.
 #[derive(Clone, Debug)]
 pub struct Served {
-    /// Address of the page.
     pub page: SocketAddr,
-    /// Address of Foxglove's protocol.
     pub foxglove: Option<SocketAddr>,
-    /// Name towards Foxglove.
     pub name: String,
     /// The page may give the crew's order.
     pub may_order: bool,
 }
 
-/// An order of the page; whoever carries it out answers with what became of it, for people.
+/// Order of the page, to be answered with its result as a text.
 pub struct PageOrder {
-    /// Takes the answer.
+    /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
 }
 
-/// The server; it ends when this is dropped.
+/// Server; it ends when this is dropped.
 pub struct Server {
     pictures: watch::Sender<Bytes>,
     camera: watch::Sender<Bytes>,
@@ -66,14 +62,12 @@ pub struct Server {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Address at which it listens.
 #[derive(Clone, Copy, Debug)]
 struct Addresses {
     page: SocketAddr,
     foxglove: Option<SocketAddr>,
 }
 
-/// State that the handlers of requests share.
 #[derive(Clone)]
 struct Shared {
     pictures: watch::Receiver<Bytes>,
@@ -83,11 +77,10 @@ struct Shared {
     may_order: bool,
 }
 
-/// Number of viewers in a browser.
 #[derive(Clone, Default)]
 struct Viewers(Arc<AtomicUsize>);
 
-/// One of them, until it leaves.
+/// Viewer, counted until it is dropped.
 struct Viewer(Viewers);
 
 impl Viewers {
@@ -104,7 +97,7 @@ impl Drop for Viewer {
 }
 
 impl Server {
-    /// Starts it; an address that cannot be taken is an error.
+    /// Starts the server; an address that cannot be bound is an error.
     pub fn start(served: Served) -> Result<Server, CliError> {
         let (pictures, newest) = watch::channel(Bytes::new());
         let (camera, newest_image) = watch::channel(Bytes::new());
@@ -138,36 +131,34 @@ impl Server {
             thread: Some(thread),
         })
     }
-    /// Shows a picture to everybody who looks on.
+    /// Shows a picture to all viewers.
     pub fn show(&self, picture: Picture) {
         let picture = Picture {
             clock_s: (steady_ns() / 1_000_000) as f64 / 1e3,
             ..picture
         };
-        // Its types are all of JSON's.
+        // All types of a picture have a JSON form.
         let Ok(json) = serde_json::to_string(&picture) else {
             return;
         };
         self.pictures
             .send_replace(format!("data: {json}\n\n").into_bytes().into());
     }
-    /// The newest image of the drone's camera, a JPEG, for each request.
+    /// Serves `jpeg` as the newest image of the drone's camera.
     pub fn show_camera(&self, jpeg: Vec<u8>) {
         self.camera.send_replace(jpeg.into());
     }
-    /// Whether somebody looks on in a browser.
+    /// Whether the page has a viewer in a browser.
     pub fn is_watched(&self) -> bool {
         self.viewers.0.load(Ordering::Relaxed) > 0
     }
-    /// An order that the page gave.
     pub fn order(&self) -> Option<PageOrder> {
         self.orders.try_recv().ok()
     }
-    /// Channel of messages for Foxglove.
     pub fn context(&self) -> Option<&Arc<Context>> {
         self.context.as_ref()
     }
-    /// Addresses at which it listens, for people: a line each.
+    /// Addresses at which it listens, as lines of text.
     pub fn lines(&self) -> Vec<String> {
         let Addresses { page, foxglove } = self.addresses;
         let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
@@ -175,12 +166,10 @@ impl Server {
             .chain(live)
             .collect()
     }
-    /// Address of the page.
     #[cfg(test)]
     pub(super) fn page(&self) -> SocketAddr {
         self.addresses.page
     }
-    /// Address of Foxglove's protocol.
     #[cfg(test)]
     pub(super) fn foxglove(&self) -> Option<SocketAddr> {
         self.addresses.foxglove
@@ -190,7 +179,6 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(stop) = self.stop.take() {
-            // A thread that ended needs no stop.
             let _ended = stop.send(());
         }
         if let Some(thread) = self.thread.take() {
@@ -199,7 +187,7 @@ impl Drop for Server {
     }
 }
 
-/// The thread: reports whether it has started, and serves until it is stopped.
+/// Thread of the server: reports whether it has started, and serves until stopped.
 fn run(
     served: &Served,
     context: Option<Arc<Context>>,
@@ -231,13 +219,12 @@ fn run(
             Err(e) => drop(result.send(Err(e))),
         }
     });
-    // Connections that are open end with their tasks.
     runtime.shutdown_background();
 }
 
 async fn listen(served: &Served, context: Option<Arc<Context>>) -> Result<(Guard, Addresses), String> {
     use axum::serve::Listener;
-    let (address, other) = (served.page, "name another with --listen or view.listen");
+    let (address, other) = (served.page, "name another address with --listen or view.listen");
     let failed = |e: std::io::Error| format!("showing the page on {address}: {e}; {other}");
     let guard = Guard::listen(address).map_err(failed)?;
     let page = guard.local_addr().map_err(failed)?;
@@ -291,13 +278,13 @@ fn router(shared: Shared) -> Router {
         .with_state(shared)
 }
 
-/// A request is complete: its connection keeps its place before those that have sent none.
+/// Marks the connection as one with a complete request, which takes precedence over those without.
 async fn complete(ConnectInfo(peer): ConnectInfo<ViewerPeer>, request: Request, next: Next) -> Response {
     peer.has_asked();
     next.run(request).await
 }
 
-/// Nothing from elsewhere, in no frame of another page, nothing kept.
+/// Headers that allow no foreign content, no frame of another page and no caching.
 fn headers(content: &'static str) -> [(HeaderName, &'static str); 4] {
     [
         (CONTENT_TYPE, content),
@@ -314,7 +301,7 @@ fn file(content: &'static str, body: &'static str) -> Response {
     (headers(content), body).into_response()
 }
 
-/// The pictures, from the newest on.
+/// Pictures from the newest on, as events.
 async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<ViewerPeer>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
@@ -330,7 +317,7 @@ async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Vie
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }
 
-/// The newest picture, once.
+/// Newest picture, once.
 async fn state(State(shared): State<Shared>) -> Response {
     let newest = shared.pictures.borrow().clone();
     let json = newest
@@ -342,7 +329,6 @@ async fn state(State(shared): State<Shared>) -> Response {
     (headers("application/json"), json).into_response()
 }
 
-/// The newest image of the drone's camera.
 async fn camera(State(shared): State<Shared>) -> Response {
     let jpeg = shared.camera.borrow().clone();
     if jpeg.is_empty() {
@@ -351,7 +337,7 @@ async fn camera(State(shared): State<Shared>) -> Response {
     (headers("image/jpeg"), jpeg).into_response()
 }
 
-/// The crew's order, from our own page only.
+/// Takes the crew's order, from the server's own page only.
 async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
     if let Err(why) = of_own_page(&given) {
         return (StatusCode::FORBIDDEN, why).into_response();
@@ -378,8 +364,8 @@ async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
     }
 }
 
-/// Whether a request comes from the page that we served: no other page can give an order, be it by a form, by a
-/// script, or by a name of its own that it lets lead here.
+/// Whether a request comes from the page of this server: no other page can give an order, neither by a form nor by a
+/// script nor by a host name that leads here.
 fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
     let one = |name: &HeaderName| {
         let mut all = given.get_all(name).iter();
@@ -393,12 +379,12 @@ fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
         return Err("the request comes from another page");
     }
     if !is_address(host) {
-        return Err("open the page by the computer's address instead of a name, and give it there");
+        return Err("open the page by the computer's address instead of a name, and give the order there");
     }
     Ok(())
 }
 
-/// An address or this computer, with or without a port: no name that somebody else can give.
+/// Whether `host` is an IP address or this computer, with or without a port, and not a name that others control.
 fn is_address(host: &str) -> bool {
     let bare = host.trim_start_matches('[').trim_end_matches(']');
     let name = host.split_once(':').map_or(host, |(name, _)| name);

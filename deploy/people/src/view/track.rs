@@ -6,15 +6,12 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::TrackView;
 
-/// Time between two samples, s.
 const STEP_S: f64 = 2.0;
-/// Five minutes of them.
 const SAMPLES: usize = 150;
 
-/// North and east in the drone's frame, m; None where it was not known.
+/// North and east in the drone's frame, m; None if unknown.
 type Ground = Option<[f64; 2]>;
 
-/// Places at a fixed rate.
 #[derive(Debug, Default)]
 pub struct GroundTrack {
     samples: VecDeque<[Ground; 2]>,
@@ -23,8 +20,8 @@ pub struct GroundTrack {
 }
 
 impl GroundTrack {
-    /// Takes where drone and deck are at `t` when a sample is due. `frame` counts the frames that they are given in: with
-    /// another the track begins again.
+    /// Adds the positions of drone and deck at `t` when a sample is due. `frame` is the number of their frame; a new
+    /// frame starts a new track.
     pub fn add(&mut self, t: Time<TrueTime>, frame: u8, drone: Ground, deck: Ground) {
         if self.newest.is_some_and(|at| t < at) || frame != self.frame {
             *self = GroundTrack {
@@ -36,7 +33,7 @@ impl GroundTrack {
         if !due || drone.is_none() && deck.is_none() {
             return;
         }
-        // Between places that are further apart in time the way is unknown.
+        // The path between positions that are further apart in time is unknown.
         let gap = self
             .newest
             .is_some_and(|at| t - at > Span::from_secs(2.0 * STEP_S));
@@ -47,7 +44,7 @@ impl GroundTrack {
             self.samples.pop_front();
         }
     }
-    /// For the page: relative to the newest place of the deck, else of the drone.
+    /// Track for the page, relative to the newest position of the deck, otherwise of the drone.
     pub fn view(&self) -> TrackView {
         let last = |k: usize| self.samples.iter().rev().find_map(|s| s[k]);
         let [north, east] = last(1).or_else(|| last(0)).unwrap_or_default();

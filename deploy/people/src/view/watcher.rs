@@ -1,13 +1,15 @@
-//! Watcher: messages of the nodes into the board, the board to the viewers.
+//! Watcher: puts messages of the nodes on the board and shows the board to the viewers.
 
-use alight_shared::msg::ComputerReport;
+use alight_shared::msg::{ComputerReport, DeckForecast, DroneState};
+use alight_shared::process::ProcessKind;
+use alight_shared::step::Step;
 use std::time::Duration;
 
-use alight_bridge::BridgeOut;
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::playback::{Bodies, Viewer};
 use alight_computer::process::supervisor::pause;
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::messages::{Message, each_message};
+use alight_computer::record::observer::StepObserver;
 use alight_computer::record::scenery::Scenery;
 use alight_computer::record::views::Views;
 use alight_shared::time::{Span, Time, TrueTime};
@@ -19,39 +21,37 @@ use crate::view::live_sink::LiveSink;
 use crate::view::picture::Picture;
 use crate::view::server::{Served, Server};
 
-/// Time between two pictures, ns.
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
-/// Longest step in which a flight that is computed faster than real time is held back.
+/// Longest pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
-/// After the end of what was computed somebody may still look at its last picture for so long.
+/// Time for which the last picture of a simulation stays available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
 
-/// Period of Foxglove's shapes, ms.
 const SCENE_MS: i64 = 1_000;
 
-/// Messages for Foxglove.
 struct Live {
     sink: LiveSink,
     views: Views,
     scenery: Option<Scenery>,
+    /// Not drawn yet.
+    forecast: Option<DeckForecast>,
+    drone: Option<DroneState>,
 }
 
-/// Looks on, and shows.
+/// Observer of steps that serves viewers.
 pub struct Watcher {
     pub server: Server,
-    /// The newest messages.
     pub board: Board,
     live: Option<Live>,
     next_ns: i64,
-    /// The newest step's time.
     newest: Time<TrueTime>,
-    /// The time of steps less the clock of the processes' reports.
+    /// Time of steps minus the clock of the processes' reports.
     offset: Span,
     pace: Pace,
 }
 
 impl Watcher {
-    /// Starts the server; `paced`: what is looked at is computed, and held back to real time.
+    /// Starts the server; `paced` slows simulated steps to real time.
     pub fn start(
         served: Served,
         known: ComputerReport,
@@ -70,6 +70,8 @@ impl Watcher {
                 views: opened,
                 scenery: scenery.transpose().doing("opening Foxglove's channels")?,
                 sink,
+                forecast: None,
+                drone: None,
             });
         }
         let mut board = Board::new(known);
@@ -84,8 +86,8 @@ impl Watcher {
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Forgets what was known but for the flights that ended: another set of processes runs, whose steps come on a clock
-    /// that is by `offset` ahead of their reports'.
+    /// Clears the board except for the flights that ended, when another set of processes runs. The clock of its steps
+    /// is ahead of that of its reports by `offset`.
     pub fn reset(&mut self, offset: Span) {
         self.offset = offset;
         self.board.reset(Time::from_nanos(steady_ns()));
@@ -95,7 +97,7 @@ impl Watcher {
     pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
         t - self.offset
     }
-    /// Shows at `t` this in place of a status, and the flights that ended.
+    /// Shows `status` at `t`, with the flights that ended and no other data.
     pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
         let Picture { flights, result, .. } = self.board.picture(t - self.offset);
         self.server.show(Picture {
@@ -105,9 +107,23 @@ impl Watcher {
             ..Picture::default()
         });
     }
-    /// Shows a picture when one is due.
+    /// Takes a message that came at `t`.
+    pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        self.board.message(t - self.offset, message);
+        if let Message::Drone(_) = message {
+            self.pace.begin(t);
+        }
+        if let Some(live) = &mut self.live {
+            live.message(t, message);
+        }
+    }
+    /// All messages of `t` have come: shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
+        self.board.sample(t - self.offset);
+        if let Some(live) = &mut self.live {
+            live.draw(t);
+        }
         if t.nanos() >= self.next_ns {
             self.next_ns = t.nanos() + PICTURE_PERIOD_NS;
             self.server.show(self.board.picture(t - self.offset));
@@ -119,7 +135,7 @@ impl Viewer for Watcher {
     fn linger(&self) {
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
-            // A page that receives nothing for a second shows no data, and not the result.
+            // A page that receives nothing for a second shows no data, and no result.
             self.server.show(self.board.picture(self.newest - self.offset));
             pause(4 * MAX_PAUSE);
         }
@@ -127,73 +143,52 @@ impl Viewer for Watcher {
 }
 
 impl StepObserver for Watcher {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        let at = t - self.offset;
-        match step {
-            NodeStep::Vessel(_, _, o) => self.board.vessel(at, o),
-            NodeStep::Bridge(_, _, o) => self.board.bridge(at, o),
-            NodeStep::Predictor(_, i, o) => {
-                self.board.predictor(at, i, o);
-                self.pace.begin(t, i.drone.is_some());
-            }
-            NodeStep::Mission(_, i, o) => self.board.mission(at, i, o),
-            NodeStep::Planner(_, _, o) => self.board.planner(at, o),
-            NodeStep::Pilot(_, _, o) => self.board.pilot(o),
-        }
-        if let Some(live) = &mut self.live {
-            live.step(t, step);
-        }
-        match step {
-            NodeStep::Vessel(..) => self.show(t),
-            NodeStep::Mission(..) => {
-                self.show(t);
-                self.pace.hold(t);
-            }
-            NodeStep::Bridge(..) | NodeStep::Predictor(..) | NodeStep::Planner(..) | NodeStep::Pilot(..) => {}
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        each_message(step, &mut |message| self.message(t, &message));
+        self.show(t);
+        if step.process == ProcessKind::Mission {
+            self.pace.hold(t);
         }
     }
 }
 
 impl Live {
-    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
-        let Live { sink, views, scenery } = self;
-        let NodeStep::Predictor(_, i, o) = step else {
-            return views.step(sink, t, step);
-        };
-        // It is where it reports: its NED is the scene's, but for the water's level.
-        let at = i.drone.map(|d| d.position);
-        let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
-        views.true_drone = at.or(views.true_drone);
-        views.step(sink, t, step);
-        if let Some(scenery) = scenery {
-            scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
+    fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
+        if let Message::Forecast(forecast) = *message {
+            self.forecast = Some(*forecast);
+        }
+        if let Message::Drone(drone) = *message {
+            // It is where it reports: its NED is the scene's, but for the water's level.
+            let at = drone.position;
+            let at = self.scenery.as_ref().map_or(at, |s| s.in_scene(at));
+            (self.views.true_drone, self.drone) = (Some(at), Some(*drone));
+        }
+        self.views.message(&mut self.sink, t, message);
+    }
+    /// Vessel and drone, where something came of them.
+    fn draw(&mut self, t: Time<TrueTime>) {
+        let (forecast, drone) = (self.forecast.take(), self.drone.take());
+        if let Some(scenery) = &mut self.scenery
+            && (forecast.is_some() || drone.is_some())
+        {
+            scenery.show(&mut self.sink, &self.views, t, forecast.as_ref(), drone.as_ref());
         }
     }
 }
 
-impl Watcher {
-    /// The vessel's broadcast as the bridge received it, where the vessel herself is not looked at.
-    pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        self.board.received(t - self.offset, o.estimate.as_ref());
-        if let Some(live) = &mut self.live {
-            live.views.received(&mut live.sink, t, o);
-        }
-    }
-}
-
-/// Holds back what is computed faster than real time.
+/// Slows steps that are computed faster than real time.
 enum Pace {
-    /// It is real time.
     Free,
     /// The drone has not appeared: there is nothing to show yet.
     Waiting,
-    /// Steady clock less the world's time at which the drone appeared, ns.
+    /// Steady clock minus the world's time at which the drone appeared, ns.
     From(i64),
 }
 
 impl Pace {
-    fn begin(&mut self, t: Time<TrueTime>, appeared: bool) {
-        if matches!(self, Pace::Waiting) && appeared {
+    /// The drone is there.
+    fn begin(&mut self, t: Time<TrueTime>) {
+        if matches!(self, Pace::Waiting) {
             *self = Pace::From(steady_ns() - t.nanos());
         }
     }
@@ -204,7 +199,7 @@ impl Pace {
             pause(Duration::from_nanos(ahead().unsigned_abs()).min(MAX_PAUSE));
         }
         if ahead() < -1_000_000_000 {
-            // This computer is slower than real time: what is behind is not caught up with.
+            // A computer slower than real time does not catch up.
             *self = Pace::From(steady_ns() - t.nanos());
         }
     }

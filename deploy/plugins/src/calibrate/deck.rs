@@ -1,4 +1,4 @@
-//! `alight calibrate deck`: the deck's place from a drone that stands on it, motors off.
+//! `alight calibrate deck`: measures the deck's position with a drone that stands on it, motors off.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -24,33 +24,31 @@ use serde_json::{Value, json};
 
 use crate::calibrate::list;
 
-/// Live topics are read this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// A turn of the camera that the predictor finds by itself, in its standard deviations.
+/// Rotation of the camera's mount that the predictor estimates by itself, in its standard deviations.
 const MOUNT_SDS: f64 = 2.0;
 
-/// The drone on the deck.
+/// Measurement with the drone on the deck.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Put the drone on the middle of the deck, nose to the bow, motors off, the vessel rocking as it \
 does. Run it as the user that runs Alight: sudo -u alight alight calibrate deck\n\
-Exit codes: 0 measured, 1 the deck's place is not known better than by tape, 2 bad input or it moves."
+Exit codes: 0 measured, 1 the deck's position is not known better than by tape, 2 bad input or the drone moves."
 )]
 pub struct DeckArgs {
-    /// A recording (MCAP) that ends with the drone on the deck, instead of the running processes
+    /// Recording (MCAP) that ends with the drone on the deck, instead of the running processes
     #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub recording: Option<PathBuf>,
-    /// Configuration of the drone's computer (TOML) [default: the recording's, else /etc/alight/drone.toml]
+    /// Configuration of the drone's computer (TOML) [default: the recording's, otherwise /etc/alight/drone.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Name of the set of processes [default: the configuration's]
     #[arg(long, conflicts_with = "recording")]
     pub instance: Option<String>,
-    /// Time to look, s
+    /// Observation time, s
     #[arg(long = "for", value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u64).range(20..=3600))]
     pub seconds: u64,
-    /// Place of the drone's centre: forward and right of the deck's centre, m [default: 0,0, or as the tag
-    /// shows]
+    /// Position of the drone's centre: forward and right of the deck's centre, m [default: 0,0, or by the tag]
     #[arg(
         long,
         value_name = "FORWARD,RIGHT",
@@ -59,8 +57,8 @@ pub struct DeckArgs {
         num_args = 2
     )]
     pub at: Vec<f64>,
-    /// Difference of the two GNSS receivers, horizontally and vertically, m, such as 0.02,0.03 with RTK
-    /// [default: as the predictor is configured]
+    /// Difference of the two GNSS receivers, horizontally and vertically, m, such as 0.02,0.03 with RTK [default: as
+    /// the predictor is configured]
     #[arg(long, value_name = "H,V", value_delimiter = ',', num_args = 2)]
     pub receivers: Vec<f64>,
     /// Print as one JSON object
@@ -68,7 +66,6 @@ pub struct DeckArgs {
     pub json: bool,
 }
 
-/// Measures and prints.
 pub fn run(args: &DeckArgs) -> Result<Exit, CliError> {
     let (predictor, calibration) = match &args.recording {
         Some(path) => recorded(args, path)?,
@@ -103,7 +100,7 @@ fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, Cl
     Ok(stand)
 }
 
-/// From the running processes.
+/// Calibration from the running processes.
 fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     let path = args
         .config
@@ -163,7 +160,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
     }
 }
 
-/// From a recording.
+/// Calibration from a recording.
 fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     contained(path, || {
         let log = Log::open(path)?.only(&["mission", "predictor"]);
@@ -224,11 +221,11 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
         .zip(found.centre.iter().zip(config.deck.centre_m))
     {
         let note = if f.sd > USABLE_M {
-            "  not observable, left: measure by tape, or with RTK (--receivers)"
+            "  not observable, unchanged: measure by tape, or with RTK (--receivers)"
         } else if replaces(f, old) {
             ""
         } else {
-            "  agrees, left"
+            "  agrees, unchanged"
         };
         terminal::line(format_args!(
             "deck's centre {name:<8} {:>7.3} +- {:.3} m, configured {old:.3}{note}",
@@ -245,7 +242,7 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
     match &found.mount {
         Some(mount) => print_mount(found, mount, config),
         None => terminal::line(format_args!(
-            "the tag is not detected from the deck: where the drone stands is taken from --at, and the \
+            "the tag is not detected from the deck: the drone's position is taken from --at, and the \
              camera's mount is not measured"
         )),
     }
@@ -284,7 +281,7 @@ fn print_mount(found: &DeckCalibrationResult, mount: &MountCalibration, config: 
         .any(|t| t.value.abs() > MOUNT_SDS * granted + t.sd)
     {
         terminal::line(format_args!(
-            "  more than the predictor allows for ({:.1} deg): set the camera straight",
+            "  more than the predictor allows for ({:.1} deg): align the camera",
             (MOUNT_SDS * granted).to_degrees()
         ));
     }

@@ -1,4 +1,5 @@
-//! `alight calibrate drone`: how the drone's attitude answers set-points, as the pilot identified it in a flight.
+//! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot identified it in a
+//! flight.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,20 +19,20 @@ use alight_uav::mission::MissionIn;
 use clap::Args;
 use serde_json::json;
 
-/// Time for which the processes are observed.
 const LISTEN_TIME: Duration = Duration::from_secs(1);
-/// So many of the newest recorded flights are searched for a response: reading one takes some seconds.
+/// Maximum number of recorded flights, the newest first, that are searched for a response; reading one takes some
+/// seconds.
 const MAX_FLIGHTS: usize = 5;
 
-/// The flight.
+/// Flight to read.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "The response is identified while Alight flies (an approach suffices), and by every flight again; until then \
-that of the newest recorded flight is shown. The figure in the file is what a flight begins with.\n\
+    after_help = "The response is identified while Alight flies (an approach suffices), and again by every flight; until then \
+that of the newest recorded flight is shown. A flight begins with the value in the file.\n\
 Exit codes: 0 identified, 1 not flown long enough, 2 bad input."
 )]
 pub struct DroneArgs {
-    /// A recording of the flight, or the drone's own, instead of the running processes
+    /// Recording or directory of the flight, instead of the running processes
     #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub recording: Option<PathBuf>,
     /// Configuration of the drone's computer (TOML)
@@ -70,11 +71,10 @@ pub fn run(args: &DroneArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(found.is_some()))
 }
 
-/// The result, as lines to put into the file.
 fn text(r: &AttitudeResponse) -> String {
     let [roll, pitch] = r.lag_s;
     format!(
-        "the attitude answers a set-point after {:.3} s (its way included), with time constants of {roll:.3} s in roll and \
+        "the attitude responds to a set-point after {:.3} s (transmission included), with time constants of {roll:.3} s in roll and \
          {pitch:.3} s in pitch;\nthe rate loop's lag is {:.3} s\n\n# drone.toml\n[drone.airframe]\nattitude_lag_s = {:.2}",
         r.dead_time_s,
         r.rate_lag_s,
@@ -82,7 +82,7 @@ fn text(r: &AttitudeResponse) -> String {
     )
 }
 
-/// The newest of a recording that was identified.
+/// Newest identified response in a recording.
 fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     contained(path, || {
         let log = Log::open(path)?.only(&["mission"]);
@@ -97,7 +97,7 @@ fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     })
 }
 
-/// That of the running processes, else of the newest flight that they recorded.
+/// Response identified by the running processes, otherwise by the newest flight that they recorded.
 fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     let computer: DroneComputerConfig = config::load(&args.config)?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
@@ -117,7 +117,7 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     }
 }
 
-/// A flight begins with the figure of the file: what the last one identified is in its record.
+/// Response identified in the newest recorded flight. A running process begins each flight with the configured value.
 fn newest_flown(directory: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     // Without a recorder no flight is recorded.
     let flights = store::flights(directory).unwrap_or_default();

@@ -1,5 +1,5 @@
-//! `alight calibrate`: measurement of this vessel's and this drone's configuration values, as lines
-//! to put into the file. Nothing is changed by itself.
+//! `alight calibrate`: measures configuration values of this vessel and this drone and prints them as lines for the
+//! file. It changes nothing.
 
 mod deck;
 mod drone;
@@ -10,7 +10,7 @@ use std::fmt::Write;
 use alight_computer::exit::{CliError, Exit};
 use clap::{Args, Subcommand};
 
-/// A calibration.
+/// Calibration to make.
 #[derive(Args, Debug)]
 pub struct CalibrateArgs {
     /// Subject of the measurement
@@ -21,11 +21,11 @@ pub struct CalibrateArgs {
 /// Subject of the measurement.
 #[derive(Subcommand, Debug)]
 pub enum What {
-    /// The deck's place on the vessel and the camera's mount, by the drone that stands on the deck.
+    /// Deck's position on the vessel and the camera's mount, with the drone on the deck.
     Deck(deck::DeckArgs),
-    /// Response of the drone's attitude to set-points, by a flight.
+    /// Response of the drone's attitude to set-points, from a flight.
     Drone(drone::DroneArgs),
-    /// Damping, stiffness and the GNSS antenna's place, from a recording of the vessel's sensors.
+    /// Damping, stiffness and GNSS antenna position, from a recording of the vessel's sensors.
     Vessel(vessel::VesselArgs),
 }
 
@@ -37,12 +37,12 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// A line of a TOML list, rounded to what its unit deserves.
+/// Line of a TOML list, rounded to the precision of its unit.
 fn list(key: &str, values: &[f64], digits: usize) -> String {
     let mut text = format!("{key} = [");
     for (k, v) in values.iter().enumerate() {
         let comma = if k == 0 { "" } else { ", " };
-        // Writing to memory cannot fail. Adding zero makes -0.0 plain.
+        // Writing to memory cannot fail. Adding zero turns -0.0 into 0.0.
         let unit = 10_f64.powi(i32::try_from(digits).unwrap_or(0));
         let rounded = (v * unit).round() / unit + 0.0;
         let _written = write!(text, "{comma}{rounded:?}");

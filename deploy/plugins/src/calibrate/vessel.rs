@@ -1,4 +1,4 @@
-//! `alight calibrate vessel`: damping, stiffness and the antenna's place from a recording.
+//! `alight calibrate vessel`: identifies damping, stiffness and the antenna's position from a recording.
 
 use std::path::{Path, PathBuf};
 
@@ -22,12 +22,11 @@ use serde_json::{Value, json};
 
 use crate::calibrate::list;
 
-/// An antenna known to this is better than what a tape gives on a boat, m (ours).
+/// Maximum standard deviation of a usable antenna position, m: better than a tape gives on a boat (ours).
 const USABLE_M: f64 = 0.1;
-/// Largest table, bytes.
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
-/// The columns of a pose: the degree of freedom, and its unit.
+/// Columns of a pose: degree of freedom, quantity and unit.
 const POSE: [(usize, Quantity, f64); DOFS] = [
     (SURGE, Quantity::Surge, 1.0),
     (SWAY, Quantity::Sway, 1.0),
@@ -37,28 +36,28 @@ const POSE: [(usize, Quantity, f64); DOFS] = [
     (YAW, Quantity::Heading, core::f64::consts::PI / 180.0),
 ];
 
-/// A recorded vessel.
+/// Recording of a vessel.
 #[derive(Args, Debug)]
 #[command(
     after_help = "On calm water, engines off: press one side down and let go, then the bow, then let somebody heavy \
 step off; push her forward, sideways, and turn her, and let go. Three times each, and let her come to rest between, \
-for longer than she moves. For the antenna's place rock her for two minutes, or take a recording in waves.\n\
-For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--loaded-log, --weight).\n\
+for longer than she moves. For the antenna's position rock her for two minutes, or take a recording in waves.\n\
+For M in roll and pitch place a known weight off the middle and record her at rest for a minute (--loaded-log, --weight).\n\
 The vessel's flight recorder records it: `alight flights` names the flight; or take one of its files, vessel-*.mcap\n\
 Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
 pub struct VesselArgs {
-    /// The recording: an MCAP file, a flight of the vessel's recorder, or Alight's CSV: t_s and any of
-    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m (docs/sensors.md)
+    /// Recording: an MCAP file, a flight of the vessel's recorder, or Alight's CSV: t_s and any of roll_deg, pitch_deg,
+    /// heading_deg, heave_m, surge_m, sway_m (docs/sensors.md)
     #[arg(value_name = "FILE|FLIGHT")]
     pub recording: PathBuf,
-    /// Configuration of the vessel's computer (TOML) [default: the recording's, else the program's defaults]
+    /// Configuration of the vessel's computer (TOML) [default: the recording's, otherwise the program's defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// A recording of her at rest with a known weight on board, of any of these kinds
+    /// Recording at rest with a known weight on board, of any of these kinds
     #[arg(long, value_name = "FILE", requires = "weight")]
     pub loaded_log: Option<PathBuf>,
-    /// That weight: its mass (kg) and its place from the vessel's reference point (m)
+    /// Mass (kg) of that weight and its position from the vessel's reference point (m)
     #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "loaded_log", value_parser = weight, allow_hyphen_values = true)]
     pub weight: Option<Weight>,
     /// Print as one JSON object
@@ -77,10 +76,8 @@ fn weight(text: &str) -> Result<Weight, String> {
     }
 }
 
-/// Stiffness in roll and pitch from a known weight.
 type LoadedStiffness = Option<Stiffness>;
 
-/// Identifies and prints.
 pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     let named = args
         .config
@@ -104,7 +101,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(some))
 }
 
-/// A calibration and the configuration that it is measured against.
+/// Calibration, and the configuration that it is compared with.
 type Configured = (VesselNodeConfig, VesselCalibration);
 
 fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
@@ -119,7 +116,6 @@ fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliE
     }
 }
 
-/// Recording of the vessel's process.
 fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
     let own = log.first("vessel")?;
@@ -136,7 +132,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     Ok((config, found))
 }
 
-/// A table of poses: each column decays as its degree of freedom does, on rows of its own or with others.
+/// Table of poses. Each column decays as its degree of freedom does; its values may stand in rows of their own.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
     let doing = format_args!("reading {}", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
@@ -177,7 +173,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
                 )));
             }
             let y = value * unit;
-            // A heading goes on over north.
+            // A heading continues over north.
             let y = match signal.y.last() {
                 Some(before) if *dof == YAW => before + alight_shared::frames::wrap_angle(y - before),
                 Some(_) | None => y,
@@ -210,7 +206,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
     Ok((config, found))
 }
 
-/// The antenna's place, where it is known well enough.
+/// Position of the antenna, if its uncertainty permits its use.
 fn antenna(found: &VesselCalibration) -> Option<[ValueWithSd; 3]> {
     found.antenna_m.filter(|a| a.iter().any(|f| f.sd <= USABLE_M))
 }
@@ -219,18 +215,18 @@ fn why(unknown: &NotObservable) -> String {
     match unknown {
         NotObservable::NotMeasured => "not in the recording".into(),
         NotObservable::NotPushed { stands_out } => format!(
-            "nothing stands out from its rest (the largest by {stands_out:.1} standard deviations): push her and let \
+            "no motion stands out from that at rest (the largest by {stands_out:.1} standard deviations): push her and let \
              her come to rest, on calm water"
         ),
         NotObservable::NoDecay { explained } => format!(
-            "a free decay explains {:.0} % of the best push: held, driven by waves, or another motion's",
+            "a free decay explains {:.0} % of the best push: she was held, driven by waves, or it was another motion",
             100.0 * explained
         ),
         NotObservable::Vague => "the pushes are too weak or too short to identify anything".into(),
     }
 }
 
-/// M where a weight has shown it.
+/// Mass or inertia, if a known weight has shown it.
 fn mass(dof: usize, decay: &Decay, loaded: &LoadedStiffness) -> Option<ValueWithSd> {
     let [roll, pitch] = loaded.as_ref()?;
     let of = match dof {
@@ -266,7 +262,7 @@ fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
     })
 }
 
-/// Prints what a weight shows of roll and pitch.
+/// Prints the effect of a known weight on roll and pitch.
 fn print_loaded(loaded: &Stiffness) {
     for (name, of) in ["roll", "pitch"].iter().zip(loaded) {
         let text = match of {
@@ -310,26 +306,29 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
                     stiffness[dof] = gg.value;
                 }
             }
-            Err(unknown) => terminal::line(format_args!("{name:<6} not observable, left: {}", why(unknown))),
+            Err(unknown) => terminal::line(format_args!(
+                "{name:<6} not observable, unchanged: {}",
+                why(unknown)
+            )),
         }
     }
     terminal::line(
-        "M is not observable from free motion and elsewhere left as configured (a known weight shows it in roll and \
-         pitch: --loaded-log): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
+        "M is not observable from free motion and stays as configured elsewhere (a known weight shows it in roll and \
+         pitch: --loaded-log): D and G are relative to M, which is all that the model uses; the inertial sensor's own \
          place defines the reference point; unchanged",
     );
     let mut place = config.gnss.antenna_m;
     match &found.antenna_m {
-        Some(figures) => {
+        Some(antenna) => {
             for (axis, (f, slot)) in ["forward", "right", "down"]
                 .iter()
-                .zip(figures.iter().zip(&mut place))
+                .zip(antenna.iter().zip(&mut place))
             {
                 let known = f.sd <= USABLE_M;
                 let note = if known {
                     ""
                 } else {
-                    "  not observable, left: too little rocking"
+                    "  not observable, unchanged: too little rocking"
                 };
                 terminal::line(format_args!(
                     "GNSS antenna {axis:<8} {:>7.3} +- {:.3} m, configured {:.3}{note}",
@@ -340,7 +339,7 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
                 }
             }
         }
-        None => terminal::line("GNSS antenna not observable, left: no fixes with motion between them"),
+        None => terminal::line("GNSS antenna not observable, unchanged: no fixes with motion between them"),
     }
     let m = list("inertia_kg_kgm2", &inertia, 0);
     let d = list("damping_npmps_nmpradps", &damping, 0);

@@ -1,4 +1,4 @@
-//! `alight ros2`: this computer as a node of ROS 2.
+//! `alight ros2`: runs a ROS 2 node for this computer.
 
 use alight_shared::msg::ComputerReport;
 use alight_shared::msg::{Command, CommandKind};
@@ -26,7 +26,7 @@ use crate::ros2::poses::Poses;
 use crate::ros2::session::{Request, RosConnection, RosSession, RosTopic};
 use alight_people::status::Status;
 
-/// Whose node, and where ROS is.
+/// Computer, and address of ROS.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight ros2\n\
@@ -34,8 +34,8 @@ ROS's side needs its router and RMW_IMPLEMENTATION=rmw_zenoh_cpp:\n  \
 ros2 run rmw_zenoh_cpp rmw_zenohd\n  \
 ros2 topic echo /alight/drone_1/odometry\n  \
 alight ros2 --orders; ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
-With --orders whoever reaches that router may order.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it. docs/view.md"
+With --orders everyone who reaches that router may give orders.\n\
+Ctrl-C ends it; no flight waits for it. docs/view.md"
 )]
 pub struct Ros2Args {
     #[command(flatten)]
@@ -43,44 +43,40 @@ pub struct Ros2Args {
     /// Zenoh router of ROS
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]
     connect: String,
-    /// Without a router: ROS's sessions connect to this endpoint
+    /// Without a router: endpoint that ROS's sessions connect to
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
     listen: Option<String>,
     /// ROS_DOMAIN_ID
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_DOMAIN)))]
     domain: u32,
-    /// Distribution of ROS's side; humble: keys without hashes of types
+    /// Distribution of ROS; humble: keys without hashes of types
     #[arg(long, value_enum, value_name = "NAME", default_value_t)]
     distro: Distro,
-    /// Namespace of the node, which is drone_N or vessel_N in it
+    /// Namespace of the node, whose name is drone_N or vessel_N
     #[arg(long, value_name = "NAME", default_value = "alight")]
     namespace: String,
-    /// Begin the names of frames so, such as drone_1/
+    /// Prefix of the frames' names, such as drone_1/
     #[arg(long, value_name = "PREFIX", default_value = "")]
     frame_prefix: String,
-    /// Offer the services land and abort to whoever reaches the router
+    /// Offer the services land and abort to everyone who reaches the router
     #[arg(long)]
     orders: bool,
 }
 
-/// Why an order is not passed on.
+/// Reasons why an order is not forwarded.
 const ABSENT: &str = "not ordered: no process reports on this computer (systemctl status alight-drone)";
-const UNKNOWN: &str =
-    "not ordered: these processes have no configuration in addition to their memory (--config)";
+const UNKNOWN: &str = "not ordered: the configuration of these processes is not found; name it with --config";
 const ENDS: &str = "not ordered: alight ros2 ends";
-/// Looks at the computer's messages this often, and publishes no more often: 20 Hz.
 const PERIOD: Duration = Duration::from_millis(50);
-/// A configuration that cannot be read is read again after this long, ns.
+/// Period of reading again a configuration that could not be read, ns.
 const READ_AGAIN_NS: i64 = 1_000_000_000;
-/// Diagnostics are published this often, ns.
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
-/// Length of the history of a topic of poses, as ROS's own publishers have it, and of `/tf`.
+/// History depth of a topic of poses, as with ROS's own publishers, and of `/tf`.
 const DEPTH: u32 = 10;
 const TF_DEPTH: u32 = 100;
-/// Longest prefix of frames.
 const MAX_PREFIX: usize = 64;
 
-/// Publishes until it is asked to end.
+/// Publishes until stopped.
 pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Success);
@@ -133,7 +129,6 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The node's name.
 fn name(computer: &Computer) -> String {
     match computer {
         Computer::Vessel(v) => format!("vessel_{}", v.vessel_id),
@@ -141,15 +136,14 @@ fn name(computer: &Computer) -> String {
     }
 }
 
-/// Shared memory of the computer's processes.
 struct Ports {
     observer: Observer,
     commands: Publisher<Command>,
-    /// The configuration is what these processes run by.
+    /// The configuration belongs to these processes.
     is_configured: bool,
-    /// Whether its configuration was found, so that orders have the right number.
+    /// The configuration was found, so orders bear the right drone number.
     is_known: bool,
-    /// Goes last: the others lie in it.
+    /// Dropped last: the other fields lie in it.
     _memory: Memory,
 }
 
@@ -166,14 +160,13 @@ impl Ports {
     }
 }
 
-/// Looks at the computer's processes whenever they run.
 struct ComputerObserver {
     subject: Subject,
     computer: Computer,
     configured: ComputerReport,
     joined: Rejoined<Ports>,
     runs: bool,
-    /// Why the configuration cannot be read, and when it is read again.
+    /// Reason why the configuration cannot be read, and time at which it is read again, ns.
     unread: Option<(String, i64)>,
 }
 
@@ -189,7 +182,7 @@ impl ComputerObserver {
             computer,
         })
     }
-    /// Takes in what is new; None while no process reports.
+    /// Reads new messages; None while no process reports.
     fn poll(&mut self) -> Result<Option<(&Computer, &mut Ports)>, CliError> {
         self.runs = self.joined.poll(Ports::join);
         let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
@@ -204,13 +197,13 @@ impl ComputerObserver {
             .as_ref()
             .is_some_and(|(_, at_ns)| steady_ns() < *at_ns);
         if !ports.is_configured && !waits {
-            // Each landing writes one of its own, before its processes begin: their clock is in it.
+            // Each landing writes its own configuration before its processes begin; it names their clock.
             match self.subject.computer() {
                 Ok(newest) => {
                     let (was, is) = (name(&self.computer), name(&newest));
                     if was != is {
                         return Err(CliError(format!(
-                            "the configuration is {is}'s now, and this node is {was}: start it again"
+                            "the configuration is now {is}'s, but this node is {was}: restart it"
                         )));
                     }
                     self.configured = configured(&newest);
@@ -231,14 +224,12 @@ impl ComputerObserver {
         }
         Ok(Some((&self.computer, ports)))
     }
-    /// The newest messages, and the status by them.
     fn status(&self) -> Status {
         let ports = self.joined.ports.as_ref().filter(|_| self.runs);
         Status::look(ports.map(|p| &p.observer.snapshot), &self.configured)
     }
 }
 
-/// Publishers of the drone's computer in addition to diagnostics.
 struct Drone {
     poses: Poses,
     orders: Orders<Request>,
@@ -263,21 +254,21 @@ impl Drone {
             transforms: session.topic("/tf".into(), TF_DEPTH),
         }
     }
-    /// Answers every order where there is no mission to give it to.
+    /// Rejects every order because there is no mission.
     fn reject(&mut self, session: &RosSession, why: &str) {
         self.orders.answer(false, why);
         while let Some(request) = session.request() {
             request.reply(false, why);
         }
     }
-    /// Passes on what is ordered, and publishes what is new.
+    /// Forwards orders and publishes new poses.
     fn step(&mut self, computer: &DroneComputerConfig, ports: &mut Ports, session: &mut RosSession) {
         while let Some(request) = session.request() {
             if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {
                 request.reply(false, &why);
                 continue;
             }
-            // A landing of a wrong number is not taken; an abort is tried.
+            // Without the configuration a landing might go to the wrong drone and is rejected; an abort is tried.
             if !ports.is_known && request.kind != CommandKind::Abort {
                 request.reply(false, UNKNOWN);
                 continue;
@@ -288,7 +279,7 @@ impl Drone {
         let mission = snapshot.mission.fresh(steady_ns());
         let due = self.orders.poll(computer.bridge.drone_id, mission, steady_ns());
         ports.commands.send_any(due.as_ref());
-        // The drone's clock against the system's, which may be set at any time.
+        // Offset of the drone's clock from the system's, which may be set at any time.
         let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();
         let stamp = |at: Time<DroneClock>| at.nanos().saturating_add(ahead_ns);
         let new = self.poses.newer(snapshot, stamp);

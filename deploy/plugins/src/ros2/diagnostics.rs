@@ -1,7 +1,7 @@
-//! Findings of `alight status` as ROS's diagnostics: one status a topic of findings, and a summary.
+//! Findings of `alight status` as ROS diagnostics: one status per topic of findings, and a summary.
 //!
-//! A viewer of diagnostics keeps the last status of a name. So a topic without findings any more is reported as OK, and every
-//! topic is STALE while nothing runs, the mission is silent or a process has ended.
+//! A viewer of diagnostics keeps the last status of each name. A topic without further findings is therefore reported
+//! as OK, and every topic is STALE while nothing runs, the mission is silent or a process has ended.
 
 use std::collections::BTreeSet;
 
@@ -9,11 +9,10 @@ use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, KeyValue, RosHead
 use alight_people::status::Status;
 use alight_people::status::finding::{Finding, FindingLevel};
 
-/// Reports on a computer.
 pub struct Diagnostics {
-    /// Goes before each name.
+    /// Prefix of each name.
     node: String,
-    /// Topics of the findings by now.
+    /// Topics of all findings so far.
     topics: BTreeSet<&'static str>,
 }
 
@@ -33,14 +32,12 @@ fn value(key: &str, value: impl Into<String>) -> KeyValue {
 }
 
 impl Diagnostics {
-    /// In the name of this node.
     pub fn of(node: &str) -> Diagnostics {
         Diagnostics {
             node: node.into(),
             topics: BTreeSet::new(),
         }
     }
-    /// The newest status.
     pub fn array(&mut self, status: &Status, stamp: RosTime) -> DiagnosticArray {
         if status.running {
             self.topics.extend(status.findings.iter().map(|f| f.topic));
@@ -87,9 +84,9 @@ impl Diagnostics {
             ..self.status("summary", level, status.headline.clone(), status)
         }
     }
-    /// All findings about a topic: the worst in the message, their remedies as values.
+    /// Status of a topic: the worst finding in the message, the remedies as values.
     fn topic(&self, status: &Status, topic: &str) -> DiagnosticStatus {
-        // What is silent has no findings any more, and is not fine by that.
+        // A silent computer has no findings and is not fine.
         let ended = |f: &Finding| f.topic == "processes" && f.level == FindingLevel::Broken;
         let old = status.state.as_ref().is_some_and(|s| s.stale);
         let is_silent = topic != "processes" && (old || status.findings.iter().any(ended));
@@ -159,7 +156,7 @@ mod tests {
             ]
         );
         assert_eq!(all.status[2].values, [value("remedy", "antenna")]);
-        // What was found and is not any more is reported as fine, and nothing that runs as stale.
+        // A finding that has gone is reported as fine; topics are stale when nothing runs.
         let fine = judge.array(&status(Vec::new()), RosTime::default());
         assert_eq!(rows(&fine)[2], (level::OK, "drone_1: link", "as it should be"));
         let absent = Status::absent(&status(Vec::new()).situation.known);

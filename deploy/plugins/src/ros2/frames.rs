@@ -1,17 +1,18 @@
-//! Frames of ROS (REP 103): worlds are east, north, up (ENU), bodies forward, left, up (FLU). Ours are NED and FRD.
+//! Conversion to ROS frames (REP 103): worlds are east, north, up (ENU), bodies forward, left, up (FLU). Alight's are
+//! NED and FRD.
 
 use alight_shared::frames::body_rates;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::ros2::messages::{Covariance, Quaternion, Vector3 as RosVector};
 
-/// Rotation of a half turn about (1, 1, 0): it swaps north and east, and turns down into up.
+/// Half turn about (1, 1, 0), which swaps north and east and turns down into up.
 fn enu_from_ned() -> UnitQuaternion<f64> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(0.0, half, half, 0.0))
 }
 
-/// Rotation of a half turn about forward.
+/// Half turn about the forward axis.
 fn frd_from_flu() -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(0.0, 1.0, 0.0, 0.0))
 }
@@ -34,7 +35,7 @@ fn flu(v: &Vector3<f64>) -> RosVector {
     }
 }
 
-/// Rotation ENU from FLU, of the rotation NED from FRD.
+/// Rotation ENU from FLU, for the rotation NED from FRD.
 pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
     let q = enu_from_ned() * ned_from_frd * frd_from_flu();
     Quaternion {
@@ -45,14 +46,14 @@ pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
     }
 }
 
-/// Rotation NED from FRD of roll, pitch, yaw (ZYX), rad.
+/// Rotation NED from FRD for roll, pitch, yaw (ZYX), rad.
 pub fn of_euler([roll, pitch, yaw]: [f64; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Covariance of a pose in ENU by the standard deviations of the position in NED (m) and of roll, pitch, yaw (rad). ROS
-/// means rotations about fixed axes by it, of which roll, pitch and yaw are the angles; pitch and yaw change their signs
-/// alone.
+/// Covariance of a pose in ENU from the standard deviations of the position in NED (m) and of roll, pitch, yaw (rad).
+/// ROS defines it for rotations about fixed axes, whose angles are roll, pitch and yaw; only pitch and yaw change their
+/// signs.
 pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Covariance {
     let mut all = Covariance::default();
     let [roll, pitch, yaw] = euler_sd;
@@ -65,18 +66,17 @@ pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Cov
     all
 }
 
-/// A velocity of a body.
 pub struct BodyVelocity {
-    /// In NED, m/s, and its standard deviations.
+    /// Velocity in NED, m/s, and its standard deviations.
     pub velocity: [[f64; 3]; 2],
-    /// In FRD, rad/s.
+    /// Rates in FRD, rad/s.
     pub rates: Vector3<f64>,
     /// Covariance of `rates`, (rad/s)².
     pub rates_covariance: Matrix3<f64>,
 }
 
 impl BodyVelocity {
-    /// Rotation rates of a body whose Euler-angle rates are known (rad/s), with their standard deviations.
+    /// Rotation rates of a body from its Euler-angle rates (rad/s) and their standard deviations.
     pub fn of_euler_rates(velocity: [[f64; 3]; 2], euler: [f64; 3], rates: [[f64; 3]; 2]) -> BodyVelocity {
         let [roll, pitch, _] = euler;
         let [rates, sd] = rates.map(Vector3::from);
@@ -92,7 +92,6 @@ impl BodyVelocity {
             rates_covariance: jacobian * squared(&sd) * jacobian.transpose(),
         }
     }
-    /// Velocity and rates in FLU.
     pub fn twist(&self, ned_from_frd: &UnitQuaternion<f64>) -> [RosVector; 2] {
         let [velocity, _] = self.velocity.map(Vector3::from);
         [flu(&(ned_from_frd.inverse() * velocity)), flu(&self.rates)]
@@ -106,7 +105,7 @@ impl BodyVelocity {
         let angular = flu_from_frd * self.rates_covariance * flu_from_frd;
         all.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear);
         all.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
-        // nalgebra's arrays are of columns; the matrix is symmetric.
+        // nalgebra's arrays are column-major; the matrix is symmetric.
         all.into()
     }
 }
@@ -120,7 +119,7 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// Direction of the body's axis, in ENU.
+    /// Direction of the body's axis in ENU.
     fn turned(q: &Quaternion, axis: Vector3<f64>) -> Vector3<f64> {
         UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z)) * axis
     }
@@ -139,11 +138,11 @@ mod tests {
         assert!(is_near(turned(&north, Vector3::x()), [0.0, 1.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::y()), [-1.0, 0.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::z()), [0.0, 0.0, 1.0]));
-        // One to the east has no rotation in ROS.
+        // A heading of east is the identity in ROS.
         let east = attitude(&of_euler([0.0, 0.0, FRAC_PI_2]));
         assert!(is_near(turned(&east, Vector3::x()), [1.0, 0.0, 0.0]));
         assert!((east.w.abs() - 1.0).abs() < 1e-12);
-        // Bow up is a negative pitch of ROS, starboard down a positive roll.
+        // Bow up is a negative pitch in ROS, starboard down a positive roll.
         let tilted = attitude(&of_euler([0.2, 0.1, FRAC_PI_2]));
         assert!(turned(&tilted, Vector3::x()).z > 0.0);
         assert!(turned(&tilted, Vector3::y()).z > 0.0);
@@ -182,7 +181,6 @@ mod tests {
         assert!((linear.x - 3.0).abs() < 1e-12 && linear.y.abs() < 1e-12 && (linear.z + 1.0).abs() < 1e-12);
         assert_eq!((angular.x, angular.y, angular.z), (0.1, -0.2, -0.4));
         let all = motion.covariance(&q);
-        // Forward is east.
         for (k, variance) in [0.04, 0.25, 0.09, 0.0, 0.0, 0.0].into_iter().enumerate() {
             assert!((all[k][k] - variance).abs() < 1e-12, "{k}: {all:?}");
         }

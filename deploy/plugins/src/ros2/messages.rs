@@ -1,28 +1,24 @@
-//! The messages of ROS 2 that are published and served, field by field as their `.msg` and `.srv` files have them.
+//! ROS 2 messages that are published and served, with the fields of their `.msg` and `.srv` files.
 //!
-//! Hashes are REP 2016's (`RIHS01`), of the definitions that Jazzy and Kilted share. Source: `share/*/*.json` of the PyPI
-//! packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and ros-std-srvs 5.5.1 (Kilted). That of `TFMessage`,
-//! which has no such package, was computed by REP 2016 from the same files, and ros2_pyterfaces 0.3.0, on which pyzeros
-//! 0.1.0 stands, computes the same. (The `cydr` half of ros2_pyterfaces has another one for `DiagnosticArray`: it leaves
-//! the fields out that it cannot write.)
+//! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source: `share/*/*.json` of
+//! the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and ros-std-srvs 5.5.1 (Kilted). The hash of
+//! `TFMessage`, for which there is no package, was computed by REP 2016 from the same files; ros2_pyterfaces 0.3.0, on
+//! which pyzeros 0.1.0 is built, computes the same. (The `cydr` half of ros2_pyterfaces has another hash for
+//! `DiagnosticArray`, because it leaves out the fields that it cannot write.)
 
 use serde::Serialize;
 
-/// A type as keys and tokens name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RosType {
-    /// The name in DDS's form.
     pub name: &'static str,
-    /// Hash of its definition.
     pub hash: &'static str,
 }
 
-/// A message that a topic carries.
 pub trait RosMessage: Serialize {
     const TYPE: RosType;
 }
 
-/// `std_srvs/srv/Trigger`: an empty request; whether it was done, and why not.
+/// `std_srvs/srv/Trigger`: an empty request; the response has success and message.
 pub const TRIGGER: RosType = RosType {
     name: "std_srvs::srv::dds_::Trigger_",
     hash: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
@@ -33,12 +29,12 @@ pub const TRIGGER: RosType = RosType {
 pub struct RosTime {
     /// Whole seconds since 1970.
     pub sec: i32,
-    /// The rest, ns.
+    /// Fraction, ns.
     pub nanosec: u32,
 }
 
 impl RosTime {
-    /// From nanoseconds since 1970; before it and after 2038, which the type cannot hold, its ends.
+    /// Time from nanoseconds since 1970, limited to the range of the type (1970 to 2038).
     pub fn from_nanos(ns: i64) -> RosTime {
         match i32::try_from(ns.div_euclid(1_000_000_000)) {
             Ok(sec) => RosTime {
@@ -57,33 +53,25 @@ impl RosTime {
 /// `std_msgs/msg/Header`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RosHeader {
-    /// Time of validity.
     pub stamp: RosTime,
-    /// Frame of what follows.
     pub frame_id: String,
 }
 
 /// `geometry_msgs/msg/Point` and `Vector3`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Vector3 {
-    /// Along x.
     pub x: f64,
-    /// Along y.
     pub y: f64,
-    /// Along z.
     pub z: f64,
 }
 
 /// `geometry_msgs/msg/Quaternion`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quaternion {
-    /// i.
     pub x: f64,
-    /// j.
     pub y: f64,
-    /// k.
     pub z: f64,
-    /// The real part.
+    /// Real part.
     pub w: f64,
 }
 
@@ -96,7 +84,7 @@ pub struct RosPose {
     pub orientation: Quaternion,
 }
 
-/// Row-major 6 x 6, of x, y, z and the rotations about x, y, z: 36 numbers in a row on the wire.
+/// Row-major 6 x 6 matrix for x, y, z and the rotations about x, y, z: 36 consecutive numbers on the wire.
 pub type Covariance = [[f64; 6]; 6];
 
 /// `geometry_msgs/msg/PoseWithCovariance`.
@@ -120,38 +108,32 @@ pub struct Twist {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TwistWithCovariance {
     pub twist: Twist,
-    /// (m/s)², (rad/s)²; zeros where it is not known.
+    /// (m/s)², (rad/s)²; zeros if unknown.
     pub covariance: Covariance,
 }
 
 /// `geometry_msgs/msg/PoseWithCovarianceStamped`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovarianceStamped {
-    /// Time and frame.
     pub header: RosHeader,
-    /// The pose in that frame.
     pub pose: PoseWithCovariance,
 }
 
 /// `nav_msgs/msg/Odometry`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RosOdometry {
-    /// Time, and frame of the pose.
     pub header: RosHeader,
-    /// The body, in whose frame the twist is.
+    /// Frame of the body, in which the twist is given.
     pub child_frame_id: String,
-    /// In the header's frame.
     pub pose: PoseWithCovariance,
-    /// In the child's frame.
     pub twist: TwistWithCovariance,
 }
 
 /// `geometry_msgs/msg/TransformStamped`, its transform written out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformStamped {
-    /// Time, and the parent's frame.
+    /// Time, and parent frame.
     pub header: RosHeader,
-    /// The child's frame.
     pub child_frame_id: String,
     /// Origin of the child in the parent, m.
     pub translation: Vector3,
@@ -174,13 +156,11 @@ pub struct KeyValue {
 
 /// Levels of a `diagnostic_msgs/msg/DiagnosticStatus`.
 pub mod level {
-    /// As it should be.
     pub const OK: u8 = 0;
-    /// Works, but not as it should.
+    /// Works with restrictions.
     pub const WARN: u8 = 1;
-    /// Does not work.
     pub const ERROR: u8 = 2;
-    /// Nothing new is known.
+    /// No recent data.
     pub const STALE: u8 = 3;
 }
 
@@ -191,16 +171,13 @@ pub struct DiagnosticStatus {
     pub level: u8,
     pub name: String,
     pub message: String,
-    /// Whose it is.
     pub hardware_id: String,
-    /// More of it.
     pub values: Vec<KeyValue>,
 }
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DiagnosticArray {
-    /// When it was judged.
     pub header: RosHeader,
     pub status: Vec<DiagnosticStatus>,
 }
@@ -208,9 +185,7 @@ pub struct DiagnosticArray {
 /// Response of `std_srvs/srv/Trigger`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct TriggerResponse {
-    /// Whether it was done.
     pub success: bool,
-    /// The answer's text.
     pub message: String,
 }
 

@@ -1,14 +1,14 @@
-//! A node of ROS 2 without ROS: what a computer of Alight knows, published as ROS's own messages over Zenoh in the form of
-//! rmw_zenoh, and two services that pass on an order.
+//! ROS 2 node without ROS: publishes the data of an Alight computer as ROS messages over Zenoh, in the form of
+//! rmw_zenoh, and offers two services that forward orders.
 //!
-//! Inside out: [`messages`] and [`cdr`] are ROS's types and their bytes, [`frames`] turns NED and FRD into ENU and FLU,
-//! [`names`] makes keys and liveliness tokens; [`poses`] and [`diagnostics`] fill the messages; [`orders`] passes on what
-//! the services ask for; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. Nothing in a flight
-//! waits for it.
+//! From the inside out: [`messages`] and [`cdr`] are ROS types and their encoding, [`frames`] converts NED and FRD to
+//! ENU and FLU, [`names`] makes keys and liveliness tokens; [`poses`] and [`diagnostics`] fill the messages; [`orders`]
+//! forwards the services' orders; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. No
+//! flight waits for the node.
 //!
-//! hiroz 0.2, of Zenoh's makers, is not used: it turns on Zenoh's shared memory and brings `zenoh-ext` with bincode 1, and the
-//! dependencies of both have advisories; whether its keys have hashes (all but Humble's) is a feature chosen when it is built,
-//! where `--distro` is chosen when it runs; and it is experimental by its own description.
+//! hiroz 0.2, by Zenoh's makers, is not used: it turns on Zenoh's shared memory and brings `zenoh-ext` with bincode 1,
+//! and the dependencies of both have advisories. Whether its keys have hashes (all but Humble's) is a feature chosen at
+//! build time, while `--distro` is chosen at run time. By its own description it is experimental.
 
 pub mod cdr;
 pub mod command;

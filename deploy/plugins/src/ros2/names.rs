@@ -1,8 +1,8 @@
-//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens by which ROS's
-//! graph knows a node and what it has, and the attachment of each message.
+//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens of nodes and
+//! their entities in ROS's graph, and the attachment of each message.
 //!
-//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0. Of Humble:
-//! ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
+//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0. For
+//! Humble: ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
 
 use alight_computer::exit::CliError;
 use clap::ValueEnum;
@@ -10,17 +10,13 @@ use xxhash_rust::xxh3::xxh3_128;
 
 use crate::ros2::messages::RosType;
 
-/// Domains of ROS 2, at most: ROS_DOMAIN_ID.
 pub const MAX_DOMAIN: u32 = 232;
-/// Length of a namespace, at most.
 const MAX_NAMESPACE: usize = 64;
 
-/// Kind of a token that is no node.
+/// Kind of an entity other than a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entity {
-    /// Publisher of a topic.
     Publisher,
-    /// Server of a service.
     Server,
 }
 
@@ -33,7 +29,8 @@ impl Entity {
     }
 }
 
-/// A distribution of ROS 2: those before Iron know no hashes of types, and neither side receives what the other publishes.
+/// Distribution of ROS 2. Those before Iron have no hashes of types; publishers and receivers of different key forms do
+/// not exchange messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Distro {
     /// Keys without hashes (rmw_zenoh 0.1).
@@ -45,18 +42,18 @@ pub enum Distro {
     Kilted,
 }
 
-/// In the place of a hash where the distribution has no hashes.
+/// Placeholder for the hash in distributions without hashes.
 const NO_HASH: &str = "TypeHashNotSupported";
 
 impl Distro {
-    /// The last part of a key on which this type is published.
+    /// Last part of a key on which this type is published.
     fn hash(self, kind: &RosType) -> &'static str {
         match self {
             Distro::Humble => NO_HASH,
             Distro::Jazzy | Distro::Kilted => kind.hash,
         }
     }
-    /// A token is of a session with which a node of this distribution exchanges no messages.
+    /// Whether the token belongs to a session with which a node of this distribution exchanges no messages.
     pub fn is_apart(self, token: &str) -> bool {
         let mut parts = token.split('/');
         match self {
@@ -64,33 +61,30 @@ impl Distro {
             Distro::Jazzy | Distro::Kilted => parts.any(|part| part == NO_HASH),
         }
     }
-    /// For people, about a session that [`Distro::is_apart`] names.
+    /// Remedy for a session that [`Distro::is_apart`] detects.
     pub const fn remedy(self) -> &'static str {
         match self {
             Distro::Humble => {
-                "a session of a later distribution than ROS 2 Humble is here, and receives nothing: start alight ros2 --distro \
+                "a session of a distribution later than ROS 2 Humble receives nothing: start alight ros2 --distro \
                  jazzy for it"
             }
             Distro::Jazzy | Distro::Kilted => {
-                "a session of ROS 2 Humble is here, and receives nothing: start alight ros2 --distro humble for it"
+                "a session of ROS 2 Humble receives nothing: start alight ros2 --distro humble for it"
             }
         }
     }
 }
 
-/// A topic or a service.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoint {
-    /// The name with all that goes before, such as `/alight/drone_1/odometry`.
+    /// Absolute name, such as `/alight/drone_1/odometry`.
     pub name: String,
     pub kind: RosType,
-    /// The meaning here.
     pub entity: Entity,
-    /// Messages that a receiver is to keep (quality of service; reliable, volatile, keep last).
+    /// Messages that a receiver is to keep (quality of service: reliable, volatile, keep last).
     pub depth: u32,
 }
 
-/// A node of ROS.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RosNode {
     domain: u32,
@@ -99,14 +93,14 @@ pub struct RosNode {
     distro: Distro,
 }
 
-/// A part of a ROS name.
+/// Whether `part` is valid between the slashes of a ROS name.
 fn is_name(part: &str) -> bool {
     let starts = part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
     starts && part.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
 }
 
 impl RosNode {
-    /// In this domain and this namespace, such as `alight` or `fleet/alight`; empty: the root.
+    /// Node in this domain and namespace, such as `alight` or `fleet/alight`; empty: the root.
     pub fn new(domain: u32, namespace: &str, name: String, distro: Distro) -> Result<RosNode, CliError> {
         let inner = namespace.trim_matches('/');
         let fits = inner.is_empty() || inner.split('/').all(is_name) && inner.len() <= MAX_NAMESPACE;
@@ -128,34 +122,33 @@ impl RosNode {
             distro,
         })
     }
-    /// The name in its namespace.
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// The distribution whose keys it has.
+    /// Distribution whose key form the node uses.
     pub fn distro(&self) -> Distro {
         self.distro
     }
-    /// The tokens of every node in its domain.
+    /// Key expression of the tokens of all nodes in the domain.
     pub fn tokens(&self) -> String {
         format!("@ros2_lv/{}/**", self.domain)
     }
-    /// The private name: `~/name`.
+    /// Absolute name of the private name `~/name`.
     pub fn private(&self, name: &str) -> String {
         format!("{}/{}/{name}", self.namespace, self.name)
     }
-    /// The key on which a topic is published, or a service answers.
+    /// Key on which a topic is published or a service answers.
     pub fn key(&self, at: &Endpoint) -> String {
         let name = at.name.trim_start_matches('/');
         let hash = self.distro.hash(&at.kind);
         format!("{}/{name}/{}/{hash}", self.domain, at.kind.name)
     }
-    /// The token of the node itself, in the session `zid`.
+    /// Token of the node in the session `zid`.
     pub fn token(&self, zid: &str) -> String {
         // The node is the entity 0.
         format!("{}/0/NN/{}", self.of_session(zid), self.place())
     }
-    /// The token of what the node has, as its entity `number`.
+    /// Token of the node's topic or service, which is its entity `number`.
     pub fn token_of(&self, zid: &str, number: usize, at: &Endpoint) -> String {
         let depth = at.depth;
         format!(
@@ -171,13 +164,12 @@ impl RosNode {
     fn of_session(&self, zid: &str) -> String {
         format!("@ros2_lv/{}/{zid}/0", self.domain)
     }
-    /// Enclave (of SROS 2, none), namespace, name.
+    /// Enclave (of SROS 2, empty), namespace and name.
     fn place(&self) -> String {
         format!("%/{}/{}", escaped(&self.namespace), self.name)
     }
 }
 
-/// A name as one part of a key.
 fn escaped(name: &str) -> String {
     if name.is_empty() {
         return "%".into();
@@ -185,16 +177,16 @@ fn escaped(name: &str) -> String {
     name.replace('/', "%")
 }
 
-/// Identity of whoever sends, in the form of rmw_zenoh: a hash of its token.
+/// Identity of a sender in the form of rmw_zenoh: a hash of its token.
 pub fn gid(token: &str) -> [u8; 16] {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }
 
-/// The gid's length goes before it.
+/// Length of the gid, which precedes it in an attachment.
 const GID_LENGTH: u8 = 16;
 /// Sequence number, time, length, gid.
 const ATTACHMENT_BYTES: usize = 8 + 8 + 1 + 16;
-/// Place of the time in it.
+/// Position of the time in an attachment.
 const TIME: core::ops::Range<usize> = 8..16;
 
 /// Attachment of a message: its number, the time of sending (ns since 1970), the sender.
@@ -207,14 +199,15 @@ pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     all
 }
 
-/// When a message with this attachment was sent, ns since 1970 by its sender's clock; None where that is no attachment.
+/// Time at which a message with this attachment was sent, ns since 1970 by its sender's clock; None if the attachment
+/// is invalid.
 pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
     let bytes = attachment.get(TIME)?.try_into().ok()?;
     Some(i64::from_le_bytes(bytes))
 }
 
-/// Attachment of the response to a request with this attachment: the same number and gid, by which the client knows it,
-/// and the time. None where that is no attachment; newer versions of rmw_zenoh leave the gid's length out.
+/// Attachment of the response to a request: the same number and gid, by which the client recognises it, and the time.
+/// None if the request's attachment is invalid; newer versions of rmw_zenoh leave out the gid's length.
 pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
     let fits = (ATTACHMENT_BYTES - 1..=ATTACHMENT_BYTES).contains(&request.len());
     let mut all = fits.then(|| request.to_vec())?;
@@ -227,7 +220,7 @@ mod tests {
     use super::*;
     use crate::ros2::messages::{RosMessage, RosOdometry, TRIGGER, TfMessage};
 
-    // Of pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
+    // By pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
     const ZID: &str = "aabbccddeeff00112233445566778899";
     const SESSION: &str = "@ros2_lv/0/aabbccddeeff00112233445566778899/0/";
     const GID: &str = "5911a5503778ca320ecf58280fb03ec7";
@@ -275,7 +268,7 @@ mod tests {
         );
     }
 
-    /// As PX4/PX4-Autopilot pull request 26619 and copper-project/copper-rs issue 1222 write a key of Humble.
+    /// Form of a Humble key according to PX4/PX4-Autopilot pull request 26619 and copper-project/copper-rs issue 1222.
     #[test]
     fn ros_keys_of_humble_without_hashes() {
         let node = |distro| RosNode::new(0, "alight", "drone_1".into(), distro).unwrap();
@@ -294,7 +287,7 @@ mod tests {
         };
         let kind = "std_srvs::srv::dds_::Trigger_/TypeHashNotSupported";
         assert_eq!(humble.key(&land), format!("0/alight/drone_1/land/{kind}"));
-        // Each knows the other by its tokens, and none by a node's, which is of no type.
+        // Each recognises the other by tokens of entities; a node's token has no type.
         let hashed = jazzy.token_of(ZID, 1, &odometry);
         assert_eq!(
             hashed.replace(RosOdometry::TYPE.hash, "TypeHashNotSupported"),
@@ -329,7 +322,7 @@ mod tests {
 
     #[test]
     fn ros_attachments() {
-        // Of pyzeros 0.1.0: `Attachment(...).serialize()[4:]`.
+        // By pyzeros 0.1.0: `Attachment(...).serialize()[4:]`.
         let gid: [u8; 16] = core::array::from_fn(|k| k as u8);
         let all = attachment(7, 1_700_000_000_123_456_789, gid);
         let hex: String = all.iter().map(|b| format!("{b:02x}")).collect();

@@ -1,5 +1,5 @@
-//! Orders of ROS's services to the mission of this computer: given as `alight command` gives them, and answered by what
-//! the mission shows.
+//! Orders of ROS services for the mission of this computer, given as `alight command` gives them and answered by the
+//! mission's state.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::process::local_command::{answer, give};
@@ -8,16 +8,16 @@ use alight_shared::msg::{Command, CommandKind, MissionState};
 use alight_shared::time::{Span, SteadyClock, Time};
 use alight_shared::topics;
 
-/// Who called a service and waits for its response.
+/// Client of a service that waits for the response.
 pub trait Caller {
     fn reply(self, taken: bool, message: &str);
 }
 
-/// A request may be stamped so far ahead of this computer's clock.
+/// Maximum by which a request's stamp may be ahead of this computer's clock.
 const AHEAD: Span = Span::from_millis(1000);
 
-/// Why a request that was sent at `sent_ns` by its client's clock is not flown at `now_ns`: its client may have gone while the
-/// network held it back. An abort counts however old it is.
+/// Reason to reject a request that was sent at `sent_ns` by its client's clock: at `now_ns` it is too old, and its
+/// client may have gone while the network delayed it. An abort is accepted at any age.
 pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
     let (age, limit) = (
         Span::from_nanos(now_ns.saturating_sub(sent_ns)),
@@ -28,15 +28,13 @@ pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
     }
     let (age_s, limit_s) = (age.secs(), limit.secs());
     Some(format!(
-        "not ordered: {age_s:.1} s old by its own stamp (limit {limit_s:.0} s): order again, and set the clocks of both \
-         computers if this stays"
+        "not ordered: {age_s:.1} s old by its own stamp (limit {limit_s:.0} s): order again; set the clocks of both \
+         computers if this persists"
     ))
 }
 
-/// Callers that wait for one order, at most.
 const MAX_CALLERS: usize = 8;
 
-/// An order under way, and who waits for it.
 struct UnderWay<C> {
     command: Retransmission<SteadyClock, Command>,
     callers: Vec<C>,
@@ -48,7 +46,7 @@ impl<C> UnderWay<C> {
     }
 }
 
-/// Passes orders on, one at a time.
+/// Forwards orders, one at a time.
 pub struct Orders<C> {
     under_way: Option<UnderWay<C>>,
 }
@@ -71,8 +69,8 @@ const fn name(kind: CommandKind) -> &'static str {
 }
 
 impl<C: Caller> Orders<C> {
-    /// Takes an order at `now_ns` of the steady clock. A second request for an order under way waits for the same answer; an
-    /// abort takes the place of another order, and nothing takes an abort's.
+    /// Takes an order at `now_ns` of the steady clock. A second request for the order under way waits for the same
+    /// answer. An abort replaces any other order, and nothing replaces an abort.
     pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputerConfig, now_ns: i64) {
         match &mut self.under_way {
             Some(same) if same.kind() == kind && same.callers.len() < MAX_CALLERS => {
@@ -85,7 +83,7 @@ impl<C: Caller> Orders<C> {
                 );
             }
             Some(_) | None => {
-                self.answer(false, "an abort took the place of this order");
+                self.answer(false, "an abort replaced this order");
                 self.under_way = Some(UnderWay {
                     command: give(computer, kind, Time::from_nanos(now_ns)),
                     callers: vec![caller],
@@ -93,8 +91,8 @@ impl<C: Caller> Orders<C> {
             }
         }
     }
-    /// Looks at the mission's newest state, and answers who waits once it shows that it took the order, or has not in time.
-    /// What is to be sent to it now.
+    /// Answers the clients once the mission's newest state shows that it took the order, or when the time is over.
+    /// Returns the command to send to the mission.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
         let now = Time::from_nanos(now_ns);
@@ -110,7 +108,6 @@ impl<C: Caller> Orders<C> {
         self.answer(taken, &text);
         None
     }
-    /// Answers everybody who waits.
     pub fn answer(&mut self, taken: bool, text: &str) {
         let callers = self.under_way.take().map(|u| u.callers);
         callers.into_iter().flatten().for_each(|c| c.reply(taken, text));
@@ -141,7 +138,7 @@ mod tests {
             ..MissionState::default()
         }
     }
-    /// The orders given, and who was answered what.
+    /// Orders that were given, and the answers of each client.
     fn given(all: &[(CommandKind, &'static str)]) -> (Orders<Known>, Answers) {
         let (mut orders, answers) = (Orders::default(), Answers::default());
         for (kind, who) in all {
@@ -158,7 +155,7 @@ mod tests {
     #[test]
     fn ros_abort_by_what_the_mission_shows() {
         let (mut orders, answers) = given(&[(CommandKind::Abort, "a"), (CommandKind::Abort, "b")]);
-        // It gave up by itself, which is no answer.
+        // It had aborted by itself, which is no answer.
         let before = shows(NOW + 1, State::GaveUp);
         let sent = orders.poll(1, Some(&before), NOW).unwrap();
         assert_eq!(sent.kind, CommandKind::Abort);
@@ -220,7 +217,7 @@ mod tests {
         let text = late(CommandKind::Land, 7.2).unwrap();
         assert!(text.starts_with("not ordered: 7.2 s old"), "{text}");
         assert!(late(CommandKind::Land, -1.1).is_some());
-        // Whatever the stamp is.
+        // At any stamp.
         assert!(is_late(CommandKind::Land, i64::MIN, NOW).is_some());
         assert_eq!(late(CommandKind::Abort, 600.0), None);
     }

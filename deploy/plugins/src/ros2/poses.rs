@@ -1,7 +1,7 @@
-//! Poses of drone and deck as odometry, pose and transforms, whenever something newer is known of them.
+//! Poses of drone and deck as odometry, pose and transforms, published when newer data arrive.
 //!
-//! `map` is east, north, up from where the drone's autopilot began; it goes on where the autopilot's estimate jumps
-//! ([`DroneState::datum_offset`]), so that a map frame of other sensors is another one.
+//! `map` is east, north, up from the origin of the drone's autopilot. It stays continuous when the autopilot's estimate
+//! jumps ([`DroneState::datum_offset`]), so it differs from the map frame of other sensors.
 
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
@@ -14,7 +14,7 @@ use crate::ros2::messages::{
     TransformStamped, Twist, TwistWithCovariance,
 };
 
-/// Messages that are published when something newer is known.
+/// Messages to publish, if newer data have arrived.
 #[derive(Default)]
 pub struct NewPoses {
     pub drone: Option<RosOdometry>,
@@ -22,14 +22,12 @@ pub struct NewPoses {
 }
 
 impl NewPoses {
-    /// The deck's pose alone.
     pub fn deck_pose(&self) -> Option<PoseWithCovarianceStamped> {
         self.deck.as_ref().map(|deck| PoseWithCovarianceStamped {
             header: deck.header.clone(),
             pose: deck.pose,
         })
     }
-    /// Both as transforms; None where there is neither.
     pub fn transforms(&self) -> Option<TfMessage> {
         let all = [&self.drone, &self.deck].into_iter().flatten();
         let transforms: Vec<TransformStamped> = all.map(transform).collect();
@@ -46,7 +44,6 @@ fn transform(of: &RosOdometry) -> TransformStamped {
     }
 }
 
-/// Makes poses of messages that are newer than those before.
 pub struct Poses {
     map: String,
     base_link: String,
@@ -56,7 +53,7 @@ pub struct Poses {
 }
 
 impl Poses {
-    /// In frames whose names begin so.
+    /// Converter whose frames' names begin with `prefix`.
     pub fn new(prefix: &str) -> Poses {
         let named = |name: &str| format!("{prefix}{name}");
         Poses {
@@ -67,7 +64,7 @@ impl Poses {
             deck_at: None,
         }
     }
-    /// Poses by the received messages; `stamp` reads a time of the drone's clock as nanoseconds since 1970.
+    /// Poses by the received messages; `stamp` converts a time of the drone's clock to nanoseconds since 1970.
     pub fn newer(&mut self, snapshot: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
         let drone = snapshot.drone.filter(|d| Some(d.header.at) != self.drone_at);
         let forecast = snapshot.forecast.filter(|f| Some(f.header.at) != self.deck_at);
@@ -84,7 +81,7 @@ impl Poses {
     }
 }
 
-/// Variance of what no autopilot states, (rad/s)²: so large that no filter rests on it.
+/// Variance of rates that no autopilot reports, (rad/s)²: so large that no filter relies on them.
 const NOT_KNOWN: f64 = 1e6;
 
 fn of_drone(drone: &DroneState, header: RosHeader, child: &str) -> RosOdometry {
@@ -97,7 +94,7 @@ fn of_drone(drone: &DroneState, header: RosHeader, child: &str) -> RosOdometry {
     odometry(header, child, drone.position, pose_sd, &drone.attitude(), &motion)
 }
 
-/// The deck at the first stage, which is about now; None of a forecast without any.
+/// Odometry of the deck at the first stage, about the present time; None for an empty forecast.
 fn of_deck(forecast: &DeckForecast, header: RosHeader, child: &str) -> Option<RosOdometry> {
     let now: &DeckStage = forecast.stages.first()?;
     let motion = BodyVelocity::of_euler_rates(

@@ -1,5 +1,5 @@
-//! Session of Zenoh in which the node lives: opened and opened again until there is one, its topics published without
-//! waiting, its services' requests in a queue of fixed length.
+//! Zenoh session of the node: opened with retries, publishing without waiting, with requests of services in a queue of
+//! fixed length.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -20,29 +20,26 @@ use crate::ros2::messages::{RosMessage, TRIGGER, TriggerResponse};
 use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns};
 use crate::ros2::orders::Caller;
 
-/// A session that could not be opened is tried again after this long, ns.
 const RETRY_NS: i64 = 1_000_000_000;
-/// Whether somebody is connected is looked for this often, ns.
+/// Period of checking for connected peers, ns.
 const LOOK_NS: i64 = 1_000_000_000;
-/// Requests that wait; further ones are rejected.
+/// Maximum number of waiting requests; further ones are rejected.
 const INBOX: usize = 16;
-/// Longest request, bytes: one of `Trigger` has five.
+/// Maximum length of a request, bytes; one of `Trigger` has five.
 const MAX_REQUEST: usize = 64;
-/// Longest message that the middleware puts together of its parts, bytes.
+/// Maximum length of a message that the middleware reassembles, bytes.
 const MAX_MESSAGE_BYTES: u32 = 65_536;
-/// An attempt to open a session is given up after this long, ms.
 const OPEN_MS: u32 = 3000;
-/// A response that finds no room in the middleware's queue waits this long, us, before its link is closed.
+/// Time for which a response waits for room in the middleware's queue before its link is closed, us.
 const CONGESTED_US: u32 = 500_000;
-/// Length of a service's history (`rmw_qos_profile_services_default`).
+/// History depth of a service (`rmw_qos_profile_services_default`).
 const SERVICE_DEPTH: u32 = 10;
 
-/// Endpoint of ROS's side.
 #[derive(Clone, Debug)]
 pub enum RosConnection {
     /// A router listens there, as rmw_zenohd does.
     Router(String),
-    /// It comes to this endpoint.
+    /// ROS's sessions connect to this endpoint.
     Here(String),
 }
 
@@ -74,30 +71,27 @@ impl RosConnection {
         }
         Ok(config)
     }
-    /// Text about the connection while a peer is connected, or none is.
+    /// Text about the connection, while a peer is connected or none is.
     fn contact(&self, is_there: bool) -> String {
         match (self, is_there) {
             (RosConnection::Router(at), true) => format!("connected to the router at {at}"),
-            (RosConnection::Router(at), false) => format!(
-                "no router at {at}: tried again until there is one (ros2 run rmw_zenoh_cpp rmw_zenohd)"
-            ),
+            (RosConnection::Router(at), false) => {
+                format!("no router at {at}; trying again (ros2 run rmw_zenoh_cpp rmw_zenohd starts one)")
+            }
             (RosConnection::Here(at), true) => format!("connected at {at}"),
             (RosConnection::Here(at), false) => format!("no peer is connected at {at}"),
         }
     }
 }
 
-/// A topic with messages `M`.
 pub struct RosTopic<M>(usize, PhantomData<fn(M)>);
 
-/// A publisher of the open session.
 struct Published {
     port: Publisher<'static>,
     gid: [u8; 16],
     number: i64,
 }
 
-/// The open session. What is declared in it ends with it.
 struct Open {
     publishers: Vec<Published>,
     _servers: Vec<Queryable<()>>,
@@ -106,14 +100,13 @@ struct Open {
 }
 
 enum State {
-    /// Opened again at that time.
+    /// Time of the next attempt, ns.
     Closed(i64),
-    /// A thread of its own opens it, which may take as long as the network lets it.
+    /// Opened by a thread of its own, for as long as the network takes.
     Opening(Receiver<Result<Open, String>>),
     Open(Open),
 }
 
-/// Entities of the node.
 #[derive(Clone)]
 struct Parts {
     place: RosConnection,
@@ -121,26 +114,24 @@ struct Parts {
     topics: Vec<Endpoint>,
     services: Vec<(Endpoint, CommandKind)>,
     inbox: SyncSender<Request>,
-    /// A session of a distribution with other keys is here.
+    /// A session of a distribution with other keys is in the domain.
     is_apart: Arc<AtomicBool>,
 }
 
-/// The node, in a session or on its way into one.
 pub struct RosSession {
     parts: Parts,
     inbox: Receiver<Request>,
     state: State,
     looked_ns: i64,
-    /// Whether somebody was connected; None: not looked for yet.
+    /// Whether a peer was connected; None before the first check.
     contact: Option<bool>,
-    /// The newest error of opening.
     why: String,
     /// The other distribution was reported.
     warned: bool,
 }
 
 impl RosSession {
-    /// A node without topics and services.
+    /// Node without topics and services.
     pub fn of(node: RosNode, place: RosConnection) -> RosSession {
         let (sender, inbox) = sync_channel(INBOX);
         RosSession {
@@ -160,7 +151,7 @@ impl RosSession {
             warned: false,
         }
     }
-    /// Gives it a topic of this whole name, before it is opened; a receiver is to keep `depth` messages.
+    /// Adds a topic with this absolute name, before the session is opened; a receiver is to keep `depth` messages.
     pub fn topic<M: RosMessage>(&mut self, name: String, depth: u32) -> RosTopic<M> {
         self.parts.topics.push(Endpoint {
             name,
@@ -170,7 +161,7 @@ impl RosSession {
         });
         RosTopic(self.parts.topics.len() - 1, PhantomData)
     }
-    /// Gives it a service of this whole name that orders `kind`, before it is opened.
+    /// Adds a service with this absolute name that orders `kind`, before the session is opened.
     pub fn service(&mut self, name: String, kind: CommandKind) {
         let endpoint = Endpoint {
             name,
@@ -180,14 +171,14 @@ impl RosSession {
         };
         self.parts.services.push((endpoint, kind));
     }
-    /// Goes on opening it, and looks who is connected; a line for people where that has changed, and once where a session of a
-    /// distribution with other keys is among them.
+    /// Continues opening the session and checks for peers. Returns a text when the connection has changed, and once
+    /// when a session of a distribution with other keys is found.
     pub fn poll(&mut self, now_ns: i64) -> Option<String> {
         match &self.state {
             State::Closed(at_ns) if now_ns >= *at_ns => {
                 let (sender, opened) = sync_channel(1);
                 let parts = self.parts.clone();
-                // Whoever waits for it may have ended.
+                // The receiver may have gone.
                 std::thread::spawn(move || drop(sender.send(Open::of(&parts))));
                 self.state = State::Opening(opened);
             }
@@ -210,7 +201,7 @@ impl RosSession {
         self.why = why;
         self.state = State::Closed(now_ns + RETRY_NS);
     }
-    /// Who is connected, where that has changed.
+    /// Text about the connection, when it has changed.
     fn changed_contact(&mut self, now_ns: i64) -> Option<String> {
         let (is_there, why) = match &self.state {
             State::Open(open) if now_ns.saturating_sub(self.looked_ns) >= LOOK_NS => {
@@ -231,7 +222,6 @@ impl RosSession {
             format!("{line}: {why}")
         })
     }
-    /// Publishes a message where there is a session; one that finds no room in its queue is dropped.
     pub fn publish<M: RosMessage>(&mut self, topic: &RosTopic<M>, message: &M) {
         let State::Open(open) = &mut self.state else {
             return;
@@ -245,7 +235,6 @@ impl RosSession {
         // A lost message is not reported: the next one is newer.
         let _sent = put.attachment(attachment(to.number, wall_ns(), to.gid)).wait();
     }
-    /// The next request that waits.
     pub fn request(&self) -> Option<Request> {
         self.inbox.try_recv().ok()
     }
@@ -253,7 +242,7 @@ impl RosSession {
 
 impl Open {
     fn of(parts: &Parts) -> Result<Open, String> {
-        // The middleware's errors end with the place in its sources.
+        // The middleware's errors end with the position in its sources.
         let reason = |e: String| {
             e.split(" at /")
                 .next()
@@ -319,19 +308,17 @@ impl Open {
     }
 }
 
-/// A client's request that waits for its response.
 pub struct Request {
-    /// Order of the service.
     pub kind: CommandKind,
-    /// When it was sent, ns since 1970 by its client's clock.
+    /// Time of sending, ns since 1970 by the client's clock.
     pub sent_ns: i64,
     query: Query,
     attachment: Vec<u8>,
 }
 
 impl Request {
-    /// Puts a client's request for the service on `key` into the queue. One that finds no room, is invalid or asks for more
-    /// services than this one is rejected with the reason.
+    /// Queues a client's request for the service on `key`. It is rejected with the reason if the queue is full, or if
+    /// it is invalid or names more services than this one.
     fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
         if !names(query.key_expr().as_str(), key) {
             reject(
@@ -347,7 +334,10 @@ impl Request {
         let fits = query.payload().is_some_and(|p| p.len() <= MAX_REQUEST);
         let request = attachment.filter(|_| is_client && fits);
         let Some((attachment, sent_ns)) = request.and_then(|a| sent_ns(&a).map(|sent| (a, sent))) else {
-            reject(&query, "no request of std_srvs/srv/Trigger in rmw_zenoh's form");
+            reject(
+                &query,
+                "not a request of std_srvs/srv/Trigger in rmw_zenoh's form",
+            );
             return;
         };
         let request = Request {
@@ -359,21 +349,20 @@ impl Request {
         match inbox.try_send(request) {
             Ok(()) => {}
             Err(TrySendError::Full(r) | TrySendError::Disconnected(r)) => {
-                // A client of ROS waits for ever for what it takes for no response.
+                // A ROS client would wait for ever without a response that it accepts.
                 r.reply(false, "not ordered: too many requests wait");
             }
         }
     }
 }
 
-/// Whether `asked` names the service on `key` alone: all but the hash of its type.
+/// Whether `asked` names only the service on `key`, ignoring the hash of its type.
 fn names(asked: &str, key: &str) -> bool {
     let named = |key: &str| key.rsplit_once('/').map(|(name, _)| name.to_owned());
     named(asked).is_some() && named(asked) == named(key)
 }
 
 fn reject(query: &Query, why: &str) {
-    // Who asked may have gone.
     let _gone = query.reply_err(why).encoding(Encoding::TEXT_PLAIN).wait();
 }
 
@@ -388,7 +377,7 @@ impl Caller for Request {
             return;
         };
         let reply = self.query.reply(self.query.key_expr().clone(), bytes);
-        // Who asked may have gone.
+        // The client may have gone.
         let _gone = reply
             .encoding(Encoding::APPLICATION_CDR)
             .attachment(attachment)

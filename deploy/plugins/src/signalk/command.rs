@@ -1,4 +1,4 @@
-//! `alight signalk`: what this computer knows, for the boat's Signal K server.
+//! `alight signalk`: publishes this computer's data on the boat's Signal K server.
 
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
@@ -19,28 +19,27 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use crate::signalk::Deltas;
 use alight_people::status::Status;
 
-/// Whose, and where the server is.
+/// Computer, and address of the server.
 #[derive(Args, Debug)]
 #[command(after_help = "Run it as the user that runs Alight, next to its service:\n  \
 sudo -u alight alight signalk --connect ws://venus.local:3000\n\
-Where the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
-It sends alight.* and notifications.alight.*; what it receives is no order.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it. docs/view.md")]
+If the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
+It sends alight.* and notifications.alight.*; it takes no orders.\n\
+Ctrl-C ends it; no flight waits for it. docs/view.md")]
 pub struct SignalKArgs {
     #[command(flatten)]
     subject: Subject,
-    /// The server, with the file of a token where it asks for one
+    /// Server, with the file of a token if it asks for one
     #[arg(long, value_name = "URL", default_value = "ws://127.0.0.1:3000")]
     connect: String,
 }
 
-/// Period of sending what is new.
 const PERIOD: Duration = Duration::from_millis(500);
-/// A server that is not there is tried again after this long, and after twice as long each time up to a bound.
+/// Pause before trying an absent server again; it doubles with each attempt up to a maximum.
 const RETRY: Duration = Duration::from_secs(2);
 const MAX_RETRY: Duration = Duration::from_secs(32);
 
-/// Publishes until it is asked to end.
+/// Publishes until stopped.
 pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Success);
@@ -81,7 +80,6 @@ pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
     })
 }
 
-/// Waits, and no longer than until this is asked to end.
 async fn wait(pause: Duration) {
     let until = Instant::now() + pause;
     while !end_requested() && Instant::now() < until {
@@ -89,10 +87,9 @@ async fn wait(pause: Duration) {
     }
 }
 
-/// Time at which a server is tried again, and the report of it.
 #[derive(Debug)]
 struct Retry {
-    /// Newest report; None: the server takes the messages.
+    /// Newest report; None: the server accepts messages.
     reported: Option<String>,
     pause: Duration,
     connected: bool,
@@ -109,12 +106,12 @@ impl Default for Retry {
 }
 
 impl Retry {
-    /// A delta was sent, and the connection is still there: whether that is news.
+    /// Records that a delta was sent and the connection is still open. Returns whether that is news.
     fn taken(&mut self) -> bool {
         (self.reported, self.pause) = (None, RETRY);
         !core::mem::replace(&mut self.connected, true)
     }
-    /// There is no connection, or none any more: whether that is news, and how long to wait.
+    /// Records that the connection is missing or lost. Returns whether that is news, and the time to wait.
     fn failed(&mut self, why: &str) -> (bool, Duration) {
         let pause = self.pause;
         self.pause = (2 * pause).min(MAX_RETRY);
@@ -125,8 +122,8 @@ impl Retry {
     }
 }
 
-/// Sends what is new until the connection ends, or this is asked to. A connection that is there at the look after a delta
-/// has `taken` it.
+/// Sends new values until the connection ends or the command is stopped. A delta counts as `taken` if the connection is
+/// still open at the next period.
 async fn publish(
     mut socket: SignalKSocket,
     deltas: &mut Deltas,
@@ -138,7 +135,7 @@ async fn publish(
     let mut is_sent = false;
     while !end_requested() {
         tokio::select! {
-            // A greeting, and answers to what others ask of these paths: nothing of it counts.
+            // Greetings, and answers to other clients' requests of these paths, are ignored.
             received = socket.receive() => drop(received?),
             _ = due.tick() => {
                 if is_sent {
@@ -154,7 +151,6 @@ async fn publish(
     Ok(())
 }
 
-/// Looks at the computer's processes whenever they run.
 struct ComputerObserver {
     configured: ComputerReport,
     follower: InstanceFollower,
@@ -197,7 +193,8 @@ mod tests {
         assert_eq!(retry.failed("closed"), (true, RETRY));
     }
 
-    /// The configuration that was read is gone and of another number than what runs, and whose certificate that is.
+    /// The configuration is gone and had another number than the running process; the certificate belongs to the
+    /// latter.
     #[test]
     fn restarted_processes_by_their_topics_alone() {
         let name = format!("test-signalk-{}", std::process::id());

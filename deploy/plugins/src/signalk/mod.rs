@@ -1,11 +1,11 @@
 //! State of a computer as deltas for a Signal K server: values below `alight`, and findings as notifications.
 //!
-//! Each path is one computer's, and its `$source` names that: `alight.deck`, `alight.helm` and what is below `alight.vessel`
-//! are the vessel's, what is below `alight.drones.N` is drone N's. `alight.landing` is the worst of both; the vessel's computer
-//! writes it, which knows the drone's status by radio.
+//! Each path belongs to one computer, which its `$source` names: `alight.deck`, `alight.helm` and the paths below
+//! `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the worse of both; the
+//! vessel's computer writes it because it receives the drone's status by radio.
 //!
-//! Nothing of it is a path that the vessel's sensors read (`alight_usv::sensors`): a server gives none of it back as a
-//! measurement. What a server sends is no order.
+//! No path is one that the vessel's sensors read (`alight_usv::sensors`), so that a server returns none of them as a
+//! measurement. Messages of a server are never orders.
 
 pub mod command;
 
@@ -21,33 +21,31 @@ use alight_people::status::finding::{Finding, FindingLevel};
 use alight_people::status::go::Go;
 use alight_people::status::vessel::{LOST_CONTACT_S, own_go};
 
-/// A text that changes, ages in it, is sent again no more often than this, ns.
+/// Minimum time between updates of a text whose figures change, ns.
 const TEXT_NS: i64 = 10_000_000_000;
-/// Beginning of all paths.
 const ROOT: &str = "alight";
 /// Decimals of a coordinate in degrees: 1 cm.
 const PLACE: f64 = 1e7;
 
-/// Value of a path on a server, and since when, ns.
+/// Value of a path on a server, and the time of sending, ns.
 type SentValue = (Value, i64);
 
-/// The deltas of a computer.
 #[derive(Debug, Default)]
 pub struct Deltas {
     sent: BTreeMap<String, SentValue>,
-    /// Topics of findings that were not fine once: those are reported as normal afterwards.
+    /// Topics of findings that were not fine at some time; they are reported as normal afterwards.
     topics: BTreeSet<&'static str>,
-    /// Paths whose unit and meaning the server has.
+    /// Paths whose unit and description the server has.
     described: BTreeSet<String>,
 }
 
 impl Deltas {
-    /// The server has nothing any more.
+    /// Forgets the server's values, after a reconnection.
     pub fn forget(&mut self) {
         self.sent.clear();
         self.described.clear();
     }
-    /// The delta of what is new at `now_ns`; None without any.
+    /// Delta of the changes at `now_ns`; None without any.
     pub fn delta(&mut self, status: &Status, now_ns: i64) -> Option<String> {
         let own = own(&status.situation.known);
         let mut all = values(status, &own);
@@ -57,7 +55,7 @@ impl Deltas {
             let path = format!("notifications.{ROOT}.{own}.{topic}");
             all.insert(path, notification(&status.findings, topic));
         }
-        // What is not known any more: null once, and forgotten.
+        // A value that is no longer known becomes null once.
         let unknown = self.sent.keys().filter(|path| !all.contains_key(*path));
         let unknown: BTreeSet<String> = unknown.cloned().collect();
         all.extend(unknown.iter().map(|path| (path.clone(), Value::Null)));
@@ -79,7 +77,7 @@ impl Deltas {
             .extend(all.into_iter().map(|(path, value)| (path, (value, now_ns))));
         Some(json!({"context": "vessels.self", "updates": updates}).to_string())
     }
-    /// Units and meanings of those of the `paths` that the server does not have yet.
+    /// Units and descriptions of the `paths` that the server does not have yet.
     fn meta<'a>(&mut self, paths: impl Iterator<Item = &'a String>) -> Vec<Value> {
         let mut new = Vec::new();
         for path in paths.filter(|path| !self.described.contains(*path)) {
@@ -91,7 +89,7 @@ impl Deltas {
     }
 }
 
-/// Meaning and units of a path with numbers; None: it has no numbers.
+/// Description and unit of a path with numbers; None for other paths.
 fn meaning(path: &str) -> Option<Value> {
     let (of, name) = path.strip_prefix(ROOT)?.rsplit_once('.')?;
     match (of, name) {
@@ -104,7 +102,7 @@ fn meaning(path: &str) -> Option<Value> {
             "description": "horizontal distance of the drone from the deck's centre",
         })),
         (_, "position") => Some(json!({
-            "description": "the drone's place by its autopilot",
+            "description": "position of the drone by its autopilot",
             "properties": {
                 "latitude": {"type": "number", "units": "deg"},
                 "longitude": {"type": "number", "units": "deg"},
@@ -115,7 +113,7 @@ fn meaning(path: &str) -> Option<Value> {
     }
 }
 
-/// Below which path the values of a computer are that no other writes.
+/// Root of the paths that only this computer writes.
 fn own(known: &ComputerReport) -> String {
     match (&known.vessel, known.drone_id) {
         (Some(_), _) => "vessel".into(),
@@ -124,14 +122,13 @@ fn own(known: &ComputerReport) -> String {
     }
 }
 
-/// Whether a value is to be sent over the one that a server has. Of a notification its state is what calls people.
+/// Whether a value has to be sent over the one that a server has. Of a notification only the state alerts the crew.
 fn is_due((sent, at_ns): &SentValue, value: &Value, now_ns: i64) -> bool {
     let of = |v: &Value| v.get("state").cloned();
     let is_text = of(value).is_some() && of(value) == of(sent);
     value != sent && (!is_text || now_ns.saturating_sub(*at_ns) >= TEXT_NS)
 }
 
-/// The worst findings about a topic.
 fn notification(findings: &[Finding], topic: &str) -> Value {
     let all = || findings.iter().filter(|f| f.topic == topic);
     let worst = all().map(|f| f.level).max().unwrap_or_default();
@@ -152,7 +149,6 @@ fn notification(findings: &[Finding], topic: &str) -> Value {
     json!({"state": state, "method": method, "message": message})
 }
 
-/// The values by their paths, those that are the computer's `own` among them.
 fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     let s = &status.situation;
     let vessel = s.vessel().filter(|_| status.running);
@@ -163,7 +159,7 @@ fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     let mut all = vec![(format!("{own}.running"), json!(status.running))];
     all.extend(landing(&format!("{own}.landing"), &go));
     if s.known.vessel.is_some() {
-        // A drone knows nothing of another's, and not whether the vessel writes it.
+        // A drone does not know of other drones, nor whether the vessel writes this path.
         all.extend(landing("landing", &status.go));
     }
     match vessel {
@@ -175,7 +171,6 @@ fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     all.into_iter().map(path).collect()
 }
 
-/// Whether a landing may be ordered, and why.
 fn landing(path: &str, go: &Go) -> [(String, Value); 2] {
     [
         (format!("{path}.go"), json!(go.go)),
@@ -253,7 +248,6 @@ mod tests {
             ..Status::default()
         }
     }
-    /// Drone 3, as the vessel received it.
     fn contact(age_s: f64) -> DroneContact {
         DroneContact {
             age_s,
@@ -265,7 +259,6 @@ mod tests {
             },
         }
     }
-    /// A computer's status by its report.
     fn judged(known: ComputerReport, go: Go) -> Status {
         let mut snapshot = Snapshot {
             computer: known.into(),
@@ -305,7 +298,7 @@ mod tests {
         serde_json::from_str(&delta.unwrap()).unwrap()
     }
 
-    /// No path is written by both computers, and the worst of both is the vessel's to write.
+    /// No path is written by both computers; the vessel writes the worse of both judgements.
     #[test]
     fn paths_of_two_computers() {
         let computers = [
@@ -354,7 +347,7 @@ mod tests {
                 }
             }
             assert!(numbers > 0);
-            // Once to each server.
+            // Each server gets the units once.
             let mut other = status.clone();
             other.running = false;
             assert_eq!(
@@ -374,7 +367,6 @@ mod tests {
             );
         }
     }
-    /// Paths and values of a delta.
     fn sent(delta: Option<String>) -> BTreeMap<String, Value> {
         let Some(delta) = delta else {
             return BTreeMap::new();
@@ -402,11 +394,11 @@ mod tests {
             at(&first),
             Some(json!({"state": "warn", "method": ["visual"], "message": "1 s old (antenna)"}))
         );
-        // The same again, another text at once, and later.
+        // The same again, another text at once, and another text later.
         assert_eq!(deltas.delta(&old("1 s"), S), None);
         assert_eq!(deltas.delta(&old("2 s"), 2 * S), None);
         assert!(at(&sent(deltas.delta(&old("9 s"), 11 * S))).is_some());
-        // Another state at once; what is fine from the start is not sent.
+        // Another state is sent at once; a topic that is fine from the start is not sent.
         let broken = with_findings(vec![link.broken("none", ""), FindingTopic("deck").fine("free")]);
         let worse = sent(deltas.delta(&broken, 12 * S));
         assert_eq!(
@@ -419,7 +411,7 @@ mod tests {
             (&fine["state"], &fine["message"]),
             (&json!("normal"), &json!("as it should be"))
         );
-        // A server that was restarted gets all.
+        // A restarted server gets everything.
         deltas.forget();
         assert!(at(&sent(deltas.delta(&with_findings(Vec::new()), 14 * S))).is_some());
     }
@@ -451,11 +443,11 @@ mod tests {
         assert_eq!(lost["alight.vessel.drones.3.received"], false);
         let gone = sent(deltas.delta(&status(&[]), 2 * S));
         assert_eq!(gone["alight.vessel.drones.3.battery"], Value::Null);
-        // It is sent once, and kept no longer.
+        // Null is sent once, and the path is forgotten.
         assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
         let later = sent(deltas.delta(&status(&[]), 3 * S));
         assert!(later.keys().all(|p| !p.contains("drones.3")), "{later:?}");
-        // No path is one that a sensor is read from.
+        // No sensor reads these paths.
         assert!(
             deltas
                 .sent

@@ -3,8 +3,8 @@
     python -m alight.convert boat.ulg             # writes boat.csv
     python -m alight.convert boat.csv -o kai.csv  # anybody's table
 
-ULog of PX4 (`.ulg`), DataFlash logs (`.bin`) and telemetry logs (`.tlog`) of ArduPilot and others, bags of ROS 1 and 2, UBX of
-u-blox, INSPVAA, INSPVASA and VNINS sentences in text, and tables of any program. The libraries that read them are the
+ULog of PX4 (`.ulg`), DataFlash logs (`.bin`) and telemetry logs (`.tlog`) of ArduPilot and others, bags of ROS 1 and 2, INSPVAA,
+INSPVASA and VNINS sentences in text, and tables of any program. NMEA 0183 and UBX need no conversion. The libraries that read them are the
 extra `convert` of the wheel.
 """
 
@@ -24,8 +24,11 @@ PACKED = (
     (b"\xfd7zXZ\0", "unxz"),
     (b"BZh", "bunzip2"),
 )
-# Sentences that the program reads by itself.
-OWN = (b"$GPGGA,", b"$GNGGA,", b"$PASHR,", b"$PSXN,", b"$IIHDT,", b"$GPHDT,", b"$HEHDT,", b"!PDGY,")
+# Beginnings of what the program reads by itself: each format has one reader.
+OWN = (
+    ((b"\xb5\x62",), "UBX"),
+    ((b"$GPGGA,", b"$GNGGA,", b"$PASHR,", b"$PSXN,", b"$IIHDT,", b"$GPHDT,", b"$HEHDT,", b"!PDGY,"), "NMEA 0183"),
+)
 HEAD_BYTES = 16 << 10
 
 __all__ = ["Converted", "convert"]
@@ -75,8 +78,6 @@ def _reader(path: str, head: bytes):
         from ._mavlink import read_dataflash as read
     elif _is_tlog(head):
         from ._mavlink import read_tlog as read
-    elif b"\xb5\x62" in head:
-        from ._receivers import read_ubx as read
     elif any(name in head for name in (b"#INSPVAA,", b"%INSPVASA,", b"$VNINS,")):
         from ._receivers import read_sentences as read
     else:
@@ -92,8 +93,9 @@ def _refuse(path: str, head: bytes) -> None:
     for begin, tool in PACKED:
         if head.startswith(begin):
             raise AlightError(f"{path}: the file is packed; first {tool} it", 2)
-    if any(name in head for name in OWN):
-        raise AlightError(f"{path}: a log of NMEA 0183; `alight estimate {path}` reads it as it is", 2)
+    for begins, name in OWN:
+        if any(begin in head for begin in begins):
+            raise AlightError(f"{path}: a log of {name}; `alight estimate {path}` reads it as it is, and leaves out what its sender marks", 2)
 
 
 def _is_tlog(head: bytes) -> bool:

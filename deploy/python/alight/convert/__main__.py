@@ -16,7 +16,7 @@ def main(words: Optional[List[str]] = None) -> int:
         prog="python -m alight.convert",
         description="Converts a recording of another program or device to Alight's CSV, which `alight estimate` reads.",
     )
-    parser.add_argument("file", metavar="FILE", help="ULog, DataFlash, tlog, bag of ROS, UBX, INSPVA or VNINS text, or any table")
+    parser.add_argument("file", metavar="FILE", help="ULog, DataFlash, tlog, bag of ROS, INSPVA or VNINS text, or any table")
     parser.add_argument("-o", dest="out", metavar="OUT.csv", help="the CSV [default: FILE with the suffix .csv]")
     system = "MAVLink system of the vessel in a tlog [default: the one with the most attitudes]"
     parser.add_argument("--system", type=int, metavar="N", help=system)

@@ -1,16 +1,14 @@
-"""Receivers: UBX of u-blox by pyubx2; INSPVAA and INSPVASA of NovAtel and VNINS of VectorNav in text."""
+"""Receivers: INSPVAA and INSPVASA of NovAtel and VNINS of VectorNav in text."""
 
 from __future__ import annotations
 
 import collections
 import io
-import math
 import os
 import re
 import zlib
 from typing import Dict, List, Optional
 
-from .._lazy import pyubx2
 from .._program import AlightError
 from ._frame import Converted
 
@@ -18,24 +16,10 @@ WEEK_S = 604_800.0
 # Longest line that is looked at, characters; these sentences have some 250.
 MAX_LINE = 4096
 MAX_BYTES = 512 << 20
-MAX_MESSAGES = 10_000_000
 
 NOVATEL = re.compile(r"[#%](INSPVAA|INSPVASA),([^*]*)\*([0-9a-fA-F]{8})")
 VECTORNAV = re.compile(r"\$(VNINS,[^*]*)\*([0-9a-fA-F]{2})")
 INS_NAMES = ("latitude_deg", "longitude_deg", "altitude_m", "north_mps", "east_mps", "down_mps", "roll_deg", "pitch_deg", "heading_deg")
-
-
-class _Week:
-    """Times of week, s, that go on over its end."""
-
-    def __init__(self):
-        self.last, self.weeks = None, 0
-
-    def time_s(self, of_week_s: float) -> float:
-        if self.last is not None and of_week_s < self.last - 0.5 * WEEK_S:
-            self.weeks += 1
-        self.last = of_week_s
-        return of_week_s + self.weeks * WEEK_S
 
 
 class _Rows:
@@ -51,49 +35,6 @@ class _Rows:
     def give(self, converted: Converted) -> None:
         for columns in self._kinds.values():
             converted.add(**columns)
-
-
-def read_ubx(path: str, _system) -> Converted:
-    """Reads NAV-PVT, NAV-RELPOSNED and NAV-ATT."""
-    converted, rows, week = Converted("UBX"), _Rows(), _Week()
-    damaged = 0
-    with open(path, "rb") as file:
-        # Without `quitonerror` it goes on behind damaged messages.
-        reader = pyubx2.UBXReader(file, protfilter=pyubx2.UBX_PROTOCOL, quitonerror=pyubx2.ERR_IGNORE)
-        for k, (_, message) in enumerate(reader):
-            if k >= MAX_MESSAGES:
-                raise AlightError(f"{path}: more than {MAX_MESSAGES} messages; cut the recording into parts", 2)
-            damaged += message is None
-            if message is None or not hasattr(message, "iTOW"):
-                continue
-            _ubx(message, rows, week)
-    if damaged:
-        converted.notes.append(f"{damaged} damaged messages are left out")
-    rows.give(converted)
-    return converted
-
-
-def _ubx(message, rows: _Rows, week: _Week) -> None:
-    kind = message.identity
-    if kind == "NAV-PVT" and message.fixType in (2, 3, 4):
-        rows.add(
-            kind,
-            week.time_s(message.iTOW * 1e-3),
-            latitude_deg=message.lat,
-            longitude_deg=message.lon,
-            altitude_m=message.height * 1e-3 if message.fixType != 2 else math.nan,
-            north_mps=message.velN * 1e-3,
-            east_mps=message.velE * 1e-3,
-            down_mps=message.velD * 1e-3,
-        )
-    elif kind == "NAV-RELPOSNED" and getattr(message, "relPosHeadingValid", 0):
-        rows.add(kind, week.time_s(message.iTOW * 1e-3), heading_deg=message.relPosHeading)
-    elif kind == "NAV-ATT":
-        t_s = week.time_s(message.iTOW * 1e-3)
-        rows.add(kind, t_s, roll_deg=message.roll, pitch_deg=message.pitch)
-        # An accuracy of half a turn is no heading.
-        if message.accHeading < 90.0:
-            rows.add("heading", t_s, heading_deg=message.heading)
 
 
 def read_sentences(path: str, _system) -> Converted:

@@ -1,12 +1,11 @@
-//! Sources and documents of the project, read into lines whose code, texts and comments are apart.
+//! Sources and documents of the project, as lines with code, string literals and comments separated.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Top folders of the sources.
 pub(super) const ROOMS: [&str; 6] = ["shared", "bridge", "usv-side", "uav-side", "tests", "deploy"];
 
-/// A line, its characters by kind.
+/// Line, with its characters by kind.
 #[derive(Default)]
 pub(super) struct SourceLine {
     pub(super) code: String,
@@ -14,12 +13,13 @@ pub(super) struct SourceLine {
     pub(super) comment: String,
 }
 
-/// The lines of a source. A text goes on in the next line only behind a backslash; the lines of a raw one are code.
+/// Splits a source into lines. A string literal continues on the next line only after a backslash; the lines of a raw
+/// one count as code.
 fn lex(source: &str) -> Vec<SourceLine> {
     let mut is_text = false;
     let line = |line: &str| {
         let mut found = SourceLine::default();
-        // Without quotes that neither begin nor end a text.
+        // Quotes that neither begin nor end a literal are removed.
         let line = ["\\\\", "\\\"", "'\"'"]
             .iter()
             .fold(line.to_owned(), |line, quote| line.replace(quote, " "));
@@ -45,7 +45,7 @@ fn lex(source: &str) -> Vec<SourceLine> {
     source.lines().map(line).collect()
 }
 
-/// A source or a document; each line of a document is a comment.
+/// Source or document; every line of a document counts as a comment.
 pub(super) struct SourceFile {
     pub(super) path: String,
     pub(super) room: Option<&'static str>,
@@ -77,14 +77,14 @@ impl SourceFile {
     pub(super) fn place(&self, row: usize) -> String {
         format!("{}:{}", self.path, row + 1)
     }
-    /// Lines that are neither blank nor comments alone.
+    /// Number of lines that are neither blank nor only a comment.
     pub(super) fn code_lines(&self) -> usize {
         let is_code = |l: &&SourceLine| !(l.code.trim().is_empty() && l.text.trim().is_empty());
         self.lines.iter().filter(is_code).count()
     }
 }
 
-/// Sources and documents below `directory`, without what is built.
+/// Collects sources and documents below `directory`, without build output.
 fn files(directory: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(directory).unwrap().flatten() {
         let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
@@ -119,12 +119,13 @@ fn is_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// The name at the beginning of `code`.
+/// Identifier at the beginning of `code`.
 fn name(code: &str) -> &str {
     &code[..code.find(|c: char| !is_name(c)).unwrap_or(code.len())]
 }
 
-/// Keys of a file's configuration tables, each with the index of its line; fields that code outside the tables reads.
+/// Keys of the file's configuration tables, each with the index of its line; and the fields that code outside the
+/// tables reads.
 pub(super) fn keys(lines: &[SourceLine]) -> (Vec<(usize, &str)>, BTreeSet<&str>) {
     let (mut declared, mut read) = (Vec::new(), BTreeSet::new());
     let mut is_table = false;
@@ -140,7 +141,7 @@ pub(super) fn keys(lines: &[SourceLine]) -> (Vec<(usize, &str)>, BTreeSet<&str>)
             );
             continue;
         }
-        // A field after a point, or alone in a line of a pattern.
+        // A field after a point, or alone on a line of a pattern.
         read.extend(code.split('.').skip(1).map(name));
         read.extend(code.strip_suffix(',').filter(|c| c.chars().all(is_name)));
     }

@@ -1,4 +1,4 @@
-//! Places of the terms in `words.toml`.
+//! Occurrences of the terms in `words.toml`.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,6 @@ use serde::Deserialize;
 
 use super::source::SourceFile;
 
-/// Places by term.
 pub(super) type Places = BTreeMap<String, Vec<String>>;
 
 /// Scope in which a term counts.
@@ -40,7 +39,7 @@ pub(super) struct Bans {
     ban: Vec<Ban>,
 }
 
-/// A piece of a text and the index of its line; an empty one where the text is interrupted.
+/// Term and the index of its line; an empty term marks an interruption of the text.
 type Token = (String, usize);
 
 fn pieces(text: &str) -> Vec<String> {
@@ -48,7 +47,7 @@ fn pieces(text: &str) -> Vec<String> {
     all.filter(|p| !p.is_empty()).map(str::to_owned).collect()
 }
 
-/// Pieces in lower case, those of `OneName` apart.
+/// Terms in lower case, with the parts of `OneName` separated.
 fn lower_pieces(text: &str) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     for piece in pieces(text) {
@@ -67,7 +66,7 @@ fn lower_pieces(text: &str) -> Vec<String> {
     found
 }
 
-/// The tokens of a file by scope.
+/// Tokens of a file by scope.
 fn tokens(source: &SourceFile) -> BTreeMap<Scope, Vec<Token>> {
     let mut all: BTreeMap<Scope, Vec<Token>> = BTreeMap::new();
     let mut add = |scope, row, mut pieces: Vec<String>| {
@@ -107,7 +106,6 @@ fn tokens(source: &SourceFile) -> BTreeMap<Scope, Vec<Token>> {
     all
 }
 
-/// A term as tokens.
 struct Rule<'a> {
     term: &'a str,
     phrase: Vec<String>,

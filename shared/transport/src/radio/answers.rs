@@ -1,8 +1,8 @@
-//! Answers to who asks: the newest message of a publication, and the schemas of all.
+//! Replies to queries: the newest message of a publication, and all schemas.
 //!
-//! zenoh sends an answer with the priority and the congestion control of its question, and one that is to be waited for may
-//! wait for seconds (a priority of the answer's own has no effect in zenoh 1.10). So a thread of their own sends the answers, and neither the middleware's reader nor the
-//! process stands still for somebody who asks.
+//! zenoh sends a reply with the priority and congestion control of its query, and a blocking reply may wait for seconds
+//! (a reply's own priority has no effect in zenoh 1.10). A separate thread sends the replies, so that neither the
+//! middleware's reader nor the process is blocked by a query.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -17,20 +17,19 @@ use crate::radio::held::PerSecond;
 use crate::radio::publication::Publication;
 use alight_shared::topics::Topic;
 
-/// Questions that wait; what comes on top has no answer.
+/// Maximum number of pending queries; surplus ones get no reply.
 const MAX_WAITING: usize = 16;
-/// Each schema is sent so often a second at most: they are longer than messages, and programs ask once.
+/// Maximum rate of each schema, 1/s: schemas are longer than messages, and programs query them once.
 const MAX_SCHEMAS_PER_S: u32 = 1;
 
-/// What is asked for.
 #[derive(Clone, Copy)]
 enum Question {
-    /// The newest message of this publication.
+    /// Newest message of this publication.
     Newest(usize),
     Schemas,
 }
 
-/// Declares who answers for these publications, whose keys begin with `name`.
+/// Declares queryables for these publications, whose keys begin with `name`.
 pub(super) fn declare(
     session: &zenoh::Session,
     name: &str,
@@ -38,7 +37,7 @@ pub(super) fn declare(
 ) -> zenoh::Result<Vec<Queryable<()>>> {
     let (sender, questions) = sync_channel(MAX_WAITING);
     let mut answers = Answers::of(name, publications);
-    // It ends with the queryables, which hold its senders.
+    // The thread ends with the queryables, which hold its senders.
     std::thread::Builder::new()
         .name("answers".into())
         .spawn(move || answers.answer_all(&questions))?;
@@ -48,7 +47,7 @@ pub(super) fn declare(
     let declared = held.chain([schemas]).map(|(key, question)| {
         let sender = sender.clone();
         let queryable = session.declare_queryable(key).callback(move |query| {
-            // One that finds no room ends without an answer.
+            // A query that does not fit ends without a reply.
             let _full = sender.try_send((query, question));
         });
         queryable.wait()
@@ -56,23 +55,21 @@ pub(super) fn declare(
     declared.collect()
 }
 
-/// What there is to answer with.
 struct Answers {
     publications: Vec<Publication>,
     schemas: Vec<Described>,
 }
 
-/// A topic under the key of its schema.
 struct Described {
     key: String,
     topic: &'static Topic,
-    /// The text, once somebody has asked for it.
+    /// Schema text, generated at the first query.
     text: Option<ZBytes>,
     answers: PerSecond,
 }
 
 impl Described {
-    /// The text for a question about `keys` at `now_ns`, as long as not too many ask.
+    /// Schema text for a query on `keys` at `now_ns`, subject to the rate limit.
     fn asked(&mut self, keys: &KeyExpr<'_>, now_ns: i64) -> Option<ZBytes> {
         let is_asked = KeyExpr::try_from(self.key.as_str()).is_ok_and(|key| keys.intersects(&key));
         if !is_asked || !self.answers.admits(now_ns, MAX_SCHEMAS_PER_S) {
@@ -126,7 +123,7 @@ impl Answers {
 }
 
 fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
-    // Who asked may have gone.
+    // The querier may be gone.
     let _gone = query.reply(key, bytes).encoding(encoding).express(true).wait();
 }
 
@@ -151,12 +148,12 @@ mod tests {
         let all = "alight/*/@schema/**";
         let second = (0..1000).map(|ms| 1_000_000_000 + ms * 1_000_000);
         let texts: Vec<ZBytes> = second.flat_map(|now_ns| asked(all, now_ns)).collect();
-        assert_eq!(texts.len(), 2, "each once a second");
+        assert_eq!(texts.len(), 2, "one reply per schema and second");
         assert_eq!(
             &*texts[0].to_bytes(),
             topics::WAVE.described().to_string().as_bytes()
         );
-        // One that was not asked for is not counted.
+        // A schema that was not queried does not count.
         assert_eq!(asked("alight/vessel-1/@schema/deck", 2_000_000_000).len(), 1);
         assert_eq!(asked(all, 2_500_000_000), texts[..1]);
         assert!(asked("alight/vessel-2/@schema/**", 3_000_000_000).is_empty());

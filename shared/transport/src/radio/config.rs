@@ -1,4 +1,4 @@
-//! Configuration of the radio, and the settings of zenoh that follow from it.
+//! Configuration of the radio, and the resulting zenoh settings.
 
 use std::fs::File;
 use std::io::Read;
@@ -8,58 +8,56 @@ use serde_json::Value;
 use crate::{TransportContext, TransportError, access};
 use alight_shared::config;
 
-/// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated
-/// within it: soon, the next attempt is the repetition.
+/// Timeout for opening a datagram session, ms. Datagrams are not retransmitted within an attempt, so a short timeout
+/// repeats them sooner.
 const DATAGRAM_OPEN_MS: u32 = 1000;
-/// Over streams: TCP or QUIC and zenoh exchange three times, 0.6 s at 100 ms each way without any loss, and
-/// a lost packet is repeated after 1 s at first (over 30 % loss and 100 ms: no stream's session in 33 s with
-/// attempts of 1 s; with 3 s one in four succeeds and a session came back after up to 30 s).
+/// Timeout for opening a stream session, ms. TCP or QUIC and zenoh need three round trips, 0.6 s at 100 ms each way
+/// without loss, and a lost packet is first repeated after 1 s. At 30 % loss and 100 ms no stream session opened in 33
+/// s with attempts of 1 s; with 3 s one attempt in four succeeded, and a session was restored after up to 30 s.
 const STREAM_OPEN_MS: u32 = 8000;
 
-/// What an endpoint of QUIC is given beside its address: if the other side can too, one connection has a
-/// stream for what must arrive (handshake, declarations) and datagrams for what we publish, where only the
-/// newest counts.
+/// Metadata of a QUIC endpoint. If both sides support it, one connection has a stream for reliable messages (handshake,
+/// declarations) and datagrams for publications, of which only the newest counts.
 const QUIC_METADATA: &str = "?mixed_rel=auto";
 
-/// Largest batch of the middleware: with the headers of IPv6 and TCP it fits into one packet.
+/// Maximum batch of the middleware, bytes; with IPv6 and TCP headers it fits into one packet.
 const BATCH_BYTES: u32 = 1380;
-/// Longest message that the middleware puts together of its parts, bytes: a message of ours fits into one batch; the rest is
-/// room for its own declarations. Its default is 1 GB, which one peer could have this computer hold.
+/// Maximum length of a message reassembled by the middleware, bytes. Our messages fit into one batch; the rest is for
+/// zenoh's declarations. With zenoh's default of 1 GB, a peer could make this computer hold that much.
 const MAX_MESSAGE_BYTES: u32 = 16_384;
-/// Sessions of each peer: one, and that before it restarted, until that has expired.
+/// Sessions per peer: the present one, and the one before a restart until it expires.
 const SESSIONS_PER_PEER: usize = 2;
-/// Sessions beside those, for peers that start again and again.
+/// Additional sessions for peers that restart repeatedly.
 const SPARE_SESSIONS: usize = 8;
-/// What a stream's socket may hold, bytes; the system counts its own overhead too, about as much
-/// again as the payload.
+/// Capacity of a stream's socket, bytes; the system also counts its overhead, about as much as the payload.
 const SOCKET_BYTES: u32 = 16_384;
 
 config! {
-    /// Who listens, who dials, over what.
+    /// Endpoints of the radio, and its timeouts.
     pub struct RadioConfig {
-        /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
+        /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; for a vessel.
         pub listen: Vec<String> = Vec::new();
-        /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
+        /// Endpoints to dial, such as `udp/192.168.7.1:7447`; for a drone.
         pub connect: Vec<String> = Vec::new();
-        /// A link over datagrams that carries nothing for this long is given up, s.
-        /// Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
-        /// outage of 5 s, with 2 s what comes is fresh.
+        /// Silence after which a datagram link is closed, s.
+        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with 10 s (the middleware's default), and
+        /// fresh messages with 2 s.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
-        /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
-        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and
-        /// goes on within 5 s by itself, while a new session takes 2 to 10 s.
+        /// Silence after which a stream or QUIC link is closed, s; it may be waiting for a retransmission.
+        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and recovers by itself
+        /// within 5 s, while a new session takes 2 to 10 s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// A session over datagrams without any message for this long is reopened, s; one over a stream or
-        /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
-        /// is older than this, for as long and its lease, is reopened too.
-        /// Chosen: a lease, the slowest retry, and as much again.
+        /// Silence after which a datagram session is reopened, s. A stream or QUIC session is reopened after its lease
+        /// plus one attempt to open. A session is also reopened if all its messages are older than this for as long
+        /// plus its lease.
+        /// Chosen: one lease, the slowest retry, and the same again.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
-        /// The endpoints to dial are a Zenoh router's (zenohd), such as the boat's own, through which vessels and drones
-        /// reach one another: the session is a client's. With certificates `tls.router` names the router's, which admits each
-        /// peer's keys.
+        /// The endpoints to dial are those of a Zenoh router (zenohd), such as the boat's own, that connects vessels
+        /// and drones: the session is a client's. With certificates, `tls.router` names the router's, which checks the
+        /// keys of each peer.
         pub router: bool = false;
-        /// File of Zenoh's own configuration (JSON5), for what Alight does not set itself, or its text, which has braces;
-        /// empty: none. What contradicts Alight in it is rejected.
+        /// File of Zenoh's own configuration (JSON5) for settings that Alight does not make, or the text itself in
+        /// braces; empty: none. Settings that contradict Alight are rejected.
         pub zenoh: String = String::new();
         /// Certificates, for endpoints that begin with `quic/`.
         pub tls: TlsConfig;
@@ -116,24 +114,24 @@ config! {
 }
 
 config! {
-    /// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
+    /// Certificate files (PEM). Leave empty for endpoints without TLS, which is part of QUIC (RFC 9001).
     pub struct TlsConfig {
-        /// The authority that signed both sides' certificates.
+        /// Certificate of the authority that signed both sides' certificates.
         pub authority: String = String::new();
         /// Our certificate.
         pub certificate: String = String::new();
-        /// Its private key.
+        /// Private key of the certificate.
         pub key: String = String::new();
-        /// Names in the certificates of admitted peers, `vessel-N` or `drone-N`: each under its own key
-        /// expressions only.
+        /// Certificate names of admitted peers, `vessel-N` or `drone-N`. Each may publish under its own key expressions
+        /// only.
         pub peers: Vec<String> = Vec::new();
-        /// Name in the certificate of the Zenoh router (`radio.router`): peers' keys are admitted over its link only, and
-        /// which certificate may use which is then its own access rules' to check. Empty: none.
+        /// Certificate name of the Zenoh router (`radio.router`). Peers' keys are permitted on its link only, and the
+        /// router's access rules must check which certificate may use which key. Empty: none.
         pub router: String = String::new();
     }
 }
 
-/// Whether a text is an endpoint: `protocol/host:port`, with or without Zenoh's metadata (`?`) and configuration (`#`).
+/// Whether a text is an endpoint: `protocol/host:port`, optionally with Zenoh's metadata (`?`) and configuration (`#`).
 fn is_endpoint(text: &str) -> bool {
     let bare = text.split(['?', '#']).next().unwrap_or_default();
     let is_host = |host: &str| {
@@ -148,7 +146,7 @@ fn is_endpoint(text: &str) -> bool {
 }
 
 impl RadioConfig {
-    /// Listens at one endpoint, with these certificates.
+    /// Configuration that listens at one endpoint with these certificates.
     pub fn listening(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
         RadioConfig {
             listen: vec![endpoint.into()],
@@ -156,7 +154,7 @@ impl RadioConfig {
             ..RadioConfig::default()
         }
     }
-    /// Dials one endpoint, with these certificates.
+    /// Configuration that dials one endpoint with these certificates.
     pub fn dialling(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
         RadioConfig {
             connect: vec![endpoint.into()],
@@ -164,7 +162,7 @@ impl RadioConfig {
             ..RadioConfig::default()
         }
     }
-    /// Whether the session is opened, and kept alive, over something that repeats what was lost.
+    /// Whether the session runs over a transport with retransmission.
     pub(super) fn is_stream(&self) -> bool {
         let stream = |e: &String| e.starts_with("tcp/") || e.starts_with("quic/");
         self.listen.iter().chain(&self.connect).any(stream)
@@ -183,7 +181,7 @@ impl RadioConfig {
             self.lease_s
         }
     }
-    /// Silence after which the watchdog acts, s.
+    /// Silence after which the watchdog reopens the session, s.
     pub(super) fn silence_limit_s(&self) -> f64 {
         if self.is_stream() {
             self.reopen_after_s + self.stream_lease_s + f64::from(STREAM_OPEN_MS) * 1e-3
@@ -191,7 +189,7 @@ impl RadioConfig {
             self.reopen_after_s
         }
     }
-    /// Names in the certificates to which access rules apply; None: without certificates.
+    /// Certificate names that access rules apply to; None without certificates.
     pub(super) fn admitted(&self) -> Option<Vec<String>> {
         let tls = &self.tls;
         let names = match self.router {
@@ -202,19 +200,19 @@ impl RadioConfig {
     }
     fn max_sessions(&self) -> usize {
         let peers = match self.tls.peers.len() {
-            // Without certificates nobody is named.
+            // Without certificates peers have no names.
             0 => access::PEERS,
             named => named,
         };
         SESSIONS_PER_PEER * peers + SPARE_SESSIONS
     }
-    /// Whether Zenoh's own configuration can be read and agrees with this one, before a process needs it.
+    /// Checks that Zenoh's own configuration can be read and agrees with this one, before a process needs it.
     pub fn check_zenoh(&self) -> Result<(), TransportError> {
         let file = ZenohFile::of(self)?;
         self.session("alight/any", &[], file.as_ref()).map(|_| ())
     }
-    /// The session's settings: this configuration over `file`. `name` is the beginning of our keys, `own` are those that
-    /// we publish.
+    /// Settings of the session: this configuration over `file`. `name` is the prefix of our keys, and `own` lists the
+    /// keys that we publish.
     pub(super) fn session(
         &self,
         name: &str,
@@ -233,7 +231,6 @@ impl RadioConfig {
         }
         Ok(config)
     }
-    /// What Alight sets.
     fn settings(&self, name: &str, own: &[String]) -> Vec<(&'static str, String)> {
         let ms = |s: f64| (s * 1e3).round().to_string();
         let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
@@ -243,7 +240,7 @@ impl RadioConfig {
             ("mode", text(&if self.router { "client" } else { "peer" })),
             ("listen/endpoints", ends(&self.listen)),
             ("connect/endpoints", ends(&self.connect)),
-            // Retry for ever, in the background.
+            // Retry forever in the background.
             ("connect/timeout_ms", "-1".into()),
             ("connect/exit_on_failure", "false".into()),
             (
@@ -255,20 +252,20 @@ impl RadioConfig {
             ("transport/link/tx/lease", ms(self.link_lease_s())),
             ("transport/unicast/open_timeout", open_ms.clone()),
             ("transport/unicast/accept_timeout", open_ms),
-            // What waits in the middleware and in the socket is old before it leaves: a batch holds
-            // one packet, not 64 kB, and the socket a few.
+            // Messages that wait in the middleware or socket are old when sent: limit a batch to one packet instead of
+            // 64 kB, and the socket to a few.
             ("transport/link/tx/batch_size", BATCH_BYTES.to_string()),
             ("transport/link/tcp/so_sndbuf", SOCKET_BYTES.to_string()),
             (
                 "transport/link/rx/max_message_size",
                 MAX_MESSAGE_BYTES.to_string(),
             ),
-            // One certificate could open a thousand otherwise; the middleware bounds the sum only.
+            // Otherwise one certificate could open a thousand sessions; the middleware limits only their sum.
             ("transport/unicast/max_sessions", self.max_sessions().to_string()),
             ("low_pass_filter", access::question_sizes().to_string()),
         ];
         if !self.router {
-            // All peers ask over a router's link: it would be one rate for all.
+            // With a router, all peers query over its link and would have one common rate.
             settings.push(("downsampling", access::question_rates(name, own).to_string()));
         }
         if !self.tls.authority.is_empty() {
@@ -299,14 +296,14 @@ impl RadioConfig {
     }
 }
 
-/// Longest file of Zenoh's configuration, bytes; its own example with every key has 40 kB.
+/// Maximum length of Zenoh's configuration file, bytes; its example with every key has 40 kB.
 const MAX_FILE_BYTES: u64 = 1 << 18;
 
-/// What Alight has no setting of, and must not be set: each with the reason.
+/// Settings that Alight does not make and that must not be set, with reasons.
 const UNSETTABLE: [(&str, &str); 2] = [
     (
         "namespace",
-        "it would stand before every key, which other sides and access rules know by alight/NAME",
+        "it would prefix every key, which other computers and access rules expect as alight/NAME",
     ),
     (
         "qos",
@@ -314,7 +311,6 @@ const UNSETTABLE: [(&str, &str); 2] = [
     ),
 ];
 
-/// Whether nothing is set in a value.
 fn is_empty(value: &Value) -> bool {
     match value {
         Value::Null => true,
@@ -324,7 +320,6 @@ fn is_empty(value: &Value) -> bool {
     }
 }
 
-/// A file of Zenoh's own configuration, as it was read.
 #[derive(Clone, Debug)]
 pub(super) struct ZenohFile {
     path: String,
@@ -332,12 +327,12 @@ pub(super) struct ZenohFile {
     values: Value,
 }
 
-/// Whether `radio.zenoh` is the text itself: no configuration of Zenoh's is without a brace.
+/// Whether `radio.zenoh` is the text itself: every Zenoh configuration contains a brace.
 fn is_text(zenoh: &str) -> bool {
     zenoh.contains('{')
 }
 
-/// Zenoh's own configuration: what `radio.zenoh` has, or what is in the file that it names; None: it is empty.
+/// Zenoh's own configuration: the text in `radio.zenoh`, or the content of the file it names; None if empty.
 pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
     if zenoh.is_empty() || is_text(zenoh) {
         return Ok((!zenoh.is_empty()).then(|| zenoh.to_owned()));
@@ -353,25 +348,25 @@ pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
 }
 
 impl ZenohFile {
-    /// The one that a configuration names or has, if there is one.
+    /// File or text given by a configuration, if any.
     pub(super) fn of(config: &RadioConfig) -> Result<Option<ZenohFile>, TransportError> {
         let Some(text) = zenoh_text(&config.zenoh)? else {
             return Ok(None);
         };
         let path = match is_text(&config.zenoh) {
-            true => "as the configuration has it".into(),
+            true => "given as text".into(),
             false => config.zenoh.clone(),
         };
         let values = json5::from_str(&text).map_err(|e| TransportError {
             doing: format!("reading Zenoh's configuration {path} (radio.zenoh)"),
-            what: format!("{e}; it is to be JSON5"),
+            what: format!("{e}; it must be JSON5"),
         })?;
         Ok(Some(ZenohFile { path, text, values }))
     }
     fn config(&self) -> Result<zenoh::Config, TransportError> {
         zenoh::Config::from_json5(&self.text).doing(|| format!("reading Zenoh's configuration {}", self.path))
     }
-    /// Whether it leaves keys and priorities of messages as Alight gives them.
+    /// Checks that it does not change keys and priorities of messages.
     fn leaves_messages(&self) -> Result<(), TransportError> {
         let set = |key: &str| self.values.get(key).filter(|v| !is_empty(v));
         let Some((key, value, why)) = UNSETTABLE
@@ -385,7 +380,7 @@ impl ZenohFile {
             what: format!("{key} is {value} in it, and {why}; remove it there"),
         })
     }
-    /// Whether it leaves `key` to Alight, which sets it to `value`, or has the same.
+    /// Checks that it leaves `key` unset or equal to Alight's `value`.
     fn agrees(&self, key: &str, value: &str) -> Result<(), TransportError> {
         let own: Value = json5::from_str(value).doing(|| format!("reading the radio's own {key}"))?;
         let Some(theirs) = self
@@ -402,13 +397,12 @@ impl ZenohFile {
         Err(TransportError {
             doing: format!("reading Zenoh's configuration {}", self.path),
             what: format!(
-                "{key} is {theirs} in it, and Alight {by}; remove it there (the table radio has what may be chosen)"
+                "{key} is {theirs} in it, and Alight {by}; remove it there (the table radio has its settings)"
             ),
         })
     }
 }
 
-/// The endpoint as the middleware is given it.
 fn completed(endpoint: &str) -> String {
     if endpoint.starts_with("quic/") && !endpoint.contains(['?', '#']) {
         format!("{endpoint}{QUIC_METADATA}")
@@ -456,13 +450,14 @@ mod tests {
         let session = config.session("alight/vessel-1", &own, None).unwrap();
         let set = |key: &str| -> Value { serde_json::from_str(&session.get_json(key).unwrap()).unwrap() };
         let (sizes, rates) = (set("low_pass_filter"), set("downsampling"));
-        // Messages are counted where they are too long, and the newest of them is never dropped for an older one.
+        // The receiver counts messages that are too long, and a newer message is never dropped in favour of an older
+        // one.
         for rule in [&sizes[0], &rates[0]] {
             assert_eq!(rule["messages"], serde_json::json!(["query"]));
             assert_eq!(rule["flows"], serde_json::json!(["ingress"]));
         }
         assert!(sizes[0]["size_limit"].as_u64().unwrap() < 1000 && sizes[1].is_null());
-        // A drone asks on several keys at once, which do not count for one another.
+        // A drone queries several keys at once, with separate rates.
         let keys = rates[0]["rules"].as_array().unwrap().iter();
         let keys: Vec<&str> = keys.map(|r| r["key_expr"].as_str().unwrap()).collect();
         assert_eq!(
@@ -503,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn zenoh_file_beside_certificates() {
+    fn zenoh_file_with_certificates() {
         let mut config = through_router("vessel-9");
         let mut tried = |text: &str| {
             config.zenoh = text.into();
@@ -517,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn zenoh_file_beside_the_configuration() {
+    fn zenoh_file_and_configuration() {
         let path = std::env::temp_dir().join(format!("alight-zenoh-{}.json5", std::process::id()));
         let tried = |text: &str| {
             std::fs::write(&path, text).unwrap();

@@ -1,13 +1,14 @@
-//! The newest message of a publication, kept for who asks.
+//! Newest message of a publication, stored for queries.
 
 use std::sync::{Mutex, PoisonError};
 
 use zenoh::bytes::ZBytes;
 
-/// A held message is sent so often a second at most, beside its broadcasts: each drone asks once when it connects.
+/// Maximum rate of replies with a held message, 1/s, in addition to its broadcasts; each drone queries once when it
+/// connects.
 const MAX_ANSWERS_PER_S: u32 = 20;
 
-/// Answers of the second that runs.
+/// Rate limit: replies in the present second.
 #[derive(Debug, Default)]
 pub(super) struct PerSecond {
     second: i64,
@@ -15,7 +16,7 @@ pub(super) struct PerSecond {
 }
 
 impl PerSecond {
-    /// Whether there is one more at `now_ns`, of `most` a second.
+    /// Whether another reply is permitted at `now_ns` with a limit of `most` per second.
     pub(super) fn admits(&mut self, now_ns: i64, most: u32) -> bool {
         let second = now_ns.div_euclid(1_000_000_000);
         if second != self.second {
@@ -27,7 +28,6 @@ impl PerSecond {
     }
 }
 
-/// The newest message of a publication.
 #[derive(Debug, Default)]
 pub(super) struct NewestMessage(Mutex<Newest>);
 
@@ -38,12 +38,11 @@ struct Newest {
 }
 
 impl NewestMessage {
-    /// Another one takes its place.
     pub(super) fn set(&self, bytes: ZBytes) {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         newest.bytes = Some(bytes);
     }
-    /// It, for somebody who asked at `now_ns`, as long as not too many do.
+    /// The message for a query at `now_ns`, subject to the rate limit.
     pub(super) fn take(&self, now_ns: i64) -> Option<ZBytes> {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let admitted = newest.answers.admits(now_ns, MAX_ANSWERS_PER_S);

@@ -1,8 +1,8 @@
-//! Messages that wait for the process: orders apart, which it reads before all others, and in both one ring for each
-//! subscription and sender, of which the oldest message gives way.
+//! Messages waiting for the process. Orders are kept apart and read first. Both kinds have one ring for each
+//! subscription and sender, which drops its oldest message when full.
 //!
-//! Zenoh has a ring, too (`handlers::RingChannel`, 1.10): it does not count what it drops, and it is one for a subscription,
-//! so that one drone which floods `alight/drone-$*/status` would displace the statuses of all others.
+//! Zenoh's ring (`handlers::RingChannel`, 1.10) does not count drops and is common to a subscription, so one drone that
+//! floods `alight/drone-$*/status` would displace the statuses of all others.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -13,17 +13,18 @@ use tokio::sync::Notify;
 use crate::Received;
 use alight_shared::admission::Sender;
 
-/// Messages of one sender on one subscription that wait: two seconds of estimates, or a status of every peer on one key.
+/// Capacity of a ring, i.e. of one sender on one subscription: two seconds of estimates, or a status of every peer on
+/// one key.
 const RING: usize = 64;
-/// Messages that wait in all rings: 4 MB of the longest ones.
+/// Capacity of all rings together: 4 MB of the longest messages.
 const MAX_WAITING: usize = 1024;
 
-/// Rings by subscription and sender, none of them empty.
+/// Non-empty rings by subscription and sender.
 #[derive(Debug, Default)]
 struct Rings(BTreeMap<(usize, Sender), VecDeque<Received>>);
 
 impl Rings {
-    /// Adds a message; how many others gave way to it.
+    /// Adds a message. Returns the number of dropped messages.
     fn push(&mut self, received: Received) -> u64 {
         let ring = self
             .0
@@ -34,7 +35,7 @@ impl Rings {
         if is_full {
             ring.pop_front();
         } else if self.0.values().map(VecDeque::len).sum::<usize>() > MAX_WAITING {
-            // The sender with most messages gives way.
+            // The sender with the most messages loses one.
             if let Some(longest) = self.0.values_mut().max_by_key(|r| r.len()) {
                 longest.pop_front();
             }
@@ -44,7 +45,6 @@ impl Rings {
         }
         1
     }
-    /// Takes the message that came first.
     fn pop(&mut self) -> Option<Received> {
         let fronts = self
             .0
@@ -72,11 +72,11 @@ impl Waiting {
     }
 }
 
-/// Messages between the middleware's threads, which put them in, and the process, which takes them out.
+/// Buffer between the middleware's threads and the process.
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
-    /// For a thread that waits, and for a task.
+    /// Notifications for a waiting thread and for a waiting task.
     arrived: (Condvar, Notify),
 }
 
@@ -84,7 +84,7 @@ impl Inbox {
     fn lock(&self) -> MutexGuard<'_, Waiting> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Puts a message in; how many others gave way to it.
+    /// Adds a message. Returns the number of dropped messages.
     pub(super) fn put(&self, received: Received, is_order: bool) -> u64 {
         let mut waiting = self.lock();
         let rings = match is_order {
@@ -97,7 +97,7 @@ impl Inbox {
         self.arrived.1.notify_one();
         dropped
     }
-    /// Takes the first order, or without any the first message; waits at most `timeout` for one.
+    /// Takes the first order, otherwise the first message; waits at most `timeout`.
     pub(super) fn take(&self, timeout: Duration) -> Option<Received> {
         let waited = self
             .arrived
@@ -107,7 +107,6 @@ impl Inbox {
         let order = waiting.orders.pop();
         order.or_else(|| waiting.others.pop())
     }
-    /// Waits until there is something to take.
     pub(super) async fn arrival(&self) {
         while self.lock().is_empty() {
             self.arrived.1.notified().await;
@@ -150,7 +149,7 @@ mod tests {
         assert_eq!((states, dropped), (newest, 10_000 - RING as u64));
     }
 
-    /// One that is admitted floods, on the key of states and as an operator.
+    /// An admitted peer floods both the key of states and the key of orders.
     #[test]
     fn abort_and_states_in_the_flood_of_a_peer() {
         let inbox = Inbox::default();
@@ -170,7 +169,7 @@ mod tests {
         assert_eq!(taken.len(), 2 + 2 * RING);
     }
 
-    /// Without certificates anybody may send under any name.
+    /// Without certificates anybody may publish under any name.
     #[test]
     fn messages_under_many_names() {
         let inbox = Inbox::default();
@@ -183,7 +182,7 @@ mod tests {
             (taken(&inbox).len(), dropped),
             (MAX_WAITING, 2 * MAX_WAITING as u64)
         );
-        // The sender with most messages gives way.
+        // The sender with the most messages loses one.
         for k in 0..10 {
             inbox.put(message(STATE, Sender::Vessel(1), k), false);
         }

@@ -1,7 +1,7 @@
-//! Liveliness tokens: each side has one of its name, `alight/NAME`, which zenoh withdraws when its session is lost.
+//! Liveliness tokens: each side has one with its name, `alight/NAME`, which zenoh withdraws when its session is lost.
 //!
-//! They show people and programs who is connected. A process that stands still keeps its token (measured), so that
-//! nothing is decided by one: that is done by the messages and their ages.
+//! They show people and programs which peers are connected. A frozen process keeps its token (measured), so no decision
+//! depends on tokens, only on messages and their ages.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,17 +13,16 @@ use zenoh::sample::SampleKind;
 use crate::access;
 use alight_shared::admission::Sender;
 
-/// Tokens of everybody.
 const ALL: &str = "alight/*";
-/// So many are kept at most: peers on both sides, and operators.
+/// Maximum number of stored tokens: peers on both sides, and operators.
 const MAX_PRESENT: usize = 2 * access::PEERS;
 
-/// Who has a session now.
+/// Peers with a session now.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Present(Arc<Mutex<BTreeSet<Sender>>>);
 
 impl Present {
-    /// Follows everybody's token in a session.
+    /// Follows all tokens in a session.
     pub(super) fn of(session: &zenoh::Session) -> zenoh::Result<Present> {
         let present = Present::default();
         let followed = present.clone();
@@ -47,14 +46,12 @@ impl Present {
             all.insert(sender);
         }
     }
-    /// How many of these have one.
-    pub(super) fn count(&self, of: impl Fn(&Sender) -> bool) -> usize {
+    pub(super) fn count(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.iter().filter(|s| of(s)).count()
+        all.iter().filter(|s| is_counted(s)).count()
     }
 }
 
-/// Declares our own.
 pub(super) fn declare(session: &zenoh::Session, name: &str) -> zenoh::Result<LivelinessToken> {
     session.liveliness().declare_token(name.to_owned()).wait()
 }

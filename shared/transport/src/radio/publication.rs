@@ -1,4 +1,4 @@
-//! What is published on the radio: a key, its urgency, what it carries.
+//! Publication on the radio: key, urgency and content.
 
 use std::sync::Arc;
 
@@ -10,7 +10,6 @@ use crate::radio::held::NewestMessage;
 use alight_shared::radio::Urgency;
 use alight_shared::topics::Topic;
 
-/// Zenoh's priority of messages.
 pub(super) fn priority(urgency: Urgency) -> Priority {
     match urgency {
         Urgency::Order => Priority::RealTime,
@@ -20,22 +19,19 @@ pub(super) fn priority(urgency: Urgency) -> Priority {
     }
 }
 
-/// A key to publish on.
 #[derive(Clone, Debug)]
 pub struct Publication {
-    /// The key expression.
     pub(super) key: String,
     pub(super) urgency: Urgency,
-    /// What is published on it, by which its encoding and schema are known.
+    /// Topic of the messages, which determines encoding and schema.
     pub(super) topic: Option<&'static Topic>,
-    /// Bytes that each message has in addition to its payload.
+    /// Header overhead of each message, bytes.
     pub(super) overhead: u64,
-    /// A message is kept for who asks for it.
+    /// Newest message, if it is stored for queries.
     pub(super) held: Option<Arc<NewestMessage>>,
 }
 
 impl Publication {
-    /// Of this key and urgency.
     pub fn new(key: impl Into<String>, urgency: Urgency) -> Publication {
         let key = key.into();
         Publication {
@@ -46,7 +42,7 @@ impl Publication {
             held: None,
         }
     }
-    /// With the messages of this topic: their encoding names the version, and their schema can be asked for.
+    /// Sets the topic: the encoding states the message version, and the schema can be queried.
     pub fn of(self, topic: &'static Topic) -> Publication {
         Publication {
             topic: Some(topic),
@@ -54,7 +50,7 @@ impl Publication {
             ..self
         }
     }
-    /// The message that [`Radio::hold`](super::Radio::hold) was given last answers who asks on its key.
+    /// Answers queries with the last message passed to [`Radio::hold`](super::Radio::hold).
     pub fn held(self) -> Publication {
         let held = Some(Arc::default());
         Publication { held, ..self }

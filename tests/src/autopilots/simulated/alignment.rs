@@ -1,9 +1,9 @@
-//! The autopilot's start: it boots before our processes or after them, knows its origin as soon as GNSS is good, and aligns
-//! its heading by the magnetometer later.
+//! Start of the autopilot: it boots before or after our processes, reports its origin once GNSS is good, and later
+//! aligns its heading by the magnetometer.
 //!
-//! Measured with PX4 main of March 2026: 0.4 to 2 s after the origin was reported, by 50 to 118 deg. Until then its attitude
-//! begins at whatever heading, GNSS is not fused, which it reports, and neither OFFBOARD (GUIDED) nor arming is granted.
-//! The drone meanwhile is where it is: a pilot holds it.
+//! Measured with PX4 main of March 2026: the alignment follows 0.4 to 2 s after the origin is reported, and turns the
+//! heading by 50 to 118 deg. Before it, the attitude has an arbitrary heading, GNSS is not fused (which is reported),
+//! and OFFBOARD (GUIDED) and arming are denied. Meanwhile a pilot holds the drone in place.
 
 use core::f64::consts::TAU;
 
@@ -15,25 +15,25 @@ use nalgebra::UnitQuaternion;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Between the origin's report and the alignment, s.
+/// Time from the report of the origin to the alignment, s.
 const AFTER_S: [f64; 2] = [0.4, 2.0];
-/// An autopilot that is started after our processes boots for so long, s.
+/// Boot time of an autopilot that starts after our processes, s.
 const BOOT_S: [f64; 2] = [0.2, 1.0];
 
-/// A heading that is not aligned yet.
+/// State before the heading is aligned.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unaligned {
-    /// The heading reads this much more, rad.
+    /// Error of the heading, rad.
     turned: f64,
-    /// Silent until then.
+    /// End of the boot, before which the autopilot is silent.
     boots_until: Time<TrueTime>,
     after: Span,
-    /// When it is aligned; None: its origin is not reported yet.
+    /// Time of the alignment; None until the origin is reported.
     due: Option<Time<TrueTime>>,
 }
 
 impl Unaligned {
-    /// Drawn: which of the two was started first, the heading, the time.
+    /// Draws the order of the starts, the heading error and the delay.
     pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
@@ -48,30 +48,30 @@ impl Unaligned {
             due: first.then_some(now + after),
         }
     }
-    /// Whether it receives and sends nothing yet.
+    /// Whether it still boots, and neither receives nor sends.
     pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
         now < self.boots_until
     }
-    /// Begins to report its origin.
+    /// Starts the delay when the origin is reported.
     pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
         self.due.get_or_insert(now + self.after);
     }
-    /// The magnetometer has aligned it.
+    /// Whether the magnetometer has aligned the heading.
     pub(super) fn is_over(&self, now: Time<TrueTime>) -> bool {
         self.due.is_some_and(|due| now >= due)
     }
-    /// The attitude (NED from body) as it reads.
+    /// Reported attitude (NED from body) for a true one.
     pub(super) fn read(&self, attitude: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         UnitQuaternion::from_euler_angles(0.0, 0.0, self.turned) * attitude
     }
 }
 
-/// The estimator's status flags, with an aligned heading and without.
+/// Status flags of the estimator, with and without an aligned heading.
 pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
     let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
     match (firmware, aligned) {
         (_, true) => height | estimator::ATTITUDE | estimator::VELOCITY_HORIZ | estimator::POSITION_HORIZ_ABS,
-        // Its attitude is good as soon as the tilt is.
+        // The attitude flag is set as soon as the tilt is good.
         (Firmware::Px4, false) => height | estimator::ATTITUDE | estimator::CONSTANT_POSITION,
         (Firmware::ArduCopter, false) => 0,
     }

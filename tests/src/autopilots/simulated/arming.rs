@@ -1,23 +1,23 @@
-//! Reasons for which the autopilot does not arm, with its firmware's own texts.
+//! Reasons for which the autopilot denies arming, with the texts of its firmware.
 //!
-//! PX4 (`imuConsistencyCheck`) compares its inertial sensors by COM_ARM_IMU_ACC and COM_ARM_IMU_GYR; two that are turned
-//! against each other by 2 deg differ by 0.3 m/s² at rest, and by more where the deck accelerates and turns them.
-//! ArduCopter (`AP_Arming::ins_checks`) does not arm without the gyro calibration of its start, which fails on a deck that
-//! turns it (INS_GYR_CAL), nor when it leans by more than ANGLE_MAX.
+//! PX4 (`imuConsistencyCheck`) compares its inertial sensors by COM_ARM_IMU_ACC and COM_ARM_IMU_GYR. Two sensors that
+//! are misaligned by 2 deg differ by 0.3 m/s² at rest, and by more when the deck accelerates and rotates them.
+//! ArduCopter (`AP_Arming::ins_checks`) requires the gyro calibration of its start, which fails on a rotating deck
+//! (INS_GYR_CAL), and a tilt below ANGLE_MAX.
 
 use alight_uav::autopilot::modes::Firmware;
 
 use super::SimulatedAutopilot;
 
-/// Angle between its two inertial sensors, rad.
+/// Misalignment of the two inertial sensors, rad.
 const MISALIGNED_RAD: f64 = 0.035;
-/// A gyro calibration fails where the drone turns faster, rad/s: half a degree per second.
+/// Rotation rate above which a gyro calibration fails, rad/s: half a degree per second.
 const CALIBRATES_RPS: f64 = 0.009;
 /// ArduCopter's ANGLE_MAX, rad: 30 deg.
 const ANGLE_MAX_RAD: f64 = 0.524;
 
 impl SimulatedAutopilot {
-    /// The text with which it denies a command to arm; None: it arms.
+    /// Text with which a command to arm is denied; None if it is accepted.
     pub(super) fn arming_denial(&self) -> Option<String> {
         if let Some(text) = self.arming_fault {
             return Some(text.into());

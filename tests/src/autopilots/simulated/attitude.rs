@@ -1,4 +1,4 @@
-//! The autopilot's inner loops: attitude, rates, mixer.
+//! Inner loops of the autopilot: attitude, rates, mixer.
 
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -6,24 +6,24 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::mixer::Mixer;
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, RotorFrame};
 
-/// Target of the attitude loop, by the outer loop or a set-point.
+/// Target of the attitude loop, from the outer loop or from a set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AttitudeSetPoint {
-    /// NED from body.
+    /// Rotation NED from body.
     pub(super) attitude: UnitQuaternion<f64>,
     /// Rate about NED's down axis, rad/s.
     pub(super) yaw_rate: f64,
     /// Body rates, rad/s.
     pub(super) rates: Vector3<f64>,
-    /// Collective thrust, 0 to 1 of the nominal maximum.
+    /// Collective thrust, as a fraction of the nominal maximum.
     pub(super) thrust: f64,
 }
 
-/// Body-rate set-point of an attitude error: PX4's `AttitudeControl`, after Brescianini, Hehn,
-/// D'Andrea 2013 ("Nonlinear quadrocopter attitude control", section 4.2): tilt first, heading
-/// with a weight. `wanted` and `is` are NED from body; the result is in rad/s.
+/// Body-rate set-point for an attitude error: PX4's `AttitudeControl`, after Brescianini, Hehn, D'Andrea 2013
+/// ("Nonlinear quadrocopter attitude control", section 4.2), which corrects tilt first, and heading with a weight.
+/// `wanted` and `is` are NED from body; the result is in rad/s.
 ///
-/// About a small error this is `w = P e`, so a ramp is followed with the lag `1/P`.
+/// For small errors this is `w = P e`, so that a ramp is followed with the lag `1/P`.
 pub(super) fn rate_set_point(
     config: &AutopilotConfig,
     target: &AttitudeSetPoint,
@@ -31,7 +31,7 @@ pub(super) fn rate_set_point(
 ) -> Vector3<f64> {
     let wanted = target.attitude;
     let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
-    // Shortest rotation that aligns thrust; upside down it is not unique, and heading does not matter.
+    // Shortest rotation that aligns thrust. Upside down it is not unique, and the heading does not matter.
     let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
     let mix = canonical(&(reduced.inverse() * wanted));
     let half = config.yaw_weight * mix.k.clamp(-1.0, 1.0).asin();
@@ -57,14 +57,13 @@ fn canonical(q: &UnitQuaternion<f64>) -> Quaternion<f64> {
     }
 }
 
-/// Rate loop and mixer. It knows the nominal airframe only.
+/// Rate loop and mixer, with the nominal airframe only.
 #[derive(Clone, Debug)]
 pub(super) struct RateLoop {
     inertia: Vector3<f64>,
     side: f64,
     moment_per_force: f64,
     rotor_max: f64,
-    /// Rotors of the drone.
     pub(super) frame: RotorFrame,
     integral: Vector3<f64>,
     pub(super) mixer: Mixer,
@@ -88,9 +87,8 @@ impl RateLoop {
         self.integral = Vector3::zeros();
     }
 
-    /// Rotor commands (fractions of the nominal maximum thrust) that bring the body rates `is`
-    /// to `wanted` at the collective `thrust`: `dw = K (w_c - w) + I`, moments by the nominal
-    /// inertia, then [`Self::mix`].
+    /// Rotor commands (fractions of the nominal maximum thrust) that change the body rates from `is` to `wanted` at the
+    /// collective `thrust`: `dw = K (w_c - w) + I`, moments by the nominal inertia, then [`Self::mix`].
     pub(super) fn step(
         &mut self,
         config: &AutopilotConfig,
@@ -102,7 +100,7 @@ impl RateLoop {
         let error = wanted - is;
         let gain = Vector3::new(config.rate_gain_hz, config.rate_gain_hz, config.yaw_rate_gain_hz);
         for i in 0..3 {
-            // No winding up against a saturated mixer.
+            // Anti-windup for a saturated mixer.
             if !self.saturated[i] || error[i] * self.integral[i] < 0.0 {
                 let next = self.integral[i] + config.rate_integral_hz2 * error[i] * dt;
                 self.integral[i] = next.clamp(-10.0, 10.0);
@@ -112,7 +110,7 @@ impl RateLoop {
         self.mix(thrust, &moment)
     }
 
-    /// Rotor commands for a collective thrust and moments, as PX4's default mixer gives them.
+    /// Rotor commands for a collective thrust and moments, as by PX4's default mixer.
     fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; MAX_ROTORS] {
         let scale = 1.0 / (self.frame.count() as f64 * self.rotor_max);
         let [roll, pitch, yaw] = self.frame.axes();

@@ -1,4 +1,4 @@
-//! The autopilot's sensors and its estimate of its own motion, by which it flies.
+//! Sensors of the autopilot, and its estimate of its motion, by which it flies.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -10,10 +10,9 @@ use crate::physics::streams::{Stream, Streams};
 
 /// Correlation time of the barometer's drift, s.
 const BAROMETER_S: f64 = 600.0;
-/// The heading follows the magnetometer within this, s (PX4 and ArduPilot weigh it against the gyroscopes so).
+/// Time constant with which the heading follows the magnetometer, s (weight of the gyroscopes in PX4 and ArduPilot).
 const STEEL_S: f64 = 5.0;
 
-/// The estimate at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Estimate {
     pub(super) position: Vector3<f64>,
@@ -21,31 +20,30 @@ pub(super) struct Estimate {
     pub(super) attitude: UnitQuaternion<f64>,
     pub(super) rates: Vector3<f64>,
     pub(super) specific_force: Vector3<f64>,
-    /// Acceleration in NED, without gravity and accelerometer bias.
+    /// Acceleration in NED, without gravity and accelerometer bias, m/s².
     pub(super) acceleration: Vector3<f64>,
 }
 
-/// Errors of the estimate of attitude (NED, on the left) and rates against the truth.
+/// Errors of the estimated attitude (NED, on the left) and rates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SimulatedErrors {
     pub(super) attitude: UnitQuaternion<f64>,
     pub(super) rates: Vector3<f64>,
 }
 
-/// Inertial sensors, GNSS and a Kalman filter over position, velocity and accelerometer bias.
-///
-/// The three axes have the same covariance, so one 3x3 matrix serves all of them.
+/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias, with one 3x3 covariance for
+/// all three axes.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedEstimator {
     config: NavigationConfig,
     gnss_bias: [GaussMarkov; 3],
-    /// Drift of the height by the barometer, which it is held to.
+    /// Drift of the barometer, which determines the height.
     barometer: GaussMarkov,
     attitude_error: [GaussMarkov; 3],
-    /// Further errors of heading: by the hull's steel, and by a reset of the estimate, rad.
+    /// Additional heading errors, rad: by the hull's steel, and by resets of the estimate.
     steel: f64,
     reset: f64,
-    /// By how much resets of its position have moved it, m.
+    /// Displacement of the position by resets, m.
     displaced: Vector3<f64>,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
@@ -53,7 +51,7 @@ pub(super) struct SimulatedEstimator {
     barometer_rng: Stream,
     imu_rng: Stream,
     attitude_rng: Stream,
-    /// Bias in NED, as the filter sees it, m/s².
+    /// Estimated bias in NED, m/s².
     bias: Vector3<f64>,
     covariance: Matrix3<f64>,
     until_fix_s: f64,
@@ -121,7 +119,7 @@ impl SimulatedEstimator {
                 rates: Vector3::zeros(),
             },
         };
-        // Twenty seconds of hover before the start, for the biases to be known.
+        // Twenty seconds of hover before the start, so that the biases converge.
         let still = Vector3::new(0.0, 0.0, -GRAVITY);
         for _ in 0..(20.0 / dt) as usize {
             e.step(m, &still, 0.35, dt);
@@ -140,37 +138,37 @@ impl SimulatedEstimator {
     pub(super) fn errors(&self) -> &SimulatedErrors {
         &self.errors
     }
-    /// Standard deviations of position (relative to the slow GNSS error that all fixes of the last
-    /// seconds share, m) and velocity (m/s).
+    /// Standard deviations of position (m; relative to the slow GNSS error, which is common to the fixes of the last
+    /// seconds) and velocity (m/s).
     pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
     }
 
-    /// The drone is so far from the hull's steel for `dt` (s), m.
+    /// Applies the hull's steel at `distance_m` for `dt` (s).
     pub(super) fn near_steel(&mut self, distance_m: f64, dt: f64) {
         let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
         self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);
     }
-    /// The estimator resets its heading, wrong by this much more, rad.
+    /// Resets the heading, which changes its error by `by_rad`.
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
     }
-    /// The estimator resets its position to another sensor, which measures it this much further on, m.
+    /// Resets the position to another sensor, whose measurement differs by `by` (m).
     pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
         self.displaced += by;
         self.estimate.position += by;
     }
 
-    /// Standard deviations of roll, pitch, yaw, rad.
+    /// Standard deviations of roll, pitch and yaw, rad.
     pub(super) fn euler_sd(&self) -> [f64; 3] {
         let c = &self.config;
         [c.tilt_error_deg, c.tilt_error_deg, c.heading_error_deg]
             .map(|slow| slow.hypot(c.attitude_noise_deg).to_radians())
     }
 
-    /// One tick of `dt` that ended at the true motion `m`, over which the mean specific force in
-    /// the body frame was `force` and the collective thrust `thrust` (fraction of the maximum).
+    /// Advances by a tick of `dt` that ends at the true motion `m`. Over the tick, the mean specific force in the body
+    /// frame was `force`, and the collective thrust `thrust` (fraction of the maximum).
     pub(super) fn step(&mut self, m: &PlantState, force: &Vector3<f64>, thrust: f64, dt: f64) {
         let c = &self.config;
         let errors = [0, 1, 2].map(|i| {
@@ -213,9 +211,9 @@ impl SimulatedEstimator {
         }
     }
 
-    /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q: white accelerometer noise and quick
-    /// attitude noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the
-    /// drift of the GNSS error is no process noise: the estimate follows it slowly and smoothly.
+    /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q contains white accelerometer noise, fast attitude noise,
+    /// and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the drift of the GNSS error is not
+    /// process noise: the estimate follows it slowly and smoothly.
     fn predict(&mut self, accelerometer_sd: f64, dt: f64) {
         let c = &self.config;
         let f = Matrix3::new(1.0, dt, -0.5 * dt * dt, 0.0, 1.0, -dt, 0.0, 0.0, 1.0);
@@ -225,7 +223,7 @@ impl SimulatedEstimator {
         self.covariance = f * self.covariance * f.transpose() + Matrix3::from_diagonal(&q);
     }
 
-    /// Position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
+    /// Fuses a position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
     fn fuse(&mut self, m: &PlantState) {
         let (sd_p, sd_v) = (self.config.gnss_noise_m, self.config.gnss_velocity_mps);
         let barometer = self.barometer.step(&mut self.barometer_rng);
@@ -260,7 +258,7 @@ mod tests {
     #[test]
     fn simulated_estimator_stated_deviations() {
         let dt = 0.01;
-        // A GNSS error that stays the same: what the stated deviation of position leaves out.
+        // A constant GNSS error, which the reported position deviation does not include.
         let config = NavigationConfig {
             gnss_bias_s: 1e5,
             ..NavigationConfig::default()

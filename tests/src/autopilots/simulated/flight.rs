@@ -1,5 +1,5 @@
-//! The autopilot's flight: modes, failsafe of lost set-points, position control, land detector. It flies by its own
-//! estimate and knows the nominal airframe only.
+//! Flight of the autopilot: modes, failsafe for lost set-points, position control, land detector. It uses its own
+//! estimate and the nominal airframe.
 
 mod position_control;
 
@@ -21,98 +21,93 @@ use super::shaping::InputShaping;
 use super::spool::{PULSE_OFF_US, Spool};
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState, RotorFrame};
 
-/// PX4 wants set-points no further apart than this before OFFBOARD ...
+/// Maximum gap between set-points that PX4 accepts before OFFBOARD.
 const OFFBOARD_GAP: Span = Span::from_millis(500);
-/// ... for so long.
+/// Minimum duration of the stream of set-points before OFFBOARD.
 const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
-/// A landing target guides for so long.
+/// Validity of a landing target.
 const TARGET_STALE: Span = Span::from_millis(1000);
-/// Maximum speed of a hold towards it, m/s, from a metre on.
+/// Maximum speed of the hold point towards a landing target, m/s, reached at a distance of 1 m.
 const GUIDED_MPS: f64 = 2.0;
 
-/// The stream of set-points.
+/// Stream of set-points.
 #[derive(Clone, Copy, Debug)]
 struct Received {
     newest: FlightReference,
     at: Time<TrueTime>,
-    /// Since when they come often enough for OFFBOARD.
+    /// Start of the time for which set-points are frequent enough for OFFBOARD.
     since: Time<TrueTime>,
 }
 
-/// Which of PX4's controllers run: the Commander publishes it (`vehicle_control_mode`) at 2 Hz only, and at once when the
-/// status changes (arming, mode), so another kind of set-point is known to them up to 0.5 s late. Measured with PX4 main
-/// of March 2026. ArduCopter knows at once.
+/// Publication of PX4's active controllers: the Commander publishes `vehicle_control_mode` at 2 Hz, and immediately
+/// when the status changes (arming, mode). The controllers therefore learn of another kind of set-point up to 0.5 s
+/// late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
 #[derive(Clone, Copy, Debug)]
 struct ControlMode {
-    /// Position control runs; None: not published yet.
+    /// Whether position control is active; None before the first publication.
     positions: Option<bool>,
     due: Time<TrueTime>,
 }
 
-/// Time between two publications of the control mode.
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
-    /// Whether position control runs while set-points of position are sent, or others.
+    /// Whether position control is active at `now`, while position set-points are sent (`positions`) or others.
     fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
             self.positions = Some(positions);
         }
-        // The first set-points are those with which the mode was entered.
+        // The mode is entered with the first kind of set-point.
         *self.positions.get_or_insert(positions)
     }
 }
 
-/// Modes, position control and inner loops.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedFlight {
     config: AutopilotConfig,
     rate_loop: RateLoop,
-    /// The mode that was chosen last.
     chosen: u32,
-    /// The mode in force: the chosen one or the failsafe's.
+    /// Active mode: the chosen one, or the failsafe's.
     mode: u32,
     armed: bool,
     landed: LandedState,
     received: Option<Received>,
     control_mode: ControlMode,
-    /// The newest set-point of position.
+    /// Newest position set-point.
     track: Option<PositionReference>,
-    /// Outer periods so far.
+    /// Number of outer periods.
     period: u32,
-    /// Place to hold in modes of its own and without a usable set-point.
+    /// Position to hold in other modes than OFFBOARD, and without a usable set-point.
     hold: PositionReference,
-    /// Destination of its return mode.
+    /// Destination of the return mode.
     pub(super) home: Vector3<f64>,
-    /// The landing target, and when it came.
+    /// Landing target, with its time of arrival.
     guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
     target: AttitudeSetPoint,
-    /// Targets of the attitude loop that are not in force yet, with the time at which they will be.
+    /// Targets of the attitude loop that are not active yet, with their start times.
     delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
-    /// The one in force.
+    /// Active target of the attitude loop.
     in_force: AttitudeSetPoint,
-    /// ArduCopter's.
     shaping: InputShaping,
-    /// ArduCopter's motors after arming.
+    /// Spool-up of ArduCopter's motors after arming.
     spool: Spool,
-    /// The autopilot's own mission.
     pub(super) own: OwnFlight,
 }
 
 impl SimulatedFlight {
-    /// Sets its mixer up for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
+    /// Configures the mixer for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
     /// FRAME_CLASS).
     pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         let mixer = self.rate_loop.mixer;
         self.rate_loop = RateLoop::new(drone, frame);
         self.rate_loop.mixer = mixer;
     }
-    /// Holds position in the air in a pilot's mode, armed, with a hover thrust estimate that has settled at
+    /// Holds position in the air in a manual mode, armed, with a hover thrust estimate that has converged to
     /// `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
     pub(super) fn new(
         config: &AutopilotConfig,
@@ -180,7 +175,7 @@ impl SimulatedFlight {
     pub(super) fn landed(&self) -> LandedState {
         self.landed
     }
-    /// Collective commanded now: none before ArduCopter's motors have spun up.
+    /// Commanded collective thrust; zero until ArduCopter's motors have spun up.
     pub(super) fn thrust(&self) -> f64 {
         if self.armed && self.spool.gives_thrust() {
             self.target.thrust
@@ -188,11 +183,10 @@ impl SimulatedFlight {
             0.0
         }
     }
-    /// Rotors of the drone.
     pub(super) fn frame(&self) -> RotorFrame {
         self.rate_loop.frame
     }
-    /// Mean pulse of the motors' outputs, us.
+    /// Mean pulse width of the motor outputs, us.
     pub(super) fn pulse_us(&self) -> f64 {
         if self.armed {
             self.spool.pulse_us(self.thrust())
@@ -200,7 +194,7 @@ impl SimulatedFlight {
             PULSE_OFF_US
         }
     }
-    /// ArduCopter reports what was asked for before it compensated the tilt.
+    /// ArduCopter reports the requested thrust, before its tilt compensation.
     pub(super) fn reported_thrust(&self) -> f64 {
         self.thrust() * self.tilt_compensation(&self.target.attitude)
     }
@@ -213,7 +207,6 @@ impl SimulatedFlight {
     pub(super) fn hold_at(&mut self, position: Vector3<f64>) {
         self.hold.position = position;
     }
-    /// A landing target came.
     pub(super) fn guide(&mut self, target: Vector3<f64>, now: Time<TrueTime>) {
         self.guided = Some((target, now));
     }
@@ -221,7 +214,7 @@ impl SimulatedFlight {
         self.firmware().mode(self.mode)
     }
 
-    /// Somebody chooses a mode. PX4 denies OFFBOARD without a stream of set-points.
+    /// Handles a mode change. PX4 denies OFFBOARD without a stream of set-points.
     pub(super) fn choose(&mut self, mode: u32, estimate: &Estimate, now: Time<TrueTime>) -> bool {
         let offboard = self.firmware().mode(mode) == AutopilotMode::Offboard;
         let streamed = |r: Received| now - r.at <= OFFBOARD_GAP && now - r.since >= OFFBOARD_STREAM;
@@ -229,7 +222,6 @@ impl SimulatedFlight {
             return false;
         }
         if offboard && self.firmware() == Firmware::ArduCopter {
-            // It holds until the first set-point.
             self.received = None;
         }
         if mode == own_mission(self.firmware()) && mode != self.mode && self.own.is_complete() {
@@ -242,7 +234,7 @@ impl SimulatedFlight {
     pub(super) fn arm(&mut self, armed: bool, estimate: &Estimate) {
         if armed && !self.armed {
             self.hold_here(estimate);
-            // Its motors begin at idle.
+            // The motors start at idle.
             self.target.thrust = 0.0;
             self.in_force = self.target;
             if self.firmware() == Firmware::ArduCopter {
@@ -260,7 +252,7 @@ impl SimulatedFlight {
         }
     }
 
-    /// A set-point arrives. One of attitude is in force at once where position control does not run.
+    /// Takes a set-point. An attitude set-point is effective immediately if position control is not active.
     pub(super) fn take(&mut self, newest: FlightReference, now: Time<TrueTime>, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
@@ -284,7 +276,7 @@ impl SimulatedFlight {
             self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
         }
     }
-    /// Divisor that ArduCopter applies to a set-point's thrust for a tilted drone (ATC_ANGLE_BOOST).
+    /// Divisor of ArduCopter for the thrust set-point of a tilted drone (ATC_ANGLE_BOOST).
     fn tilt_compensation(&self, attitude: &UnitQuaternion<f64>) -> f64 {
         match self.firmware() {
             Firmware::Px4 => 1.0,
@@ -295,13 +287,13 @@ impl SimulatedFlight {
     fn enter(&mut self, mode: u32, estimate: &Estimate) {
         if mode != self.mode {
             self.mode = mode;
-            // The control mode is published with it.
+            // A mode change publishes the control mode.
             self.control_mode.positions = None;
             self.hold_here(estimate);
         }
     }
     fn hold_here(&mut self, estimate: &Estimate) {
-        // Where it comes to rest: v² / (2 a).
+        // Stopping point: v² / (2 a).
         let v = estimate.velocity;
         let [across, along] = self.config.stop_mps2;
         let (sideways, down) = (
@@ -317,7 +309,7 @@ impl SimulatedFlight {
         };
     }
 
-    /// The outer loops, once per `dt`.
+    /// Outer loops, once per `dt`.
     pub(super) fn outer(
         &mut self,
         estimate: &Estimate,
@@ -345,7 +337,7 @@ impl SimulatedFlight {
         let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
         if self.firmware() == Firmware::ArduCopter && self.spool_up(received.map(|r| r.newest), estimate, dt)
         {
-            // Its own landing ends on the ground, where its rotors idle.
+            // ArduCopter's landing ends on the ground, where the rotors idle.
             if self.spool.gives_thrust() {
                 self.detect_landing(estimate, dt);
             }
@@ -360,7 +352,7 @@ impl SimulatedFlight {
                 self.move_hold(estimate, now, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
-                // ArduCopter after one of attitude: level, no climb.
+                // ArduCopter without attitude set-points: level, no climb.
                 let last = self.received.filter(|_| offboard).map(|r| r.newest);
                 if let Some(FlightReference::Attitude(_)) = last {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
@@ -370,13 +362,13 @@ impl SimulatedFlight {
         self.detect_landing(estimate, dt);
     }
 
-    /// ArduCopter's motors on the ground: they stand still, spin up once a set-point asks for thrust, and idle without one.
-    /// True while none of its loops has the rotors.
+    /// Steps ArduCopter's motors on the ground: they stand still, spin up when a set-point requests thrust, and idle
+    /// otherwise. Returns true while no control loop drives the rotors.
     fn spool_up(&mut self, newest: Option<FlightReference>, estimate: &Estimate, dt: f64) -> bool {
         let stands = self.landed == LandedState::OnGround;
         let wants = match (self.kind(), newest) {
             (AutopilotMode::Offboard, Some(FlightReference::Attitude(target))) => target.thrust > 0.0,
-            // `is_disarmed_or_landed`: no set-point of position makes it leave the ground.
+            // `is_disarmed_or_landed`: a position set-point does not start a take-off.
             (AutopilotMode::Offboard, Some(FlightReference::Track(_)) | None) => !stands,
             (AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return, _) => !stands,
             (AutopilotMode::Other, _) => true,
@@ -393,8 +385,8 @@ impl SimulatedFlight {
         idles
     }
 
-    /// Reference of the control mode by a set-point: where position control does not know that it ends, it and the
-    /// set-points write attitudes by turns; where it does not know that it begins, the last attitude stays.
+    /// Follows a set-point. If position control has not learnt yet that it is inactive, it and the attitude set-points
+    /// write targets alternately; if it has not learnt yet that it is active, the last attitude persists.
     fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
@@ -422,8 +414,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// PX4 without set-points for COM_OF_LOSS_T: the mode of COM_OBL_RC_ACT, back to OFFBOARD as soon as they come again.
-    /// ArduCopter stays in GUIDED and stops.
+    /// Handles set-points lost for COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT, and returns to OFFBOARD when
+    /// they resume. ArduCopter stays in GUIDED and stops.
     fn lose_set_points(&mut self, some: bool, action: f64, estimate: &Estimate) {
         let offboard = self.firmware().mode(self.chosen) == AutopilotMode::Offboard;
         if !offboard || self.firmware() == Firmware::ArduCopter {
@@ -439,7 +431,7 @@ impl SimulatedFlight {
         self.enter(mode, estimate);
     }
 
-    /// Moves the hold point in the modes that go somewhere.
+    /// Moves the hold point in modes with a destination.
     fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
@@ -465,7 +457,6 @@ impl SimulatedFlight {
             }
         }
     }
-    /// In the mode of its own mission.
     pub(super) fn flies_own_mission(&self) -> bool {
         self.mode == own_mission(self.firmware())
     }
@@ -479,7 +470,8 @@ impl SimulatedFlight {
             self.enter(hold, estimate);
         }
     }
-    /// Above the landing target while it comes, as precision landings go: at a speed in proportion to the distance.
+    /// Moves the hold point above a fresh landing target, as in a precision landing, with a speed proportional to the
+    /// distance.
     fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
         let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
             return;
@@ -491,13 +483,13 @@ impl SimulatedFlight {
     }
     fn sink(&mut self, estimate: &Estimate, dt: f64) {
         self.hold.velocity.z = self.config.land_mps;
-        // The set-point leads by a metre at most, so that ground contact unloads the rotors.
+        // The set-point leads by at most a metre, so that ground contact unloads the rotors.
         self.hold.position.z =
             (self.hold.position.z + self.config.land_mps * dt).min(estimate.position.z + 1.0);
     }
 
-    /// Hover thrust from the lift that the present thrust gives: `T_h = T g / f_lift`, smoothed
-    /// (PX4's hover thrust estimator reduced to its fixed gain), in the air and without shocks.
+    /// Estimates hover thrust from the lift at the present thrust: `T_h = T g / f_lift`, smoothed (PX4's hover thrust
+    /// estimator with its fixed gain), in the air and without shocks.
     fn estimate_hover(&mut self, e: &Estimate, dt: f64) {
         let lift = -e.specific_force.z;
         if self.landed == LandedState::OnGround
@@ -511,15 +503,15 @@ impl SimulatedFlight {
         self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
     }
 
-    /// PX4's land detector reduced: little thrust, little speed, for a second. In its own landing
-    /// it then disarms.
+    /// Simplified land detector of PX4: low thrust and low speed for a second. In the autopilot's own landing it then
+    /// disarms.
     fn detect_landing(&mut self, e: &Estimate, dt: f64) {
         let quiet = self.target.thrust < 0.6 * self.hover_thrust
             && e.velocity.z.abs() < 0.25
             && e.velocity.xy().norm() < 0.5
             && e.rates.norm() < 0.35;
         self.still_s = if quiet { self.still_s + dt } else { 0.0 };
-        // ArduCopter stands until the throttle is above half of hover (`get_non_takeoff_throttle`).
+        // ArduCopter counts as landed until the throttle exceeds half of hover (`get_non_takeoff_throttle`).
         let stays = self.firmware() == Firmware::ArduCopter
             && self.landed == LandedState::OnGround
             && self.target.thrust <= 0.5 * self.hover_thrust;
@@ -534,8 +526,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// The inner loops, each turn of `dt`, on the truth with the errors of the last estimate, since they are far slower
-    /// than an outer period; None with the motors stopped.
+    /// Inner loops, each step of `dt`, on the true state with the errors of the last estimate, which change far more
+    /// slowly than an outer period; None with the motors stopped.
     pub(super) fn inner(
         &mut self,
         errors: &SimulatedErrors,
@@ -548,14 +540,14 @@ impl SimulatedFlight {
             self.shaping = InputShaping::at(is);
             return None;
         }
-        let target = self.acting(truth.at);
+        let target = self.active_target(truth.at);
         if !self.spool.gives_thrust() {
             self.shaping = InputShaping::at(is);
             return self.spool.turns().then_some([0.0; MAX_ROTORS]);
         }
         let c = &self.config;
         let wanted = match self.firmware() {
-            // PX4 drops the rates.
+            // PX4 ignores the rates.
             Firmware::Px4 => rate_set_point(c, &target, &is),
             Firmware::ArduCopter => {
                 let tc = c.attitude_lag_s();
@@ -569,8 +561,8 @@ impl SimulatedFlight {
         )
     }
 
-    /// The target in force at `now`: the newest that is older than the dead time.
-    fn acting(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
+    /// Active target at `now`: the newest that is older than the dead time.
+    fn active_target(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {
             return self.target;

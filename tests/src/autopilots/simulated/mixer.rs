@@ -1,42 +1,39 @@
-//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and priorities at
-//! saturation. All are fractions of a rotor's maximum thrust.
+//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, with priorities at saturation. All
+//! values are fractions of a rotor's maximum thrust.
 
 use crate::physics::drone::{MAX_ROTORS, RotorFrame};
 
-/// More than a rotor has that yaw may ask for before it is reduced: thrust gives way to it at the upper end.
+/// Excess over a rotor's range that yaw may request before it is reduced; at the upper end thrust is reduced instead.
 const YAW_MARGIN: f64 = 0.15;
-/// A moment that is missing by less than this is not missing.
+/// Tolerance below which a moment counts as complete.
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mixer {
-    /// PX4's sequential desaturation; `airmode`: MC_AIRMODE 1 (roll and pitch).
     Px4 {
-        /// Roll and pitch may raise the collective.
+        /// MC_AIRMODE 1: roll and pitch may raise the collective.
         airmode: bool,
     },
-    /// ArduCopter's matrix mixer.
     ArduCopter {
-        /// The collective that hovers.
+        /// Collective thrust of a hover.
         hover: f64,
-        /// Fraction between the wanted collective and hover up to which roll and pitch may raise it
+        /// Interpolation between the wanted collective and hover, up to which roll and pitch may raise it
         /// (ATC_THR_MIX_MIN).
         mix: f64,
     },
 }
 
-/// Rotor commands, and which of roll, pitch and yaw is not given as wanted.
+/// Rotor commands, and whether roll, pitch and yaw are saturated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixed {
-    /// For each rotor.
     pub out: [f64; MAX_ROTORS],
     /// Roll, pitch, yaw.
     pub saturated: [bool; 3],
 }
 
 impl Mixer {
-    /// Rotor commands for the collective `thrust`, and what each rotor adds for roll and pitch (`tilt`) and for yaw
-    /// (`turn`); all zero beyond the frame's rotors.
+    /// Rotor commands for the collective `thrust` and the changes per rotor for roll and pitch (`tilt`) and for yaw
+    /// (`turn`); entries beyond the frame's rotors are zero.
     pub fn mix(
         self,
         frame: RotorFrame,
@@ -69,8 +66,8 @@ impl Mixer {
     }
 }
 
-/// PX4's `ControlAllocationSequentialDesaturation`: thrust is never raised without air mode; roll, then pitch give
-/// way, each by as much as brings rotors back into their range; then yaw.
+/// PX4's `ControlAllocationSequentialDesaturation`. Without air mode thrust is never raised. Roll, then pitch, then yaw
+/// are reduced as far as rotors need to return to their range.
 fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], airmode: bool) -> Vec<f64> {
     let [roll, pitch, yaw] = axes;
     let less_thrust = [-1.0; MAX_ROTORS];
@@ -84,8 +81,8 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     out
 }
 
-/// Moves `out` along `axis` towards the range 0 to `most`, twice, the second time by half; `forward` only, or both
-/// ways. A rotor on the axis (a hexarotor's two in roll's plane have no part in pitch) cannot be helped by it.
+/// Moves `out` along `axis` towards the range 0 to `most`, twice, the second time by half; only forward, or in both
+/// directions. Rotors on the axis (two of a hexarotor have no part in pitch) cannot be desaturated by it.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
@@ -107,8 +104,8 @@ fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: boo
     out.iter_mut().zip(axis).for_each(|(o, a)| *o += second * a);
 }
 
-/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective up to `raised`, beyond which they are scaled
-/// down together; yaw has what they leave.
+/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective up to `raised`; beyond that they are scaled down
+/// together. Yaw gets the remaining range.
 fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64> {
     let base = raised.min(0.5);
     let room = |t: f64, y: f64| {
@@ -158,7 +155,6 @@ mod tests {
         mix: 0.1,
     };
 
-    /// Collective, roll, pitch and yaw that the rotors give.
     fn given(m: &Mixed) -> [f64; 4] {
         given_of(RotorFrame::QuadX, m)
     }
@@ -205,13 +201,13 @@ mod tests {
 
     #[test]
     fn px4_mixer_without_air_mode_at_little_thrust() {
-        // Pitch alone would leave no room; roll, a quarter of it, is given up whole.
+        // Pitch alone would leave no range; roll, a quarter of it, is dropped entirely.
         let m = mix(PX4, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.1, 0.0, 0.1, 0.0]), "{:?}", given(&m));
         assert!(m.saturated[0] && m.saturated[1]);
         let m = mix(AIRMODE, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.25, 0.05, 0.2, 0.0]), "{:?}", given(&m));
-        // ArduCopter scales both alike, with a little more thrust.
+        // ArduCopter scales both equally, with slightly more thrust.
         let [thrust, roll, pitch, _] = given(&mix(COPTER, 0.1, [0.05, 0.2, 0.0]));
         assert!((thrust - 0.125).abs() < 1e-12 && (pitch / roll - 4.0).abs() < 1e-9);
         assert!((roll - 0.025).abs() < 1e-12, "{roll}");

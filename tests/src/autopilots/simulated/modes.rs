@@ -1,9 +1,9 @@
-//! Modes by the firmwares' own numbers.
+//! Mode numbers of the firmwares.
 
 use alight_shared::msg::AutopilotMode;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
-/// The firmware's number of the mode that flies its own mission.
+/// Number of the mode that flies the firmware's own mission.
 pub const fn own_mission(firmware: Firmware) -> u32 {
     match firmware {
         Firmware::Px4 => px4_mode(4, 4),
@@ -11,7 +11,7 @@ pub const fn own_mission(firmware: Firmware) -> u32 {
     }
 }
 
-/// The firmware's number of a mode; `Other` is the position mode in which a pilot flies.
+/// Number of a mode; `Other` is the position mode of manual flight.
 pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
     match (firmware, mode) {
         (Firmware::Px4, AutopilotMode::Other) => px4_mode(3, 0),

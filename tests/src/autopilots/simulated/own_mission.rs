@@ -1,24 +1,23 @@
-//! The firmware's own mission (PX4 Mission, ArduCopter AUTO): places that it flies to in their order.
+//! The firmware's own mission (PX4 Mission, ArduCopter AUTO): waypoints that it visits in order.
 //!
-//! PX4 goes to its Hold after the last one and reports the mission as complete until it is started again; ArduCopter stays in
-//! AUTO, hovers there, and begins again after a disarm.
+//! After the last waypoint PX4 enters Hold, and reports the mission as complete until it is started again. ArduCopter
+//! stays in AUTO, hovers there, and starts again after a disarm.
 
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::own_mission::COMPLETE;
 use nalgebra::Vector3;
 
-/// Speed between places, m/s.
+/// Speed between waypoints, m/s.
 const SPEED_MPS: f64 = 5.0;
-/// Within this distance a place is reached, m.
+/// Distance within which a waypoint is reached, m.
 const REACHED_M: f64 = 2.0;
 
-/// The mission, and how far it has come.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OwnFlight {
-    /// Places in its own NED, m.
+    /// Waypoints in the autopilot's NED, m.
     items: Vec<Vector3<f64>>,
     next: usize,
-    /// The newest one that was reached, until that was reported.
+    /// Newest waypoint that was reached, until it is reported.
     reached: Option<u16>,
 }
 
@@ -38,7 +37,7 @@ impl OwnFlight {
     pub(super) fn is_complete(&self) -> bool {
         !self.items.is_empty() && self.next >= self.items.len()
     }
-    /// Moves `hold`, towards which the drone at `position` flies; the velocity of that.
+    /// Moves `hold` towards the next waypoint, with the drone at `position`; returns the velocity of `hold`.
     pub(super) fn fly(
         &mut self,
         firmware: Firmware,
@@ -67,11 +66,11 @@ impl OwnFlight {
         }
         velocity
     }
-    /// The item that was reached since the last call.
+    /// Item that was reached since the last call.
     pub(super) fn reached(&mut self) -> Option<u16> {
         self.reached.take()
     }
-    /// `MISSION_CURRENT`: items, and the state; `flies`: in the mission's mode.
+    /// `MISSION_CURRENT`: number of items, and the state; `flies`: the mission's mode is active.
     pub(super) fn report(&self, flies: bool) -> (u16, u8) {
         let total = match self.items.len() {
             0 => u16::MAX,

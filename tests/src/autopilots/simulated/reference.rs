@@ -1,4 +1,4 @@
-//! Set-points as references of the simulated autopilot's flight.
+//! Set-points as references for the flight of the simulated autopilot.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

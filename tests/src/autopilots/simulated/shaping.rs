@@ -1,32 +1,33 @@
-//! ArduCopter's input shaping and attitude loop (`AC_AttitudeControl::input_quaternion`): a set-point is not followed, but
-//! a target that moves towards it with limited acceleration, whose rates are fed forward.
+//! ArduCopter's input shaping and attitude loop (`AC_AttitudeControl::input_quaternion`). The vehicle does not follow a
+//! set-point directly, but a target that moves towards it with limited acceleration and feeds its rates forward.
 //!
-//! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and the limit `a`
-//! (ATC_ACCEL_R_MAX): `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))` beyond `|e| = a tc²`; the target's rate goes
-//! to `w_d` by at most `a dt`. The vehicle follows the target by `w = w_target + P e_target` (ATC_ANG_RLL_P). A set-point of
-//! more than a few degrees is so followed later than `tc`: that is what a linear model takes for dead time.
+//! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and the limit
+//! `a` (ATC_ACCEL_R_MAX): `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))` beyond `|e| = a tc²`; the target's
+//! rate changes to `w_d` by at most `a dt`. The vehicle follows the target by `w = w_target + P e_target`
+//! (ATC_ANG_RLL_P). The response to a set-point of more than a few degrees is therefore slower than `tc`, which a
+//! linear model describes as dead time.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::AttitudeSetPoint;
 
-/// Largest acceleration of the target about roll, pitch (ATC_ACCEL_R_MAX, ATC_ACCEL_P_MAX 110 000 cdeg/s²) and yaw
+/// Maximum acceleration of the target about roll, pitch (ATC_ACCEL_R_MAX, ATC_ACCEL_P_MAX 110 000 cdeg/s²) and yaw
 /// (ATC_ACCEL_Y_MAX 27 000 cdeg/s²), rad/s².
 const MAX_ACCELERATION: [f64; 3] = [19.2, 19.2, 4.71];
 /// Gain from the target's error to body rates, 1/s (ATC_ANG_RLL_P, ATC_ANG_PIT_P, ATC_ANG_YAW_P).
 const ANGLE_GAIN: f64 = 4.5;
 
-/// The target that moves to the set-point.
+/// Target that moves towards the set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InputShaping {
-    /// NED from the target's body frame.
+    /// Rotation NED from the target's body frame.
     pub(super) attitude: UnitQuaternion<f64>,
-    /// The target's rates, in that frame, rad/s.
+    /// Rates of the target in its body frame, rad/s.
     pub(super) rates: Vector3<f64>,
 }
 
 impl InputShaping {
-    /// At rest at this attitude.
+    /// A target at rest at this attitude.
     pub(super) fn at(attitude: UnitQuaternion<f64>) -> InputShaping {
         InputShaping {
             attitude,
@@ -34,8 +35,8 @@ impl InputShaping {
         }
     }
 
-    /// Moves the target towards `to` over `dt` with the time constant `tc` (s), its rate about yaw at most
-    /// `max_yaw_rate` (rad/s), and gives the body rates that bring a vehicle at `is` there, rad/s.
+    /// Moves the target towards `to` over `dt` with the time constant `tc` (s) and a yaw rate of at most `max_yaw_rate`
+    /// (rad/s). Returns the body rates, rad/s, for a vehicle at `is`.
     pub(super) fn step(
         &mut self,
         to: &AttitudeSetPoint,
@@ -45,7 +46,7 @@ impl InputShaping {
         dt: f64,
     ) -> Vector3<f64> {
         let error = (self.attitude.inverse() * to.attitude).scaled_axis();
-        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but turn them by it once too often.
+        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates by it once too often.
         let lead = to.attitude * to.rates + Vector3::z() * to.yaw_rate;
         for i in 0..3 {
             let limit = MAX_ACCELERATION[i];
@@ -61,7 +62,7 @@ impl InputShaping {
     }
 }
 
-/// The rate that takes an error (rad) away: proportional, and by the braking distance beyond `a tc²` (ArduPilot's
+/// Rate that removes an error (rad): proportional, and by the braking distance beyond `a tc²` (ArduPilot's
 /// `sqrt_controller`), rad/s.
 fn towards(error: f64, tc: f64, limit: f64) -> f64 {
     let linear = limit * tc * tc;
@@ -78,19 +79,19 @@ fn towards(error: f64, tc: f64, limit: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Twenty seconds of set-points, of the target as ArduCopter 4.7-dev logged it, and of the attitude, at its default
+    /// Twenty seconds of set-points, with the target and the attitude as logged by ArduCopter 4.7-dev at its default
     /// parameters (simulated flight of the real firmware), deg.
     const FLIGHT: &str = include_str!("../../../flights/arducopter-oscillating.csv");
-    /// The rate loop's and the motors' lag in that flight, s.
+    /// Lag of rate loop and motors in that flight, s.
     const RATE_LAG_S: f64 = 0.08;
 
-    /// A row's columns; None where it has none.
+    /// Columns of a row; None for empty ones.
     fn row(line: &str) -> Option<[Option<f64>; 7]> {
         let values: Vec<Option<f64>> = line.split(',').map(|v| v.parse().ok()).collect();
         values.try_into().ok()
     }
 
-    /// Root mean square of the logged target and attitude, and of what shaping and loop make of them, deg.
+    /// Root mean square of the logged target and attitude, and the error of the replayed ones, deg.
     fn replayed() -> [[f64; 2]; 2] {
         let dt = 0.0025;
         let mut set: Option<[f64; 2]> = None;

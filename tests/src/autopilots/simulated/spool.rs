@@ -1,29 +1,29 @@
-//! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for ARMING_DELAY_SEC, a constant of its
-//! build, then spin up to their idle speed within MOT_SPOOL_TIME once thrust is asked for, and give thrust from then on.
+//! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for ARMING_DELAY_SEC, a
+//! build-time constant. When thrust is requested, they spin up to idle speed within MOT_SPOOL_TIME, and produce thrust
+//! from then on.
 //!
-//! Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us in 0.5 s, then what was asked for within one
-//! report; `ATTITUDE_TARGET` has no thrust until then, and the state "on ground" ends there. PX4's follow at once.
+//! Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us in 0.5 s, then the requested
+//! output within one report. `ATTITUDE_TARGET` has no thrust until then, and the state "on ground" ends there. PX4's
+//! motors respond immediately.
 
 /// ARMING_DELAY_SEC, s.
 const ARMING_DELAY_S: f64 = 2.0;
 /// MOT_SPOOL_TIME, s.
 const SPOOL_S: f64 = 0.5;
-/// Pulses of a motor that is off, at its idle speed, and at full thrust, us.
+/// Pulse widths of a motor that is off, at idle speed, and at full thrust, us.
 pub(super) const PULSE_OFF_US: f64 = 1000.0;
 const PULSE_IDLE_US: f64 = 20.0;
 const PULSE_RANGE_US: f64 = 1000.0;
 
-/// Spool-up of the motors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spool {
-    /// Armed for so long, s.
+    /// Time since arming, s.
     armed_s: f64,
-    /// Fraction of the idle speed.
     ratio: f64,
 }
 
 impl Spool {
-    /// Motors that follow.
+    /// Motors that are running.
     pub(super) const RUNNING: Spool = Spool {
         armed_s: f64::INFINITY,
         ratio: 1.0,
@@ -34,7 +34,7 @@ impl Spool {
             ratio: 0.0,
         }
     }
-    /// After `dt` (s) in which thrust was asked for, or not.
+    /// Advances by `dt` (s), with thrust requested or not.
     pub(super) fn step(&mut self, wants: bool, dt: f64) {
         self.armed_s += dt;
         if wants && self.armed_s > ARMING_DELAY_S {
@@ -44,11 +44,11 @@ impl Spool {
     pub(super) fn turns(&self) -> bool {
         self.ratio > 0.0
     }
-    /// They give what is asked for.
+    /// Whether the motors produce the requested thrust.
     pub(super) fn gives_thrust(&self) -> bool {
         self.ratio >= 1.0
     }
-    /// Pulse of an output that is asked for this thrust, 0 to 1, us.
+    /// Pulse width of an output with this requested thrust, 0 to 1, us.
     pub(super) fn pulse_us(&self, thrust: f64) -> f64 {
         let thrust = if self.gives_thrust() { thrust } else { 0.0 };
         PULSE_OFF_US + (PULSE_IDLE_US * self.ratio).max(PULSE_RANGE_US * thrust)
@@ -59,7 +59,7 @@ impl Spool {
 mod tests {
     use super::*;
 
-    /// As ArduCopter's log of a take-off has it.
+    /// As in ArduCopter's log of a take-off.
     #[test]
     fn motors_after_arming() {
         let mut spool = Spool::begun();

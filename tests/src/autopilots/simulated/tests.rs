@@ -1,4 +1,4 @@
-//! Flights of the simulated autopilot: control, failsafes, differences of the firmwares.
+//! Flights of the simulated autopilot: control, failsafes, differences between the firmwares.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
@@ -14,7 +14,7 @@ const TICK: Span = Span::from_millis(10);
 const DT: f64 = 0.01;
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
-/// No errors and no noise: control alone.
+/// A configuration without errors and noise, to test control alone.
 fn ideal(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -24,7 +24,7 @@ fn ideal(firmware: Firmware) -> DroneConfig {
     c
 }
 
-/// A drone, its autopilot, and a deck at rest.
+/// A drone with its autopilot, and a deck at rest.
 struct Flown {
     drone: SimulatedDrone,
     a: SimulatedAutopilot,
@@ -60,7 +60,7 @@ impl Flown {
             impacts: Vec::new(),
         }
     }
-    /// Under set-points, which hold it where it is at first.
+    /// A drone under set-points, which initially hold its position.
     fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let mut f = Flown::new(c, seed, position);
         f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));
@@ -77,7 +77,7 @@ impl Flown {
         self.impacts.extend(reports.into_iter().flat_map(|r| r.impacts));
         self.t += TICK;
     }
-    /// For so long, with a set-point each tick.
+    /// Flies for `seconds` with a set-point each tick.
     fn fly(&mut self, seconds: f64, mut set_point: impl FnMut(f64) -> Option<MavlinkMessage>) {
         for _ in 0..(seconds / DT).round() as usize {
             self.arrived.extend(set_point(self.t.secs()));
@@ -136,7 +136,7 @@ fn hover_with_default_errors_and_gusty_wind() {
         let mut worst: f64 = 0.0;
         for _ in 0..4000 {
             f.tick();
-            // In its own frame, which drifts with its GNSS.
+            // In the autopilot's frame, which drifts with its GNSS.
             let error = f.position() + f.a.frame_offset() - start - offset;
             worst = worst.max(error.norm());
         }
@@ -145,7 +145,7 @@ fn hover_with_default_errors_and_gusty_wind() {
             (0.01..limit).contains(&worst),
             "seed {seed} wind {wind}: {worst} m"
         );
-        // Hover thrust differs from the nominal by the hidden errors, and is found.
+        // Hover thrust differs from the nominal by the hidden errors, and the estimate finds it.
         let (found, hover) = (f.a.hover_thrust(), f.drone.hover_thrust());
         let near = (found / hover - 1.0).abs() < 0.03;
         assert!(near || wind > 0.0, "{found} {hover}");
@@ -201,7 +201,7 @@ fn measured_lag(lag_s: f64) -> f64 {
     let roll = |t: f64| 0.1 * (core::f64::consts::PI * t).sin();
     let (mut asked, mut got) = (Vec::new(), Vec::new());
     for _ in 0..2000 {
-        // The state at the time that the set-point is for, before the step.
+        // State at the time of the set-point, before the step.
         asked.push(roll(f.t.secs()));
         got.push(f.drone.truth().euler().x);
         f.fly(DT, |t| Some(attitude(roll(t), hover)));
@@ -229,9 +229,9 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, minimum and maximum over seeds; before it was
-/// sent `first` for 3 s.
-fn lean_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
+/// Tilt (rad) of a drone 0.3 s after a command to tilt by 0.2 rad, minimum and maximum over seeds. For 3 s before, it
+/// receives `first`.
+fn tilt_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
         f.fly(3.0, |_| Some(first.clone()));
@@ -248,10 +248,10 @@ fn set_point_kind_changed_between_control_modes() {
     for (firmware, first, late) in [
         (Firmware::Px4, attitude(0.0, 0.34), false),
         (Firmware::ArduCopter, hover.clone(), false),
-        // Position control writes attitudes, too, until it learns of the change: at once, or 0.5 s later.
+        // Position control writes attitudes, too, until it learns of the change: immediately, or 0.5 s later.
         (Firmware::Px4, hover, true),
     ] {
-        let [min, max] = lean_after(firmware, &first);
+        let [min, max] = tilt_after(firmware, &first);
         assert!(max > 0.12, "{firmware:?}: {min} {max}");
         assert_eq!(min < 0.1, late, "{firmware:?}: {min} {max}");
     }
@@ -303,7 +303,6 @@ fn ardu_copter_level_without_attitudes() {
         "{:?}",
         truth.velocity
     );
-    // It drifts on.
     assert!(truth.velocity.0.xy().norm() > 0.5);
 }
 
@@ -358,7 +357,7 @@ fn remote_control_and_data_link_lost() {
         let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
-        // Set-points alone bring it back from no failsafe of that kind.
+        // Set-points alone do not end a failsafe of that kind.
         (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
@@ -398,7 +397,7 @@ fn disarm_in_the_air_only_by_force_and_for_good() {
 
 #[test]
 fn streams_at_their_rate_and_denials() {
-    // ArduCopter's telemetry gives 40 Hz where more is requested.
+    // ArduCopter's telemetry sends 40 Hz when more is requested.
     for (firmware, which, denied, hz) in [
         (Firmware::Px4, id::ODOMETRY, id::SCALED_IMU, 50_usize),
         (Firmware::ArduCopter, id::LOCAL_POSITION_NED, id::ODOMETRY, 40),
@@ -451,7 +450,7 @@ proptest! {
         let mut f = Flown::offboard(&DroneConfig::default(), 9, Vector3::new(0.0, 0.0, -30.0));
         f.fly(3.0, |_| Some(track(Vector3::from(p), v, a)));
         prop_assert_eq!(f.a.rejected, 0);
-        // Still upright: its own limits hold.
+        // Still upright: the limits of the autopilot hold.
         prop_assert!((f.drone.truth().attitude.0 * Vector3::z()).z > 0.4);
         prop_assert!(f.drone.mass_kg() * GRAVITY > 0.0);
     }

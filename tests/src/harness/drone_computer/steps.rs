@@ -16,7 +16,6 @@ use alight_shared::bus::{Bus, Edge, Row, Writer as _};
 use alight_shared::msg::{AutopilotMode, Plan};
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
@@ -122,7 +121,7 @@ impl SimulatedDroneComputer {
     }
     /// The cameras with what they have exposed, or what models measure in their place; rangefinder, beacon and receiver at the
     /// other ends of the link's wires.
-    pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
+    pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics, tap: &mut impl Tap) {
         physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
         let Some(mut readings) = physics.drone_readings(self.k) else {
             return;
@@ -144,6 +143,7 @@ impl SimulatedDroneComputer {
             }
         }
         readings.shift(self.ahead);
+        let [belly, ultraviolet] = [ProcessKind::Camera, ProcessKind::Uvdar].map(|p| self.process(p).1);
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
             let mut images = cameras.belly(t, &readings.shots);
             let step = row.step(
@@ -151,13 +151,15 @@ impl SimulatedDroneComputer {
                 &mut edge::<CameraNode>(|i| swap(i, &mut images), |_, _| {}),
             );
             cameras.metered(step.input.frames.len(), &row.node.light());
+            tap.step(t, &step.of(ProcessKind::Camera, belly));
         }
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
             let mut images = cameras.ultraviolet(t, &readings.uv_shots);
-            row.step(
+            let step = row.step(
                 || now,
                 &mut edge::<UvdarNode>(|i| swap(i, &mut images), |_, _| {}),
             );
+            tap.step(t, &step.of(ProcessKind::Uvdar, ultraviolet));
         }
         self.outside.tags.send_each(&readings.tags);
         self.outside.uvdar.send_each(&readings.uvdar);
@@ -202,7 +204,7 @@ impl SimulatedDroneComputer {
 }
 
 /// One step of a row where its process lives, `runs` and is due, shown to a tap.
-fn step<N: Installed + Node<Clock = DroneClock, In: Recorded, Out: Recorded>>(
+fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),
     (t, now): Moment,

@@ -1,5 +1,5 @@
-//! A second boat with the same tags, rafted up alongside the vessel: it goes where the vessel goes, and rocks in the
-//! waves of its own place.
+//! A second boat with the same tags, rafted up alongside the vessel. It moves with the vessel and rocks in the waves at
+//! its own position.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
 use alight_shared::time::{Span, Time, TrueTime};
@@ -13,16 +13,15 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
 use crate::sensors::noise::Noise;
 
-/// The second boat.
 pub(super) struct Neighbour {
     carrier: DeckCarrier,
     sea: Sea,
-    /// Centre of its deck from the vessel's, north and east, m.
+    /// From the vessel's deck centre to the neighbour's, north and east, m.
     apart: Vector2<f64>,
 }
 
 impl Neighbour {
-    /// The one of this seed, at the scenario's distance, in a direction of the stream `neighbour`.
+    /// The neighbour of this seed, at the scenario's distance, in a direction from the stream `neighbour`.
     pub(super) fn new(
         scenario: &Scenario,
         sea: &Sea,
@@ -50,7 +49,6 @@ impl Neighbour {
     pub(super) fn step(&mut self, t: Time<TrueTime>, dt: Span) {
         self.carrier.step(t, dt.secs(), &self.sea);
     }
-    /// The neighbour's deck, at its lateral offset from the vessel's.
     pub(super) fn deck(&self, vessels: &RigidState<Deck>, scenario: &Scenario) -> RigidState<Deck> {
         let own: RigidState<Deck> = self.carrier.state().at(scenario.deck.centre());
         let (place, velocity) = (vessels.position.0, vessels.velocity.0);

@@ -1,8 +1,8 @@
-//! Parameter errors of the nodes' configurations (data sheets, tape measures): true values drawn per seed
-//! around the scenario's, which are the nodes'.
+//! Parameter errors of the nodes' configurations (data sheets, tape measures): true values are drawn per seed around
+//! the scenario's values, which the nodes have.
 //!
-//! Mass, thrust, lever arms, misalignment, biases and the camera's mount are drawn without this, by their own
-//! keys. Each figure has its own random stream `draws/<name>`: one more does not shift the others.
+//! Mass, thrust, lever arms, misalignment, biases and the camera's mount have keys of their own and are not drawn here.
+//! Each parameter has the random stream `draws/<name>`, so that a new one does not shift the others.
 
 use alight_shared::config;
 
@@ -11,45 +11,44 @@ use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
 config! {
-    /// Differences between the simulated world and what the nodes know of it.
+    /// Differences between the simulated world and the nodes' configurations.
     pub struct DrawConfig {
-        /// Whether they are drawn; otherwise the world is as the scenario has it.
+        /// Whether parameters are drawn; otherwise the world has the scenario's values.
         pub on: bool = false;
-        /// Noise of every sensor: a factor between the inverse of this and this, log-uniform.
-        /// Chosen: data sheets state typical values; what vibration, sky and mounting make of them
-        /// spreads by about half.
+        /// Noise ratio of every sensor: the factor is log-uniform between its inverse and itself.
+        /// Chosen: data sheets state typical values, which vibration, sky and mounting change by about half.
         pub noise_ratio: f64 = 1.5, in 1.0..=10.0;
-        /// Bound of the relative error of the drone's moments of inertia, each axis.
-        /// Chosen: a bifilar pendulum is good to some per cent, a sum over parts to 10 or 20.
+        /// Bound of the relative error of the drone's moments of inertia, per axis.
+        /// Chosen: a bifilar pendulum is accurate to a few per cent, a sum over parts to 10 or 20.
         pub inertia_error: f64 = 0.15, in 0.0..=0.8;
-        /// Bound of the relative error of its drag.
-        /// Chosen: with and without payload, props of another make.
+        /// Bound of the relative error of the drone's drag.
+        /// Chosen: with and without payload, propellers of another make.
         pub drag_error: f64 = 0.4, in 0.0..=0.9;
-        /// Range of the lag with which a tilt set-point is followed, over the nominal one.
+        /// Range of the attitude lag of a tilt set-point, relative to the nominal lag.
         /// Source: PX4 0.10 s with a gain of 10 to 12, 0.16 s with its default of 6.5; nominal 0.10 s.
         pub attitude_lag_factor: [f64; 2] = [0.9, 1.6], in 0.3..=3.0;
         /// Bound of the relative error of the friction between feet and deck.
         /// Chosen: wet and dry, paint and rubber of the same kind.
         pub friction_error: f64 = 0.25, in 0.0..=0.9;
-        /// Standard deviation of each tag's place relative to the printed layout, each axis, m.
+        /// Standard deviation of each tag's position relative to the printed layout, per axis, m.
         /// Chosen: sheets laid on printed lines.
         pub tag_place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Standard deviation of the deck's centre and the tags' against what was measured, each axis, m.
+        /// Standard deviation of the position of the deck's centre and tags relative to the measured one, per axis, m.
         /// Chosen: a tape measure over a boat's length.
         pub deck_sd_m: f64 = 0.015, in 0.0..=0.5;
         /// Bound of the relative error of the tag's side.
         /// Chosen: scaling of a printer.
         pub tag_error: f64 = 0.004, in 0.0..=0.2;
-        /// Bound of the relative error of the hover thrust that the autopilot starts with.
-        /// Source: PX4's MPC_THR_HOVER is set by hand and off by as much as battery and payload.
+        /// Bound of the relative error of the autopilot's initial hover thrust.
+        /// Source: PX4's MPC_THR_HOVER is set by hand; battery and payload change the true value.
         pub hover_thrust_error: f64 = 0.2, in 0.0..=0.5;
         /// Bound of the relative error of the simulated hull's mass and inertia.
         /// Chosen: crew, fuel and payload of a boat of 200 kg.
         pub hull_mass_error: f64 = 0.15, in 0.0..=0.5;
-        /// Bound of the relative error of its added mass and damping.
-        /// Chosen: as far as model tests and strip theory disagree in roll.
+        /// Bound of the relative error of the simulated hull's added mass and damping.
+        /// Chosen: the disagreement of model tests and strip theory in roll.
         pub hull_damping_error: f64 = 0.3, in 0.0..=0.8;
-        /// Bound of the relative error of its hulls' radius and distance, which make its stiffness.
+        /// Bound of the relative error of the hulls' radius and distance, which determine the stiffness.
         pub hull_shape_error: f64 = 0.04, in 0.0..=0.2;
     }
     check |this, at| {
@@ -62,37 +61,34 @@ config! {
     }
 }
 
-/// Draws from the streams `draws/<name>`.
 struct Draws<'a>(&'a Streams);
 
 impl Draws<'_> {
     fn noise(&self, name: &str) -> Noise {
         Noise::new(self.0, &format!("draws/{name}"))
     }
-    /// Within `bounds`, uniform.
     fn between(&self, name: &str, [low, high]: [f64; 2]) -> f64 {
         low + (high - low) * self.noise(name).uniform()
     }
-    /// `value` times 1 minus to plus `error`.
+    /// Multiplies `value` by a factor within 1 ± `error`.
     fn vary(&self, name: &str, value: &mut f64, error: f64) {
         *value *= self.between(name, [1.0 - error, 1.0 + error]);
     }
-    /// Varies every item.
     fn vary_each(&self, name: &str, values: &mut [f64], error: f64) {
         let mut noise = self.noise(name);
         for v in values {
             *v *= 1.0 + error * (2.0 * noise.uniform() - 1.0);
         }
     }
-    /// `ratio` to a power between -1 and 1.
+    /// `ratio` to a power drawn between -1 and 1.
     fn factor(&self, name: &str, ratio: f64) -> f64 {
         ratio.powf(self.between(name, [-1.0, 1.0]))
     }
 }
 
 impl Scenario {
-    /// Lets truth and belief differ: the draws go on, and a GNSS mast that stands within the landing deck
-    /// moves aft of it, in the world and in the vessel's configuration.
+    /// Separates the true parameters from the nodes': switches the draws on. A GNSS mast within the landing deck moves
+    /// aft of it, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;
         let (deck, antenna) = (&self.deck, &mut self.sensors.vessel_gnss.antenna_m);
@@ -103,7 +99,8 @@ impl Scenario {
         }
     }
 
-    /// The world of `seed` as it is: everything drawn that [`DrawConfig`] names. Drawn already, it stays.
+    /// The true scenario of `seed`, with every parameter of [`DrawConfig`] drawn. A scenario that is already drawn
+    /// stays as it is.
     pub fn drawn(&self, seed: impl Into<Streams>) -> Scenario {
         let mut world = self.clone();
         if !self.draws.on {
@@ -123,7 +120,7 @@ impl Scenario {
         world
     }
 
-    /// The tags lie on the deck, all of them `moved`, each a little besides, of another size than the nodes have.
+    /// Moves all tags by `moved` and each by a small offset, and changes their size from the one that the nodes have.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
         let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
         draws.vary("tag-side", &mut scale, c.tag_error);
@@ -151,7 +148,7 @@ impl Scenario {
         s.vessel_imu.gyro_bias_sd_radps *= factor("vessel-gyro-bias");
         s.vessel_imu.accelerometer_white_sd_mps2 *= factor("vessel-accelerometer");
         s.vessel_imu.accelerometer_bias_sd_mps2 *= factor("vessel-accelerometer-bias");
-        // Receivers and compasses state what their maker knows.
+        // Receivers and compasses report the accuracies of their data sheet.
         let white = factor("vessel-gnss");
         s.vessel_gnss.error.white_sd_m *= white;
         s.vessel_gnss.error.velocity_sd_mps *= white;
@@ -207,7 +204,7 @@ impl Scenario {
     }
 }
 
-/// From the deck's edge to the mast, m.
+/// Distance from the deck's edge to the mast, m.
 const MAST_CLEARANCE_M: f64 = 0.3;
 
 #[cfg(test)]
@@ -251,7 +248,7 @@ mod tests {
             let ratio =
                 w.sensors.vessel_imu.gyro_white_sd_radps / plain.sensors.vessel_imu.gyro_white_sd_radps;
             assert!((1.0 / 1.5..=1.5).contains(&ratio) && ratio != 1.0);
-            // What a receiver states stays.
+            // The accuracy that a receiver reports does not change.
             let stated = w.sensors.vessel_gnss.error.white_sd_m * w.sensors.vessel_gnss.stated_factor;
             assert!((stated / plain.sensors.vessel_gnss.error.white_sd_m - 1.0).abs() < 1e-12);
             let mass = w.vessel.mass_kg / plain.vessel.mass_kg;

@@ -1,47 +1,45 @@
-//! Parts of the truth that the drone's forecasts have.
+//! Parts of the drone's forecasts that are replaced by the truth.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 
-/// A part of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TruePart {
-    /// The motion from now on, about the deck as the drone takes it to be now.
+    /// The motion from now on, starting at the estimated present state.
     #[default]
     Motion,
-    /// The state now; the motion from there is predicted.
+    /// The present state; the motion from there is predicted.
     State,
     Whole,
     /// The motion of the next half second.
     Contact,
 }
 
-/// A degree of freedom of the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Dof {
-    /// Along the vessel.
+    /// Along the vessel's length.
     Surge,
     /// To starboard.
     Sway,
     /// Down.
     Heave,
-    /// About the vessel's length.
+    /// About the longitudinal axis.
     Roll,
-    /// About her beam.
+    /// About the transverse axis.
     Pitch,
-    /// About down.
+    /// About the down axis.
     Yaw,
 }
 
 config! {
-    /// Parts of the truth that the drone's forecasts have, for an error budget.
+    /// Parts of the drone's forecasts that are replaced by the truth, for an error budget.
     pub struct ForesightConfig {
-        /// The part that is true: "motion" from now on, "state" now, "whole" (both), or "contact" (the motion of the next
-        /// half second).
+        /// The part that is true: "motion" from now on, "state" now, "whole" (both), or "contact" (the motion of the
+        /// next half second).
         pub part: TruePart = TruePart::Motion;
-        /// The degrees of freedom of which it is; empty: all.
+        /// Degrees of freedom to which the truth applies; empty: all.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub dofs: Vec<Dof> = Vec::new();
     }

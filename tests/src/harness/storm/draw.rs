@@ -1,4 +1,4 @@
-//! Draws a storm: kinds are switched on or off by the seed (swarm), states are those of its flight in which most happens.
+//! Draws a storm. The seed switches kinds on or off (swarm testing); the states are the eventful ones of the flight.
 
 use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
@@ -10,9 +10,9 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::VesselCourse;
 use crate::sensors::noise::Noise;
 
-/// Percentages of the faults that begin at the first entry of their state, and at the first or second.
+/// Percentage of the faults that begin at the first entry of their state, and at the first or second entry.
 const ENTRIES: [f64; 2] = [85.0, 95.0];
-/// Messages of the autopilot that may cease.
+/// Messages of the autopilot that may stop.
 const STREAMS: [u32; 9] = [
     id::ATTITUDE_QUATERNION,
     id::LOCAL_POSITION_NED,
@@ -26,10 +26,10 @@ const STREAMS: [u32; 9] = [
 ];
 
 impl Storm {
-    /// The storm of `seed` with so many faults, 16 at most.
+    /// The storm of `seed` with this number of faults, at most 16.
     pub fn drawn(seed: u64, faults: usize) -> Storm {
         let mut noise = Noise::new(&Streams::new(seed), "storm");
-        // Round values, easy to read in a list.
+        // Round values read easily in a list.
         let mut between =
             |[low, high]: [f64; 2], step: f64| ((low + (high - low) * noise.uniform()) / step).round() * step;
         let sea = [between([0.0, 0.45], 0.05), between([4.0, 7.0], 0.5)].map(round);
@@ -54,7 +54,7 @@ impl Storm {
             .filter(|kind| !kind.needs_moving_base() && noise.chance(0.5))
             .collect();
         let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
-        // A stream of its own: the sea and the faults of a landing are those of before there were other flights.
+        // A separate stream keeps the sea and faults of a landing as they were before other flights were added.
         let mut others = Noise::new(&Streams::new(seed), "storm.flight");
         let flight = by_parts(&FlightKind::ALL, FlightKind::parts, others.uniform());
         let flight = flight.copied().unwrap_or_default();
@@ -75,8 +75,8 @@ impl Storm {
         };
         storm.fitted().with_moving_base()
     }
-    /// One storm in six has a moving base, and then its first fault happens to that; streams of its own: nothing else is drawn
-    /// otherwise than of storms without.
+    /// Gives one storm in six a moving base, which its first fault then hits. The separate stream leaves all other
+    /// draws as they are in a storm without one.
     fn with_moving_base(mut self) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.moving_base");
         self.moving_base = noise.chance(1.0 / 6.0) && !self.flight.is_silent();
@@ -91,10 +91,10 @@ impl Storm {
         }
         self
     }
-    /// With a scene in which its flight is possible.
+    /// Changes the scene to one in which its flight is possible.
     fn fitted(mut self) -> Storm {
         self.drones = self.drones.min(self.flight.most_drones());
-        // What stands around the deck is known by the radio alone, and is that of the usual hull.
+        // Obstacles around the deck are received by radio alone, and belong to the usual hull.
         self.mast &= !self.flight.is_silent();
         match self.flight {
             FlightKind::Landing | FlightKind::Station | FlightKind::Mavlink => {}
@@ -102,13 +102,13 @@ impl Storm {
             FlightKind::Beacon => self.reserved = false,
             FlightKind::TagAlone => {
                 self.reserved = false;
-                // No drone follows a vessel before the order.
+                // A drone does not follow a vessel before the order.
                 (self.course, self.speed_mps) = (VesselCourse::Drift, 0.0);
             }
         }
         self
     }
-    /// The storm with its last fault of this kind in this state, its times and size drawn by the seed.
+    /// Replaces the last fault by this kind in this state, with times and size drawn from the seed.
     #[must_use]
     pub fn aimed(mut self, (kind, state): Pair) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
@@ -125,13 +125,12 @@ impl Storm {
 /// A kind of fault and the state in which it begins.
 pub type Pair = (FaultKind, State);
 
-/// All pairs that are drawn of a flight.
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
-    let of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
-    FaultKind::ALL.iter().flat_map(of)
+    let pairs_of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
+    FaultKind::ALL.iter().flat_map(pairs_of)
 }
 
-/// To a thousandth: what is written is read again to the bit.
+/// Rounds to a thousandth, so that a list is read back to the bit.
 fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }
@@ -145,7 +144,7 @@ fn fault(flight: FlightKind, kinds: &[FaultKind], noise: &mut Noise, others: &mu
     of_kind(kind, row, 1 + later as u8, noise)
 }
 
-/// At the `entry`-th entry of the state; every flight begins idle, which does not count as an entry.
+/// A fault at the `entry`-th entry of the state. Every flight begins in `Idle`, which does not count as an entry.
 fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
@@ -171,7 +170,7 @@ fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise
     }
 }
 
-/// One of these, each as often as it has parts; `u`: uniform in 0 to 1.
+/// One of these, with probabilities proportional to their parts; `u` is uniform in 0 to 1.
 fn by_parts<T>(among: &[T], parts: impl Fn(&T) -> u32, u: f64) -> Option<&T> {
     let all: u32 = among.iter().map(&parts).sum();
     let mut part = (u * f64::from(all)) as u32;

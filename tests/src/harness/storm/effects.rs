@@ -14,17 +14,16 @@ use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
 use crate::radio::ChannelFault;
 
-/// Effect of a fault on the world, by its size.
+/// Effect of a fault on the world. The functions get the fault's size.
 #[derive(Clone, Copy, Debug)]
 pub enum Effect {
-    /// Something fails as long as it lasts.
+    /// Fails for as long as the fault lasts.
     Lasting(fn(&mut Failing, f64)),
-    /// Something happens when it begins, and when it is over.
+    /// Acts at the begin of the fault, and at its end.
     Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
 }
 use Effect::{Events, Lasting};
 
-/// All packets are lost.
 const LOST: ChannelFault = ChannelFault {
     loss: 1.0,
     delay_s: 0.0,
@@ -33,15 +32,14 @@ const LOST: ChannelFault = ChannelFault {
 };
 
 const fn nothing(_: &mut Rig, _: f64) {}
-/// A process of the first drone dies.
 fn kill(rig: &mut Rig, process: ProcessKind) {
     rig.world.kill(0, process);
 }
-/// It starts again, with checkpoints by this size.
+/// Restarts the process; `size` selects its checkpoints.
 fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
     rig.world.start(0, process, kept(size));
 }
-/// A successor's checkpoints by this size.
+/// Checkpoints of the new process: lost from a size of 0.5.
 fn kept(size: f64) -> Checkpoints {
     if size >= 0.5 {
         Checkpoints::Lost
@@ -49,7 +47,7 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// The mode is chosen by the pilot's switch or the ground station.
+/// Chooses the mode by the pilot's switch or the ground station.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -57,7 +55,6 @@ fn choose(rig: &mut Rig, mode: AutopilotMode) {
     }
 }
 
-/// The deck's sensor reports something on it, or nothing.
 fn occupy(rig: &mut Rig, occupied: bool) {
     rig.world.deck_inputs(DeckInputs {
         occupied: Some(occupied),
@@ -65,11 +62,10 @@ fn occupy(rig: &mut Rig, occupied: bool) {
     });
 }
 
-/// Takes the last column of `each_kind`.
+/// Implements [`Effect`] by the last column of `each_kind`.
 macro_rules! effects {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         impl FaultKind {
-            /// Effect of the kind.
             pub const fn effect(self) -> Effect {
                 match self { $(FaultKind::$kind => $effect,)* }
             }

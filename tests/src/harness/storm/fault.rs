@@ -1,5 +1,5 @@
-//! One fault: what, when and for how long, the sizes that it may have, and how a single one is drawn. A scenario has
-//! faults, too: nothing here knows the world.
+//! One fault: its kind, start, duration and permitted sizes, and how a single one is drawn. Scenarios have faults too,
+//! so that nothing here depends on the world.
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::msg::State;
@@ -11,53 +11,49 @@ use super::kinds::FaultKind;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// A fault begins at most so long after its state was entered, and one of a storm lasts at most so long, s.
+/// Maximum delay after the entry of the state, and maximum duration of a fault in a storm, s.
 pub(super) const MAX_S: f64 = 60.0;
-/// It begins at no later entry of its state.
+/// Maximum number of the entry at which a fault begins.
 const MAX_ENTRY: u8 = 9;
-/// The first contact's name among the states.
+/// Name of the first contact among the states.
 const CONTACT: &str = "Contact";
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// Kind of the fault.
     pub kind: FaultKind,
-    /// It begins at this moment ...
+    /// Moment from which the delay counts.
     #[serde(rename = "state")]
     pub moment: Moment,
-    /// ... at this entry of its state in the flight, the first being 1; of first contacts there is one ...
+    /// Number of the state's entry in the flight, from 1; a first contact occurs once.
     #[serde(default = "first")]
     pub entry: u8,
-    /// ... and so much later, s.
     #[serde(default)]
     pub after_s: f64,
     /// Size, in the unit of [`Spec::of`](super::Spec::of).
     #[serde(default)]
     pub size: f64,
-    /// Duration, s; of what happens at once, nothing. In a scenario `inf` is for good.
+    /// Duration, s; 0 for an instantaneous fault. In a scenario `inf` is permanent.
     #[serde(default)]
     pub lasts_s: f64,
 }
 
-/// The first entry.
 const fn first() -> u8 {
     1
 }
 
-/// When a fault begins. In a list it is the state's name, or `Contact`.
+/// Moment from which a fault's delay counts. A list has the state's name, or `Contact`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Moment {
-    /// When the mission enters this state, for the [`Fault::entry`]-th time. `Landed` begins with the stop of the motors.
+    /// Entry of this state by the mission, the [`Fault::entry`]-th time. `Landed` begins when the motors stop.
     In(State),
-    /// At the first contact.
     Contact,
 }
 
 impl Moment {
-    /// The longest time that a fault waits after its moment began, s: less than the phase usually lasts; after the stop of
-    /// the motors as long as a disarm that is denied at first takes.
+    /// Maximum delay of a drawn fault after its moment, s: shorter than the phase usually lasts. After the stop of the
+    /// motors it covers a disarm that is denied at first.
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
@@ -102,14 +98,14 @@ impl From<Moment> for String {
     }
 }
 
-/// Time for which a frozen process stands still, s: shorter and longer than its readers wait for its messages.
+/// Duration of a drawn freeze, s: shorter to longer than the time for which readers wait for messages.
 const FROZEN_S: [f64; 2] = [0.2, 2.0];
-/// Time for which a killed process is away in lock-step, s: a supervisor starts it again after 0.1 s, and on a busy
-/// computer its start takes most of a second.
+/// Downtime of a killed process in lock-step, s: a supervisor restarts it after 0.1 s, and on a busy computer the start
+/// takes most of a second.
 const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {
-    /// Without a size, at the first entry.
+    /// A fault of size 0 at the first entry of its state.
     pub const fn new(kind: FaultKind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
         Fault {
             kind,
@@ -120,7 +116,7 @@ impl Fault {
             lasts_s,
         }
     }
-    /// A fault of a process that begins within the phase of its moment, its times drawn from the seed.
+    /// A process fault within the phase of its moment; delay and duration are drawn from the seed.
     pub fn drawn(kind: FaultKind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
@@ -128,21 +124,21 @@ impl Fault {
         let lasts_s = shortest + (longest - shortest) * noise.uniform();
         Fault::new(kind, moment, after_s, lasts_s)
     }
-    /// Faults that last at most so long, s: a figure out of its range is an error that names it.
+    /// Checks the ranges of faults that may last up to `longest_s`; the error names the value that is out of range.
     pub(crate) fn check_all(faults: &[Fault], at: &Keys<'_>, longest_s: f64) -> Result<(), ConfigError> {
         for fault in faults {
             let at = at.table(fault.kind.name());
             let spec = fault.kind.spec();
             let largest = spec.size[0].abs().max(spec.size[1].abs());
-            let of = if spec.of.is_empty() { "none" } else { spec.of };
-            at.range(&format!("size ({of})"), fault.size, -largest, largest)?;
+            let quantity = if spec.of.is_empty() { "none" } else { spec.of };
+            at.range(&format!("size ({quantity})"), fault.size, -largest, largest)?;
             at.range("entry", fault.entry.into(), 1.0, MAX_ENTRY.into())?;
             at.range("after_s", fault.after_s, 0.0, MAX_S)?;
             at.range("lasts_s", fault.lasts_s, 0.0, longest_s)?;
         }
         Ok(())
     }
-    /// When its moment began, s: by the states that the drone has entered, each with its time, and by its first contact.
+    /// Time at which its moment began, s, from the drone's states with their entry times and from its first contact.
     pub(crate) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
         match self.moment {
             Moment::In(state) => {
@@ -196,7 +192,7 @@ mod tests {
         assert_eq!([1, 2, 3].map(|n| at(descent, n)), [Some(20.0), Some(31.0), None]);
         assert_eq!(at(Moment::In(State::Flare), 1), None);
         assert_eq!(at(Moment::In(State::Idle), 1), Some(0.0));
-        // Of the first contact there is one.
+        // A first contact occurs once.
         assert_eq!(at(Moment::Contact, 2), Some(33.0));
     }
 

@@ -1,8 +1,9 @@
-//! A storm: one flight of the whole system with several faults, drawn from a seed or written in a file, and what must hold
-//! in every tick of it ([`watch`]). A fault is an entry of a state of the mission and a delay, a kind, a size and how long it
-//! lasts, so that a list is a scenario, and the shortest list that still breaks a rule ([`shrink`]) is a test.
+//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and the rules
+//! that must hold in every tick ([`watch`]). A fault has a kind, a size, a duration, and a start: a delay after the
+//! mission enters a state. A list of faults is therefore a scenario, and the shortest list that still breaks a rule
+//! ([`shrink`]) is a test.
 //!
-//! After Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed leaves kinds out).
+//! Source: Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed omits kinds).
 
 mod draw;
 mod effects;
@@ -37,34 +38,28 @@ pub use schedule::{FaultTimer, FaultTurn, Schedule};
 pub use shrink::shrink;
 pub use watch::StormEnding;
 
-/// Faults of a list, at most.
 pub const MAX_FAULTS: usize = 16;
 
-/// A flight and its faults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Storm {
     /// Seed of the world.
     pub seed: u64,
-    /// Kind of the flight.
     #[serde(default)]
     pub flight: FlightKind,
-    /// Whose character the autopilot has.
+    /// Firmware that the simulated autopilot imitates.
     pub autopilot: Firmware,
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
     pub sea: [f64; 2],
-    /// Course of the vessel.
     pub course: VesselCourse,
-    /// Speed of the vessel, m/s.
     pub speed_mps: f64,
-    /// Mean wind, m/s.
     pub wind_mps: f64,
-    /// A landing needs the deck's reservation.
+    /// A landing requires a reservation of the deck.
     pub reserved: bool,
-    /// Drones that are ordered to land, 1, or 2 in a landing; faults meet the first.
+    /// Number of drones ordered to land: 1, or 2 in a landing. Faults hit the first.
     #[serde(default = "one")]
     pub drones: u8,
-    /// A mast forward of the deck and an A-frame abeam of it, known to the vessel's surroundings.
+    /// A mast forward of the deck and an A-frame abeam, which the vessel publishes as obstacles.
     #[serde(default)]
     pub mast: bool,
     /// The vessel's GNSS receiver is the moving base of the drone's.
@@ -78,7 +73,7 @@ const fn one() -> u8 {
     1
 }
 
-/// A mast forward of the deck and an A-frame abeam of it: opposite corners in the deck's frame, m.
+/// Obstacles: a mast forward of the deck and an A-frame abeam. Opposite corners in the deck's frame, m.
 const MAST_M: [[[f64; 3]; 2]; 2] = [
     [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
@@ -87,22 +82,21 @@ const MAST_M: [[[f64; 3]; 2]; 2] = [
 /// Why a list cannot be flown.
 #[derive(Debug, Error, PartialEq)]
 pub enum StormError {
-    /// It is no TOML of a storm.
+    /// The text is not the TOML of a storm.
     #[error("{0}")]
     Toml(String),
-    /// A figure is out of its range.
     #[error("{0}")]
     Range(String),
 }
 
 impl Storm {
-    /// Reads a list; a figure out of its range is an error that names it.
+    /// Reads a list; the error names a value that is out of range.
     pub fn read(text: &str) -> Result<Storm, StormError> {
         let storm: Storm = config::read(text, "the list").map_err(|e| StormError::Toml(e.to_string()))?;
         storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
     }
-    /// As a file that is read again.
+    /// The storm as TOML, which [`Storm::read`] reads back.
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
@@ -120,8 +114,8 @@ impl Storm {
         Fault::check_all(&self.faults, &of_faults, fault::MAX_S)
     }
 
-    /// The scene of a landing with the faults, and the nodes' configurations; what another flight changes of them is its own
-    /// ([`FlightKind`]).
+    /// Scenario of a landing with these faults, and the nodes' configurations. [`FlightKind`] changes them for other
+    /// flights.
     pub fn scene(&self) -> (Scenario, NodeConfigs) {
         let [amplitude_m, period_s] = self.sea;
         let mut scenario = Scenario {
@@ -220,7 +214,7 @@ mod tests {
         );
         let aimed = Storm::drawn(3, 4).aimed((FaultKind::FalseFix, State::Descent));
         assert!(aimed.moving_base && aimed.check().is_ok());
-        // Before there was one.
+        // From before that field existed.
         let former = include_str!("../../../storm/live-abort.toml");
         assert!(!Storm::read(former).unwrap().moving_base);
     }

@@ -1,6 +1,7 @@
-//! The people of a storm's flight: operator, crew, skipper and pilot, and what they order when.
+//! People of a storm's flight (operator, crew, skipper and pilot) and the orders that they give.
 //!
-//! They go on once what they ordered has ended as it was meant to; what was stopped by somebody else they leave alone, but for a
+//! They give the next order when the last one has ended as intended. They do not resume what somebody else stopped,
+//! except for a take-off that ended on the deck, which they order again.
 //! take-off that ended on the deck, which is ordered again.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
@@ -12,64 +13,60 @@ use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
 use crate::harness::outcome::FALSE_STOP_M;
 use crate::harness::rig::Rig;
 
-/// A take-off is ordered so long after the crew has cleared the deck for it, s.
+/// Time from the crew's clearing of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;
-/// A station is ordered so long after the drone was given: the link has found the autopilot by then, s.
+/// Time from the start to the order of a station, s: the link has found the autopilot by then.
 const FOUND_S: f64 = 5.0;
-/// Whoever has ordered something looks at what came of it after so long, s.
+/// Time after an order until its result is checked, s.
 const LOOKS_S: f64 = 5.0;
-/// A drone has stood on the deck, disarmed, for so long before the next order, s.
+/// Time on the deck, disarmed, before the next order, s.
 const STANDS_S: f64 = 3.0;
-/// No further from the deck's centre it stands on the deck, m.
+/// Maximum distance from the deck's centre of a drone that counts as on the deck, m.
 const ON_DECK_M: f64 = 2.0;
-/// A take-off that ended on the deck, and a station that was rejected, are ordered so often in all.
+/// Maximum number of orders for a take-off that ended on the deck, and for a station that was rejected.
 const TRIES: u32 = 3;
-/// A ground station repeats an order that is not taken at this period, s.
+/// Period at which a ground station repeats an order that was not accepted, s.
 const REPEATS_S: f64 = 1.0;
-/// Distance to which the autopilot's own mission leads, and its height above the place of its beginning, m.
+/// Scale of the autopilot's own mission, and its height above its first position, m.
 const FAR_M: f64 = 40.0;
 const HIGH_M: f64 = 20.0;
-/// The ground station.
 const GROUND_STATION: Address = Address::new(255, 190);
-/// Orders that faults are, as a ground station gives them.
+/// Faults that are orders, with the MAVLink command by which a ground station gives them.
 const BY_MAVLINK: [(FaultKind, u16); 3] = [
     (FaultKind::Abort, command::USER_2),
     (FaultKind::Hold, command::USER_3),
     (FaultKind::OrderedAgain, command::USER_1),
 ];
 
-/// Last act of the people.
+/// Last action of the people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Step {
     #[default]
     Begins,
-    /// The crew has cleared the deck for a take-off.
+    /// The crew cleared the deck for a take-off.
     Cleared,
-    /// A take-off was ordered.
     TakesOff,
-    /// The pilot has chosen the autopilot's own mission.
+    /// The pilot chose the autopilot's own mission.
     Away,
-    /// A station was ordered.
     Stays,
-    /// A ground station orders a landing until that is taken.
+    /// A ground station repeats the order to land until it is accepted.
     Calls,
-    /// A landing was ordered, or goes on without an order.
+    /// A landing was ordered, or proceeds without an order.
     Lands,
 }
 
-/// They, and how far they are.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct People {
     flight: FlightKind,
     step: Step,
-    /// When they did that, s after the start.
+    /// Time of the last step, s after the start.
     since_s: f64,
-    /// When they ordered something last, s.
+    /// Time of the last order, s after the start.
     ordered_s: f64,
     take_offs: u32,
     stations: u32,
     landings: u32,
-    /// When the ground station orders next, s.
+    /// Time of the ground station's next order, s after the start.
     calls_s: f64,
 }
 
@@ -80,11 +77,11 @@ impl People {
             ..People::default()
         }
     }
-    /// When they did something last, or the flight came to what they wait for, s.
+    /// Time of the last step, s: an action, or the event that it waited for.
     pub(super) const fn since_s(&self) -> f64 {
         self.since_s
     }
-    /// When they ordered something last, s.
+    /// Time of the last order, s after the start.
     pub(super) const fn ordered_s(&self) -> f64 {
         self.ordered_s
     }
@@ -92,7 +89,6 @@ impl People {
         rig.t_s() - self.since_s
     }
 
-    /// In each tick: what they do now.
     pub(super) fn act(&mut self, rig: &mut Rig) {
         let next = match self.step {
             Step::Begins => self.begin(rig),
@@ -139,7 +135,7 @@ impl People {
         (self.ordered_s, self.stations) = (rig.t_s(), self.stations + 1);
         Step::Stays
     }
-    /// To each drone whose mission has taken no order yet.
+    /// Orders each drone whose mission has no order yet.
     fn call(&mut self, rig: &mut Rig) -> Option<Step> {
         let waits = |k: &usize| rig.mission(*k).order.is_none();
         let waiting: Vec<usize> = (0..rig.world.drones().len()).filter(waits).collect();
@@ -151,7 +147,7 @@ impl People {
         waiting.is_empty().then_some(Step::Lands)
     }
 
-    /// On from the hold in which a take-off ends; again from the deck.
+    /// Proceeds from the hold that ends a take-off, or orders the take-off again from the deck.
     fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
         if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
             return match self.flight {
@@ -180,7 +176,8 @@ impl People {
         goes_again.then(|| self.clear(rig))
     }
 
-    /// Gives the order of a fault of this kind as this flight's orders come; false for other kinds and orders of any flight.
+    /// Gives the order of a fault of this kind over MAVLink, if the flight's orders come that way; otherwise returns
+    /// false.
     pub(super) fn give(&self, rig: &mut Rig, kind: FaultKind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
@@ -189,7 +186,7 @@ impl People {
         }
         order.is_some()
     }
-    /// A drone that rests on the deck now has ended its flight.
+    /// Whether a drone that rests on the deck has ended its flight.
     pub(super) fn is_over(&self, rig: &Rig) -> bool {
         match self.step {
             Step::Begins | Step::Cleared => false,
@@ -200,7 +197,7 @@ impl People {
             Step::Away | Step::Stays | Step::Calls => true,
         }
     }
-    /// It holds where a take-off ends, and nothing more is to come.
+    /// Whether the drone holds at the end of a take-off, and nothing else is to come.
     pub(super) fn is_up(&self, rig: &Rig) -> bool {
         let waits = matches!(
             rig.mission(0).waiting.code,
@@ -210,11 +207,10 @@ impl People {
     }
 }
 
-/// The first drone holds without an order.
 fn holds(rig: &Rig) -> bool {
     rig.state(0) == State::Hold && rig.mission(0).waiting.code == ReasonCode::NotCommanded
 }
-/// It stands on the deck, disarmed, and nothing goes on.
+/// Whether the first drone is on the deck, disarmed, with no order in progress.
 fn stands(rig: &Rig) -> bool {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let armed = autopilot.is_some_and(SimulatedAutopilot::armed);
@@ -223,12 +219,11 @@ fn stands(rig: &Rig) -> bool {
     let waits = matches!(rig.state(0), State::Idle | State::Landed);
     waits && on_deck && !armed && rig.t_s() > rig.entered_s(0) + STANDS_S
 }
-/// It is on its way back from a sortie.
 fn comes_back(rig: &Rig) -> bool {
     let state = rig.state(0);
     state.is_landing() && state != State::Hold
 }
-/// The pilot gives the autopilot a mission of three places, and chooses it.
+/// The pilot uploads a mission of three waypoints to the autopilot and starts it.
 fn leave(rig: &mut Rig) -> Step {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -240,7 +235,7 @@ fn leave(rig: &mut Rig) -> Step {
     }
     Step::Away
 }
-/// The ground station commands a drone's companion, over its autopilot's wire.
+/// The ground station commands a drone's companion computer over its autopilot's wire.
 fn send(rig: &mut Rig, k: usize, number: u16) {
     let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
     if let Some(linked) = rig.world.linked(k) {

@@ -1,4 +1,4 @@
-//! Flight of a storm: where the drone begins, what its nodes permit, and in which states faults begin.
+//! Flight of a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
@@ -6,30 +6,29 @@ use serde::{Deserialize, Serialize};
 use crate::harness::scenario::{NodeConfigs, Scenario};
 use crate::sensors::beacon::BeaconConfig;
 
-/// Kind of a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlightKind {
-    /// A landing of a drone that hovers next to the vessel.
+    /// A landing from a hover next to the vessel.
     #[default]
     Landing,
-    /// A take-off from the deck, up to the hold in which it ends.
+    /// A take-off from the deck, up to its final hold.
     TakeOff,
-    /// A take-off, then away in the autopilot's own mission, and back onto the deck without an order.
+    /// A take-off, a flight in the autopilot's own mission, and a return to the deck without an order.
     Sortie,
-    /// A minute on a station next to the vessel, then a landing.
+    /// One minute on a station next to the vessel, then a landing.
     Station,
-    /// A landing on a silent vessel that is known by its beacon.
+    /// A landing on a silent vessel with a beacon.
     Beacon,
-    /// A landing on a silent vessel by its tags alone.
+    /// A landing on a silent vessel that only its tags locate.
     TagAlone,
-    /// A landing, a take-off, and a landing again.
+    /// A landing, a take-off, and another landing.
     Cycles,
-    /// A landing whose orders come over MAVLink from a ground station.
+    /// A landing that a ground station orders over MAVLink.
     Mavlink,
 }
 
-/// A state in which faults begin, how often in parts, and within what time after its entry, s.
+/// A state in which faults begin, its frequency in parts, and the maximum delay of a fault after its entry, s.
 pub(super) type PlannedPhase = (State, u32, f64);
 
 const LANDS: [PlannedPhase; 8] = [
@@ -51,7 +50,7 @@ const TAKES_OFF: [PlannedPhase; 7] = [
     (State::StandDown, 1, 1.0),
     (State::Hold, 2, 5.0),
 ];
-/// Idle is the autopilot's own mission.
+/// `Idle` is the flight in the autopilot's own mission.
 const SORTIE: [PlannedPhase; 13] = [
     (State::Preparing, 1, 2.0),
     (State::Countdown, 1, 4.5),
@@ -111,11 +110,10 @@ const CYCLES: [PlannedPhase; 12] = [
     (State::Hold, 2, 5.0),
 ];
 
-/// Time for which a drone stands on the deck before a take-off, s: its autopilot has aligned its heading by then.
+/// Time on the deck before a take-off, s: the autopilot has aligned its heading by then.
 const STANDS_S: f64 = 20.0;
 
 impl FlightKind {
-    /// All of them.
     pub const ALL: [FlightKind; 8] = [
         FlightKind::Landing,
         FlightKind::TakeOff,
@@ -127,7 +125,6 @@ impl FlightKind {
         FlightKind::Mavlink,
     ];
 
-    /// The states in which faults are drawn to begin.
     pub fn states(self) -> impl Iterator<Item = State> {
         self.rows().iter().map(|(state, ..)| *state)
     }
@@ -142,26 +139,24 @@ impl FlightKind {
             FlightKind::Cycles => &CYCLES,
         }
     }
-    /// Frequency of the kind, in parts: a third are landings.
+    /// Frequency of the kind, in parts; a third of the flights are landings.
     pub(super) fn parts(&self) -> u32 {
         if *self == FlightKind::Landing { 4 } else { 1 }
     }
-    /// It takes off from the deck.
     pub(super) const fn takes_off(self) -> bool {
         matches!(
             self,
             FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles
         )
     }
-    /// The vessel is silent.
     pub(super) const fn is_silent(self) -> bool {
         matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
     }
-    /// A drone with a low battery may not know the deck, and then lands at the next place of its order, in the water here.
+    /// Whether a drone with a low battery may lack the deck's position. It then lands at the next place of its order,
+    /// which is in the water here.
     pub(super) const fn may_land_elsewhere(self) -> bool {
         self.is_silent() || matches!(self, FlightKind::Sortie)
     }
-    /// Drones that it may have, at most.
     pub(super) const fn most_drones(self) -> u8 {
         match self {
             FlightKind::Landing | FlightKind::Mavlink => 2,
@@ -173,8 +168,8 @@ impl FlightKind {
             | FlightKind::Cycles => 1,
         }
     }
-    /// Within the first time after the last fault and the last order it has landed, or waits for a stated reason; everything is over
-    /// within the second of the first order, s.
+    /// Time limits, s. Within the first, after the last fault and the last order, the drone has landed or waits for a
+    /// stated reason; within the second, after the first order, the flight ends.
     pub(super) const fn limits_s(self) -> [f64; 2] {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::TagAlone | FlightKind::Mavlink => {
@@ -186,7 +181,7 @@ impl FlightKind {
         }
     }
 
-    /// Makes a scene of a landing, and the nodes' configurations, that of this flight.
+    /// Changes the scenario and the configurations of a landing to this flight.
     pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}

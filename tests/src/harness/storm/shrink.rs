@@ -1,14 +1,13 @@
-//! The shortest list that still breaks the same rule: faults are left out, then sizes and durations halved.
+//! Shrinks a list to the shortest that still breaks the same rule: omits faults, then halves sizes and durations.
 
 use super::Storm;
 use super::watch::StormRule;
 
-/// Lists that are tried, at most.
 const MAX_TRIES: usize = 80;
-/// Sizes and durations are halved so often, at most.
+/// Maximum number of halvings of a size or duration.
 const HALVINGS: usize = 4;
 
-/// Shrinks a storm; `breaks` flies one and gives the rule that it breaks.
+/// Shrinks a storm. `breaks` flies a storm and returns the rule that it breaks.
 pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> Option<StormRule>) -> Storm {
     let (mut best, mut tries) = (storm.clone(), 0);
     let mut still = |candidate: &Storm| {
@@ -58,7 +57,7 @@ pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> 
     best
 }
 
-/// To a thousandth.
+/// Half of `v`, rounded to a thousandth.
 fn half(v: f64) -> f64 {
     (v * 500.0).round() / 1e3
 }
@@ -74,7 +73,7 @@ mod tests {
         let mut storm = storm;
         storm.faults[3].kind = FaultKind::Blind;
         storm.faults[3].lasts_s = 8.0;
-        // Broken by a blindness of a second or more.
+        // Blindness of 1 s or more breaks the rule.
         let breaks = |s: &Storm| {
             let long = |f: &super::super::Fault| f.kind == FaultKind::Blind && f.lasts_s >= 1.0;
             s.faults.iter().any(long).then_some(StormRule::Water)
@@ -82,7 +81,7 @@ mod tests {
         let small = shrink(&storm, StormRule::Water, breaks);
         assert_eq!(small.faults.len(), 1);
         assert!((1.0..2.0).contains(&small.faults[0].lasts_s) && small.wind_mps == 0.0);
-        // Another rule is another fault.
+        // A list that breaks another rule does not count.
         assert_eq!(shrink(&storm, StormRule::Stuck, breaks), storm);
     }
 }

@@ -1,4 +1,5 @@
-//! The rules that hold in every tick of a storm; `CONTRIBUTING.md` has them as a table, with what each fault excuses.
+//! Rules that hold in every tick of a storm. `CONTRIBUTING.md` has them in a table, with the rules that each fault
+//! excuses.
 
 use core::fmt;
 
@@ -10,93 +11,81 @@ use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
 use crate::harness::rig::Rig;
 
-/// After a fault of the command the drone is commanded again within this time, s.
+/// Maximum time from the end of a command fault to the next set-point, s.
 pub const RESUME_S: f64 = 1.5;
-/// Hardest contact along the deck's normal with several faults, m/s.
+/// Maximum contact speed along the deck's normal with several faults, m/s.
 const SEVERAL_MPS: f64 = 2.0;
-/// A fault that began or ended within this time excuses a contact, s.
+/// Time after the begin or end of a fault for which contacts are excused, s.
 const GRACE_S: f64 = 0.5;
-/// Rotors carry in `Landed` for at most so long, s.
+/// Maximum time for which rotors carry in `Landed`, s.
 const CARRY_S: f64 = 3.0;
-/// A drone that was struck under a fault that excuses it and flies on is whole again after this, s: rules count.
+/// Time after an excused impact from which rules count again, s, if the drone flies on.
 const STRUCK_S: f64 = 5.0;
-/// An abort is acted upon within this time, s.
+/// Maximum time from an abort to its effect, s.
 const ABORT_S: f64 = 1.0;
 
-/// Below this share of the battery's reserve a stopped landing goes on without an order.
+/// Fraction of the battery's reserve below which a stopped landing continues without an order.
 pub(super) const SPENT_OF_RESERVE: f64 = 0.75;
-/// With this share of the reserve left by a fault the drone has to land safely.
+/// Fraction of the reserve, left by a fault, with which the drone must land safely.
 const LANDS_WITH: f64 = 0.5;
 
-/// Armed on the deck for longer than this, the status reports it, s.
+/// Time armed on the deck after which the status must report it, s.
 const ARMED_S: f64 = 10.0;
-/// In a state that does not descend it is lower than this above the deck, and nearer than this to its middle, m ...
+/// Height above the deck, and distance from its centre, below which a drone is low over the deck, m.
 const LOW_M: f64 = 1.5;
-/// ... for at most so long, s: a climb takes less.
+/// Maximum time low over the deck in a state that does not descend, s; a climb takes less.
 const LOW_S: f64 = 3.0;
 
-/// Ending of a storm's flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StormEnding {
     /// On the deck with motors off.
     Landed,
-    /// Away from the deck, for a reason that it states.
+    /// Away from the deck, for a stated reason.
     Waits,
     /// Off the deck with motors off, or in the water, after a fault that excuses it.
     Crashed,
-    /// A rule was broken.
     Violated,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StormRule {
-    /// Motors stop in the air.
     StopInTheAir,
-    /// A contact was too hard.
     HardContact,
-    /// Something else than a foot met the deck.
+    /// Another part than a foot touched the deck.
     TippedOver,
-    /// The drone is in the water.
     Water,
-    /// Rotors carry in `Landed`.
     CarriesLanded,
-    /// An abort was neither acted upon nor declined with a reason.
+    /// The mission neither followed an abort nor declined it with a reason.
     AbortIgnored,
-    /// A descent began after an abort, with no new order and charge left.
+    /// A descent began after an abort, without a new order and with charge left.
     Unordered,
     /// Low over the deck in a state that does not descend.
     NotPermitted,
-    /// In a keep-out volume.
     KeepOut,
-    /// Two drones at the deck.
     TwoAtDeck,
-    /// The battery was emptied in the air, though no fault took what was to land with.
+    /// The battery ran empty in the air, although faults had left the charge for a landing.
     BatterySpent,
-    /// Two drones met.
     Collision,
     /// Armed on the deck, and the status does not report it.
     StillArmed,
-    /// A set-point is not finite.
     NotFinite,
-    /// Long after the last fault it has neither landed nor states a reason to wait.
+    /// Long after the last fault, the drone has neither landed nor stated a reason to wait.
     Stuck,
-    /// It waited in our mode until its battery was spent, though the deck was free.
+    /// The drone waited in our mode until its battery was spent, although the deck was free.
     NoLastResort,
-    /// It waits in the air, and names neither charge that suffices nor that it is low, or no next step.
+    /// The drone waits in the air, and its status has neither the charge (sufficient or low) nor the next step.
     WaitsUnsaid,
 }
 
-/// A rule that was broken.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Violation {
     pub rule: StormRule,
-    /// When, s after the order.
     pub t_s: f64,
-    /// The figure that broke it: m above the deck, m/s, s, or the battery's charge, 0 to 1.
+    /// Value that broke the rule: m above the deck, m/s, s, or the battery's charge, 0 to 1.
     pub figure: f64,
-    /// The mission's state then.
+    /// State of the mission at that time.
     pub state: State,
 }
 
@@ -133,38 +122,36 @@ impl fmt::Display for Violation {
     }
 }
 
-/// The faults as the rules see them.
+/// The faults, as far as they affect rules.
 #[derive(Clone, Copy, Debug)]
 pub struct StormScene {
-    /// Kind of the flight.
     pub flight: FlightKind,
-    /// Faults that are active, or were a moment ago.
+    /// Number of faults that are active or have just ended.
     pub faults: usize,
-    /// Time at which the newest of them began or ended, s.
+    /// Time at which the newest fault began or ended, s.
     pub newest_s: f64,
-    /// No set-points are sent, or have been for a moment only.
+    /// No set-points are sent, or they have just resumed.
     pub uncommanded: bool,
-    /// Thrust is taken.
+    /// A fault reduces the thrust.
     pub without_power: bool,
-    /// The drone waits, and is left to its battery.
+    /// The drone waits until its battery runs low.
     pub runs_low: bool,
-    /// Charge that a fault has left in the battery, 0 to 1: nothing while it lasts; None: no fault met it.
+    /// Charge that a fault has left in the battery, 0 to 1 (0 while the fault lasts); None if no fault hit the battery.
     pub charge_left: Option<f64>,
-    /// When the mission received an abort, s.
+    /// Time at which the mission received the first abort, s.
     pub aborted_s: Option<f64>,
-    /// When it received the newest, s.
+    /// Time at which the mission received the newest abort, s.
     pub last_abort_s: Option<f64>,
-    /// When the order to land was withdrawn, by an abort or a take-over, and none followed, s.
+    /// Time of the abort or take-over that withdrew the order to land, s; None after a new order.
     pub withdrawn_s: Option<f64>,
 }
 
 impl StormScene {
-    /// Whether the charge left is enough to land with.
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
     }
-    /// Part that excuses another drone than the one that faults meet.
+    /// The scene for drones that the faults do not hit.
     const fn of_others(&self) -> StormScene {
         StormScene {
             uncommanded: false,
@@ -178,27 +165,26 @@ impl StormScene {
     }
 }
 
-/// Watches a storm.
 #[derive(Clone, Debug, Default)]
 pub struct StormWatch {
-    /// The motors turned in the last tick.
+    /// Whether the motors turned in the last tick.
     turned: bool,
-    /// When it was last struck, or fell into the water, under a fault that excuses it, s: no rule covers what follows at once.
+    /// Time of the last excused impact or fall into the water, s. Rules do not apply for [`STRUCK_S`] after it.
     struck_s: Option<f64>,
-    /// Since when rotors carry in `Landed`, s.
+    /// Time since which rotors carry in `Landed`, s.
     carries_since_s: Option<f64>,
-    /// Since when it is low over the deck in a state that does not descend, s.
+    /// Time since which the drone is low over the deck in a state that does not descend, s.
     low_since_s: Option<f64>,
-    /// Since when it is armed on the deck and no status reports it, s.
+    /// Time since which the drone is armed on the deck without a report, s.
     armed_since_s: Option<f64>,
-    /// When it first began to land because its battery is spent, s.
+    /// Time at which a landing for a spent battery first began, s.
     spent_s: Option<f64>,
-    /// A battery that a fault has drained sends it to another place than the deck, which it may not know.
+    /// A drone with a drained battery, which may lack the deck's position, flies to another place than the deck.
     elsewhere: bool,
 }
 
 impl StormWatch {
-    /// The first rule that this tick breaks, by the drone `k`.
+    /// The first rule that drone `k` breaks in this tick.
     pub fn look(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<Violation> {
         let scene = if k == 0 { *scene } else { scene.of_others() };
         let broken = self
@@ -215,7 +201,7 @@ impl StormWatch {
         })
     }
 
-    /// Contacts, the water, and motors that stop.
+    /// Checks contacts, the water, and motors that stop.
     fn contacts(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -257,8 +243,8 @@ impl StormWatch {
         }
         (o.in_water && self.struck_s.is_none()).then(|| (StormRule::Water, o.feet_height_m()))
     }
-    /// Watches where a drone that may not know its deck goes for its battery: the autopilot flies it home or down, until
-    /// it descends to the deck after all.
+    /// Tracks a drone that may lack the deck's position and has a low battery: the autopilot flies it home or down,
+    /// unless it descends to the deck after all.
     fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &StormScene) {
         let goes = matches!(
             rig.mission(k).low_battery,
@@ -269,7 +255,7 @@ impl StormWatch {
         self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }
 
-    /// On the deck: rotors that carry, and a drone that is armed without a report.
+    /// Checks a drone on the deck: carrying rotors, and an unreported armed state.
     fn standing(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
@@ -277,7 +263,7 @@ impl StormWatch {
         if carried_s > CARRY_S && !scene.uncommanded {
             return Some((StormRule::CarriesLanded, carried_s));
         }
-        // Where they are meant to turn.
+        // States in which the motors turn on the deck as intended.
         let turns = state == State::Flare || state.is_take_off();
         let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && !turns;
         let reported = rig
@@ -289,10 +275,10 @@ impl StormWatch {
         (armed_s > ARMED_S && !scene.uncommanded).then_some((StormRule::StillArmed, armed_s))
     }
 
-    /// An abort that is not taken, a descent whose order was withdrawn.
+    /// Checks for an ignored abort, and for a descent whose order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-        // It climbs, holds or has landed, or goes on for a reason that it states.
+        // A mission that climbs, holds or has landed complies, and one that continues for a stated reason.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
         let goes_on = !stated && goes_on(scene.flight, rig, k);
@@ -300,10 +286,10 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // After an abort a part of the reserve is the operator's; a drone that was given back has all of it to land with.
-        let share = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
-        self.spent_s = self.spent_s.or(is_spent(rig, k, share).then_some(t_s));
-        // A drone that is left to its battery has the deck as its last resort.
+        // After an abort, the operator keeps a part of the reserve; after a take-over, all of it serves the landing.
+        let fraction = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
+        self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
+        // A drone that waits until its battery runs low lands on the deck as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
         // An abort after that declines the deck.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
@@ -314,7 +300,7 @@ impl StormWatch {
         descends.then_some((StormRule::Unordered, t_s - at))
     }
 
-    /// Checks the places that it may not be at, and the set-points that it flies.
+    /// Checks prohibited positions, and set-points.
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -343,7 +329,6 @@ impl StormWatch {
     }
 }
 
-/// Whether its battery is empty.
 fn is_empty(rig: &Rig, k: usize) -> bool {
     let drone = rig.world.drones().get(k);
     drone
@@ -351,20 +336,20 @@ fn is_empty(rig: &Rig, k: usize) -> bool {
         .is_some_and(SimulatedAutopilot::is_empty)
 }
 
-/// The drone lands on the deck for its battery, which has less than this `share` of its reserve.
-fn is_spent(rig: &Rig, k: usize, share: f64) -> bool {
+/// Whether the drone lands on the deck because its charge is below this fraction of its reserve.
+fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     let charge = rig
         .world
         .drones()
         .get(k)
         .and_then(|d| d.autopilot())
         .map_or(1.0, |a| a.battery);
-    let spent = charge < share * rig.nodes.drone.mission.battery_reserve;
+    let spent = charge < fraction * rig.nodes.drone.mission.battery_reserve;
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// Whether what an abort stops goes on: a landing, or a take-off before the feet have left the deck. Of a flight that
-/// takes off the hold for the next order does not count.
+/// Whether the operation that an abort stops continues: a landing, or a take-off before the feet leave the deck. The
+/// hold for the next order, in a flight that takes off, does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
     let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
@@ -373,7 +358,7 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     on_deck || state.is_landing() && !rests
 }
 
-/// Ending of the first drone, which has broken no rule and was not observed to rest on the deck for long.
+/// Ending of the first drone, if it broke no rule and did not rest on the deck for long.
 pub fn end(rig: &Rig) -> StormEnding {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
@@ -384,7 +369,7 @@ pub fn end(rig: &Rig) -> StormEnding {
         StormEnding::Waits
     }
 }
-/// A drone that waited until its battery was spent.
+/// Violation of a drone that waited until its battery was spent.
 pub fn no_last_resort(rig: &Rig) -> Violation {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     Violation {
@@ -394,7 +379,8 @@ pub fn no_last_resort(rig: &Rig) -> Violation {
         state: rig.state(0),
     }
 }
-/// Long after the last fault: broken where it has neither landed nor states a reason to wait, or PX4 holds by itself.
+/// Violation, long after the last fault, of a drone that has neither landed nor stated a reason to wait, or that PX4
+/// holds by itself.
 pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let states_reason = mission.waiting.code != ReasonCode::None;
@@ -412,7 +398,6 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     })
 }
 
-/// A reason that names the battery to whoever watches.
 const fn names_battery(why: ReasonCode) -> bool {
     matches!(
         why,
@@ -452,7 +437,7 @@ pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     })
 }
 
-/// For how long it has been so, s; `since` remembers when that began.
+/// Time for which the condition has held, s; `since` stores its begin.
 fn lasts(since: &mut Option<f64>, is_so: bool, t_s: f64) -> f64 {
     *since = is_so.then(|| since.unwrap_or(t_s));
     since.map_or(0.0, |at| t_s - at)

@@ -1,20 +1,20 @@
-//! Motion of the deck: of the simulated vessel, of one that follows a response table, or prescribed, recorded
+//! Motion of the deck: of the simulated vessel, of a vessel moved by a response table, or prescribed, which is recorded
 //! or sinusoidal ([`rocking`]).
 //!
-//! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
-//! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
-//! splines make it twice differentiable, so that velocity, acceleration and rates are those of the motion.
+//! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and any of heave (positive up),
+//! heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic splines make it twice
+//! differentiable, so that velocity, acceleration and rates are consistent with the motion.
 //!
-//! - What was recorded is the deck: the angles turn it about its centre, surge, sway and heave move that
+//! - The recording describes the deck: the angles rotate it about its centre; surge, sway and heave move that
 //!   centre from its height at rest. The vessel's reference point follows rigidly.
 //! - Surge and sway are displacements along and to starboard of the mean heading, about their mean; heave
-//!   is about its mean. The mean roll and pitch (a mounting error, usually) are removed unless they are
-//!   to be kept. `scale` acts on what deviates from the means.
-//! - Heave that was not recorded is the sea's elevation under the deck centre.
-//! - A heading that was not recorded is constant, drawn per seed.
+//!   is about its mean. The mean roll and pitch (usually a mounting error) are removed unless `keep_mean`
+//!   is set. `scale` multiplies the deviations from the means.
+//! - Without recorded heave, heave is the sea's elevation under the deck centre.
+//! - Without a recorded heading, the heading is constant and drawn per seed.
 //! - The end joins the beginning: over the last seconds (5 s, or a quarter of a short recording) the end
-//!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway go on from
-//!   where they are instead of jumping back.
+//!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway continue
+//!   from their values at the end instead of jumping back.
 
 mod recording;
 pub mod rocking;
@@ -39,21 +39,20 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::response::ResponseVessel;
 use crate::physics::vessel::{Vessel, VesselConfig};
 
-/// Longest blend of the end into the beginning, s of the recording.
+/// Maximum blend of the end into the beginning, s of the recording.
 const BLEND_S: f64 = 5.0;
-/// Step of the numerical derivatives of the sea's elevation, s: their error is (w h)²/6, below 1e-3 for
-/// waves longer than 2 s.
+/// Step of the numerical derivatives of the sea's elevation, s: their error is (w h)²/6, below 1e-3 for waves longer
+/// than 2 s.
 const SEA_STEP_S: f64 = 0.02;
-/// Maximum tilt that a scaled recording may reach, rad (60 deg).
+/// Maximum tilt of a scaled recording, rad (60 deg).
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
 config! {
-    /// A recording and how to play it, or a rocking without one.
+    /// A recording and its playback, or a rocking instead.
     ///
-    /// Defaults: As recorded, from the beginning.
+    /// Defaults: as recorded, from the beginning.
     pub struct DeckMotionConfig {
-        /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with
-        /// `rocking`.
+        /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with `rocking`.
         pub file: PathBuf = PathBuf::new();
         /// Sinusoidal roll and pitch instead of a file.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -66,7 +65,7 @@ config! {
         pub start_s: f64 = 0.0, in 0.0..=1e7;
         /// Keep the mean roll and pitch.
         pub keep_mean: bool = false;
-        /// The water's surface rises and falls with a recorded heave, on top of the sea.
+        /// Move the water's surface with a recorded heave, in addition to the sea.
         pub water_follows: bool = false;
     }
     check |this, at| {
@@ -89,19 +88,17 @@ config! {
     }
 }
 
-/// Facts about a recording before it is flown.
+/// Facts about a recording before the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFacts {
-    /// Length, s.
     pub duration_s: f64,
-    /// It has heave.
     pub heave: bool,
-    /// Remarks on changes to channels that carry less than their rows suggest, and on other irregularities.
+    /// Remarks on channels with less bandwidth or resolution than their rows suggest, and on other irregularities.
     pub remarks: Vec<String>,
 }
 
 impl DeckMotionConfig {
-    /// Facts of its file for a trial of `trial_s` seconds; None without a file.
+    /// Facts about its file for a trial of `trial_s` seconds; None without a file.
     pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
         if self.rocking.is_some() {
             return Ok(None);
@@ -127,19 +124,17 @@ impl DeckMotionConfig {
     }
 }
 
-/// Carrier of the deck.
+/// Source of the deck's motion.
 #[derive(Clone)]
 pub enum DeckCarrier {
-    /// The simulated vessel.
     Simulated(Box<Vessel>),
-    /// A vessel moved by a response table.
     Responding(Box<ResponseVessel>),
     /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
 }
 
 impl DeckCarrier {
-    /// The recording where one is given, else the simulated vessel.
+    /// Uses the recording if one is configured, otherwise the simulated vessel.
     pub fn new(
         vessel: &VesselConfig,
         motion: Option<&DeckMotionConfig>,
@@ -161,7 +156,6 @@ impl DeckCarrier {
             .map(|m| DeckCarrier::Recorded(Box::new(m))),
         }
     }
-    /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
@@ -169,7 +163,7 @@ impl DeckCarrier {
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
         }
     }
-    /// The vessel's course turns or changes its speed a drawn time after `t`, where it is such a course.
+    /// If the vessel's course has a turn or a speed change, starts it a drawn time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
@@ -177,22 +171,22 @@ impl DeckCarrier {
             DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Something pushes the vessel so from now on, surge, sway, heave, roll, pitch, yaw of the body, N and Nm; one that only
-    /// answers to waves, and a recorded one, are not pushed.
+    /// Applies a load to the vessel from now on: surge, sway, heave, roll, pitch and yaw of the body, N and Nm. A
+    /// vessel that only responds to waves, and a recorded one, ignore it.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.push(by_n_nm),
             DeckCarrier::Responding(_) | DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Height by which the water's surface is lifted above the sea's now, m.
+    /// Present height of the water's surface above the sea's, m.
     pub fn water_lift(&self) -> f64 {
         match self {
             DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
             DeckCarrier::Recorded(motion) => motion.water_lift,
         }
     }
-    /// The vessel's state now, at its reference point.
+    /// Present state of the vessel at its reference point.
     pub fn state(&self) -> RigidState<VesselBody> {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.state(),
@@ -202,25 +196,25 @@ impl DeckCarrier {
     }
 }
 
-/// A recording, without end.
+/// A recording, repeated endlessly.
 #[derive(Clone)]
 struct Rounds {
     splines: Splines<CHANNELS>,
-    /// One round, s of the recording, and the blend at its start.
+    /// Duration of one repetition, and of the blend at its start, s of the recording.
     period: f64,
     blend: f64,
-    /// Change of heading, surge and sway in one round.
+    /// Change of heading, surge and sway in one repetition.
     per_round: [f64; CHANNELS],
 }
 
 impl Rounds {
-    /// All channels at time `at` (s, not negative), derivatives per second of the recording.
+    /// All channels at time `at` (s, not negative); derivatives are per second of the recording.
     fn channels(&self, at: f64) -> [Jet; CHANNELS] {
         let round = (at / self.period).floor();
         let phase = at - round * self.period;
         let now = self.splines.at(phase);
         let blend = smooth_step(phase, self.blend);
-        // The end of the round before, as long as it lasts.
+        // The end of the previous repetition, during the blend.
         let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
         core::array::from_fn(|c| {
             let here = now[c].shifted(round * self.per_round[c]);
@@ -232,14 +226,13 @@ impl Rounds {
     }
 }
 
-/// Source of the motion.
 #[derive(Clone)]
 enum Source {
     Recording(Rounds),
     Rocking(Rocking),
 }
 
-/// Prescribed motion being played.
+/// Prescribed motion during playback.
 #[derive(Clone)]
 pub struct RecordedMotion {
     source: Source,
@@ -248,7 +241,7 @@ pub struct RecordedMotion {
     mean_heading: f64,
     heave_recorded: bool,
     water_follows: bool,
-    /// Present lift of the water, m.
+    /// Present lift of the water's surface, m.
     water_lift: f64,
     /// Deck centre in the body frame, m.
     deck: Vector3<f64>,
@@ -331,7 +324,7 @@ impl RecordedMotion {
         .begun(sea))
     }
 
-    /// Rocks according to `rocking`, heaving with the sea, at a heading drawn per seed.
+    /// Rocks by `rocking` and heaves with the sea, at a heading drawn per seed.
     pub fn rocking(
         config: &DeckMotionConfig,
         rocking: &RockingConfig,
@@ -355,26 +348,24 @@ impl RecordedMotion {
     }
 
     fn begun(mut self, sea: &Sea) -> Self {
-        self.settle(Time::EPOCH, sea);
+        self.update(Time::EPOCH, sea);
         self
     }
 
-    /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
-        self.settle(t + Span::from_secs(dt_s), sea);
+        self.update(t + Span::from_secs(dt_s), sea);
     }
-    fn settle(&mut self, t: Time<TrueTime>, sea: &Sea) {
+    fn update(&mut self, t: Time<TrueTime>, sea: &Sea) {
         self.state = self.state_at(t, sea);
         if self.water_follows {
             self.water_lift = self.channels(t.secs())[HEAVE].y;
         }
     }
-    /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {
         self.state
     }
 
-    /// All channels at world time `t` (s), derivatives per second of the world.
+    /// All channels at world time `t` (s); derivatives are per second of world time.
     fn channels(&self, t: f64) -> [Jet; CHANNELS] {
         let at = (self.start + self.speed * t).max(0.0);
         match &self.source {
@@ -395,7 +386,6 @@ impl RecordedMotion {
         Vector2::new(c * surge - s * sway, s * surge + c * sway)
     }
 
-    /// The state at world time `t`.
     pub fn state_at(&self, t: Time<TrueTime>, sea: &Sea) -> RigidState<VesselBody> {
         let s = t.secs();
         let j = self.channels(s);
@@ -436,7 +426,7 @@ impl RecordedMotion {
     }
 }
 
-/// The heading of a motion that has none, rad.
+/// Heading of a motion without one, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
 }

@@ -1,4 +1,4 @@
-//! Recorded motion: read, checked, cleaned of repeated stamps, interpolated over gaps.
+//! Recorded motion: parsed, checked, cleaned of repeated stamps, and interpolated over gaps.
 
 mod quality;
 
@@ -11,17 +11,16 @@ use thiserror::Error;
 use self::quality::Knots;
 use crate::physics::spline::{Splines, smooth_step};
 
-/// Degrees of freedom of a recording, in this order.
+/// Indices of the degrees of freedom in a recording.
 pub const ROLL: usize = 0;
 pub const PITCH: usize = 1;
 pub const HEAVE: usize = 2;
 pub const HEADING: usize = 3;
 pub const SURGE: usize = 4;
 pub const SWAY: usize = 5;
-/// Number of channels.
 pub const CHANNELS: usize = 6;
 
-/// Quantities that are read, in the order of the degrees of freedom.
+/// CSV quantities, in the order of the degrees of freedom.
 const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Roll,
     Quantity::Pitch,
@@ -30,72 +29,55 @@ const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Surge,
     Quantity::Sway,
 ];
-/// Most knots that gaps may add.
+/// Maximum number of rows after gaps are bridged.
 const MAX_ROWS: usize = 2_000_000;
-/// Below this rate a motion is softer than it was, Hz.
+/// Sampling rate below which fast motion is lost, Hz.
 const SLOW_HZ: f64 = 4.9;
-/// Most knots in one gap.
 const MAX_BRIDGE: usize = 2000;
 
 /// Why a recording was rejected.
 #[derive(Debug, Error)]
 pub enum DeckMotionError {
-    /// The file could not be read.
     #[error("reading deck motion {path}: {source}; check the path and its permissions")]
-    Read {
-        path: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// The header is not what is expected.
+    Read { path: PathBuf, source: std::io::Error },
+    /// The header is invalid.
     #[error(
         "deck motion {origin}, line {line}: {message}; the columns are t_s, roll_deg, pitch_deg and any of \
          heave_m, heading_deg, surge_m, sway_m"
     )]
     Header {
         origin: String,
-        /// Line of the header, counted from 1.
+        /// Line of the header, from 1.
         line: u64,
-        /// Fault of the header.
         message: String,
     },
-    /// A row that cannot be used.
     #[error("deck motion {origin}, line {line}: {message}; correct or remove the row")]
     Row {
         origin: String,
-        /// Line of the row, counted from 1.
+        /// Line of the row, from 1.
         line: u64,
-        /// Fault of the row.
         message: String,
     },
-    /// Usable, but not as a whole.
+    /// The rows are valid, but the recording as a whole is not usable.
     #[error("deck motion {origin}: {message}")]
-    Whole {
-        origin: String,
-        /// Fault of the recording.
-        message: String,
-    },
+    Whole { origin: String, message: String },
 }
 
-/// Cleaned knots: strictly ascending times (s from the first), values in rad and m, heading unwrapped.
+/// Cleaned knots: strictly ascending times from 0 s; values in rad and m, with the heading unwrapped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// Times, s.
     pub t: Vec<f64>,
     /// Values by channel; zero where [`Recording::has`] is false.
     pub y: Vec<[f64; CHANNELS]>,
-    /// Which channels the file has.
     pub has: [bool; CHANNELS],
-    /// Time average per channel, of the recorded stretches.
+    /// Time average per channel over the recorded stretches.
     pub mean: [f64; CHANNELS],
-    /// Number of stretches without data that were bridged.
     pub gaps: usize,
-    /// Remarks on changes to channels that carry less than their rows suggest.
+    /// Remarks on channels with less bandwidth or resolution than their rows suggest.
     pub remarks: Vec<String>,
 }
 
 impl Recording {
-    /// Reads a file.
     pub fn load(path: &Path) -> Result<Self, DeckMotionError> {
         let bytes = std::fs::read(path).map_err(|source| DeckMotionError::Read {
             path: path.into(),
@@ -130,7 +112,7 @@ impl Recording {
         }
         if usual > 1.0 / SLOW_HZ {
             remarks.push(format!(
-                "{:.1} rows a second, below 5: the deck is softer than it was",
+                "{:.1} rows a second, below 5: fast deck motion is lost",
                 1.0 / usual
             ));
         }
@@ -145,7 +127,7 @@ impl Recording {
         for t in &mut t {
             *t -= start;
         }
-        // A gap is where five samples or more are missing.
+        // A gap lacks five samples or more.
         let longest = 5.0 * usual;
         let knots = Knots {
             t: &t,
@@ -171,7 +153,7 @@ impl Recording {
     }
 }
 
-/// The file's table: every row is sound, and none lies before the row above.
+/// Reads the file's table; every row must be valid, and times must not decrease.
 fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
     let origin = || origin.to_owned();
     let error = |e: TableError| match e {
@@ -208,14 +190,14 @@ fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
 /// Channels at common times.
 struct Channels {
     t: Vec<f64>,
-    /// rad, m.
+    /// Values, rad or m.
     y: Vec<[f64; CHANNELS]>,
     has: [bool; CHANNELS],
     remarks: Vec<String>,
 }
 
 impl Channels {
-    /// Channels of the rows with a roll; those with rows of their own are interpolated to their times.
+    /// Channels at the times of the rows with a roll; channels with separate rows are interpolated to these times.
     fn of(table: &CsvTable) -> Result<Channels, String> {
         let knots: Vec<&CsvRow> = table
             .rows
@@ -239,7 +221,7 @@ impl Channels {
             if !table.any(quantity) {
                 channels
                     .remarks
-                    .push(format!("{} is without a value", quantity.name()));
+                    .push(format!("{} has no values", quantity.name()));
                 continue;
             }
             channels.has[c] = true;
@@ -262,7 +244,7 @@ impl Channels {
             .collect();
         if !unused.is_empty() {
             channels.remarks.push(format!(
-                "not part of a deck's motion, and left out: {}",
+                "ignored columns, which are not deck motion: {}",
                 unused.join(", ")
             ));
         }
@@ -270,13 +252,12 @@ impl Channels {
     }
 }
 
-/// A channel with rows of its own.
 struct Own {
     name: &'static str,
     spline: Splines<1>,
     t: Vec<f64>,
     y: Vec<f64>,
-    /// Usual time between them, s.
+    /// Median time between its rows, s.
     step: f64,
 }
 
@@ -290,7 +271,7 @@ impl Own {
             if let (Quantity::Heading, Some(before)) = (quantity, y.last()) {
                 value = before + alight_shared::frames::wrap_angle(value - before);
             }
-            // The first of equal times.
+            // The first of several rows with equal times counts.
             if t.last().is_none_or(|last| *last < row.t) {
                 t.push(row.t);
                 y.push(value);
@@ -312,7 +293,7 @@ impl Own {
             step,
         })
     }
-    /// Fills channel `c` at `times`: by a cubic spline, in gaps and at the ends by a line and the last value. Remarks.
+    /// Fills channel `c` at `times` by a cubic spline; a smooth step bridges gaps. Returns remarks.
     fn fill(&self, times: &[f64], to: &mut [[f64; CHANNELS]], c: usize) -> Vec<String> {
         let gaps = self
             .t
@@ -331,7 +312,7 @@ impl Own {
             };
         }
         let mut remarks = vec![format!(
-            "{} comes at {:.1} Hz on rows of its own: interpolated, without what moves faster than in {:.1} s",
+            "{} has separate rows at {:.1} Hz: interpolated, motion with periods below {:.1} s is lost",
             self.name,
             1.0 / self.step,
             2.0 * self.step
@@ -343,7 +324,7 @@ impl Own {
     }
 }
 
-/// Takes each heading to the turn nearest to the one before.
+/// Unwraps headings: each is within half a turn of the previous one.
 fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     use core::f64::consts::TAU;
     for i in 1..y.len() {
@@ -353,8 +334,8 @@ fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     }
 }
 
-/// Replaces rows that follow closer than `min_step` (repeated stamps among them) by their average: a spline
-/// through two different values at nearly the same time would fling.
+/// Replaces rows closer than `min_step`, including repeated stamps, by their average. A spline through two different
+/// values at nearly the same time would overshoot.
 fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     let mut kept = 0;
     let mut i = 0;
@@ -377,7 +358,7 @@ fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     y.truncate(kept);
 }
 
-/// Trapezoidal time average over the steps that are no gaps.
+/// Trapezoidal time average over the steps that are not gaps.
 fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNELS] {
     let (mut sum, mut time) = ([0.0; CHANNELS], 0.0);
     for i in 1..t.len() {
@@ -392,9 +373,9 @@ fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNEL
     sum.map(|s| if time > 0.0 { s / time } else { 0.0 })
 }
 
-/// Puts knots into every gap longer than `longest`: the motion before dies away, the motion after comes up
-/// and a smooth step leads from one to the other, never outside what was recorded. A cubic over the bare
-/// gap would swing out with the slopes at its ends. None when that would take too many knots.
+/// Adds knots to every gap longer than `longest`: the motion before it decays, the motion after it builds up, and a
+/// smooth step leads from one to the other within the recorded range. A single cubic over the gap would overshoot
+/// because of the slopes at its ends. Returns None when too many knots would be needed.
 fn bridge(
     t: Vec<f64>,
     y: Vec<[f64; CHANNELS]>,
@@ -411,7 +392,7 @@ fn bridge(
     }
     let (mut out_t, mut out_y) = (Vec::with_capacity(t.len()), Vec::with_capacity(y.len()));
     let mut gaps = 0;
-    // Memory of the motion at either side, s.
+    // Decay time of the motion at either side, s.
     let fade = 3.0 * median;
     for i in 0..t.len() {
         if i > 0 && t[i] - t[i - 1] > longest {

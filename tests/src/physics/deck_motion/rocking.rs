@@ -1,7 +1,7 @@
-//! A deck that rolls and pitches sinusoidally: a small platform in short waves, or a test rig.
+//! A deck that rolls and pitches sinusoidally, as a small platform in short waves or a test rig does.
 //!
-//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`, phases drawn per seed; the two
-//! frequencies keep the axes from swinging together for ever. The deck's centre heaves with the sea.
+//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`, with phases drawn per seed. The frequencies
+//! differ so that the axes do not stay in phase. The deck's centre heaves with the sea.
 
 use core::f64::consts::TAU;
 
@@ -13,18 +13,14 @@ use super::recording::{CHANNELS, HEADING, PITCH, ROLL};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
-/// Pitch's frequency as a share of roll's.
+/// Ratio of the pitch frequency to the roll frequency.
 const PITCH_FREQUENCY: f64 = 0.8;
 
-/// Amplitudes and frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RockingConfig {
-    /// Amplitude of the roll, rad.
     pub roll_rad: f64,
-    /// Amplitude of the pitch, rad.
     pub pitch_rad: f64,
-    /// Frequency of the roll, Hz.
     pub frequency_hz: f64,
 }
 
@@ -36,7 +32,6 @@ impl Check for RockingConfig {
     }
 }
 
-/// The motion of a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct Rocking {
     /// Amplitude (rad), angular frequency (rad/s), phase (rad) of roll and pitch.
@@ -45,7 +40,7 @@ pub struct Rocking {
 }
 
 impl Rocking {
-    /// Amplitudes times `scale`; phases from the stream `deck/rocking`.
+    /// Scales the amplitudes by `scale`; phases come from the stream `deck/rocking`.
     pub fn new(config: &RockingConfig, scale: f64, heading: f64, streams: &Streams) -> Self {
         let mut rng = streams.stream("deck/rocking");
         let omega = TAU * config.frequency_hz;
@@ -59,7 +54,6 @@ impl Rocking {
         }
     }
 
-    /// All channels at time `t` (s).
     pub(super) fn channels(&self, t: f64) -> [Jet; CHANNELS] {
         let mut j = [Jet::default(); CHANNELS];
         for (channel, [a, w, p]) in [ROLL, PITCH].into_iter().zip(self.waves) {

@@ -17,7 +17,7 @@ fn rejection(text: &str) -> String {
         .map(|e| e.to_string())
         .unwrap_or_default()
 }
-/// Half a minute of swell at 10 Hz with every column; heading turns through south.
+/// Half a minute of swell at 10 Hz with every column; the heading turns through south.
 fn full() -> String {
     let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m,heading_deg,surge_m,sway_m\n");
     for i in 0..300 {
@@ -34,7 +34,7 @@ fn full() -> String {
     }
     text
 }
-/// Checks over `seconds` that each derivative is the derivative of what it claims to be.
+/// Checks over `seconds` that velocity, acceleration and rates are the derivatives of the motion.
 fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
     let h = 1e-3;
     let n = (seconds / 0.037) as i32;
@@ -148,11 +148,11 @@ fn recorded_motion_signs() {
     let x = 1.5_f64.sin();
     let e = b.euler();
     assert!((e.x.to_degrees() - x).abs() < 1e-9 && (e.y.to_degrees() - 2.0 * x).abs() < 1e-9);
-    // It is the deck centre that was recorded.
+    // The recording describes the deck centre.
     let deck = |s: &RigidState<VesselBody>| s.at::<Deck>(DeckGeometry::default().centre()).position.0;
     let moved = deck(&b) - deck(&a);
     assert!((deck(&a).z + 1.3).abs() < 0.2 && (b.position.0 - a.position.0 - moved).norm() > 0.005);
-    // Heading east: surge goes east, sway (to starboard) south, heave up.
+    // Heading east: surge is east, sway (to starboard) south, heave up.
     assert!(
         (moved - Vector3::new(-0.3 * x, 0.2 * x, -0.1 * x)).norm() < 1e-9,
         "{moved}"
@@ -212,7 +212,7 @@ fn recorded_motion_with_repeated_stamps_and_gaps() {
         }
         text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin(), 3.0 * (1.1 * t).sin());
         if i % 7 == 0 {
-            // The same stamp again and one just after, with different values.
+            // A repeated stamp and another shortly after, with different values.
             text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin() + 0.2, 3.0 * (1.1 * t).sin());
             text += &format!(
                 "{},{},{}\n",
@@ -279,7 +279,7 @@ fn recording_with_a_bad_row() {
         let e = rejection(&format!("{good}{row}\n4,1,1\n"));
         assert!(e.contains("test.csv, line 5") && e.contains(why), "{row}: {e}");
     }
-    // Empty lines count too.
+    // Empty lines are counted.
     let e = rejection("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
     assert!(e.contains("line 5"), "{e}");
 }
@@ -314,7 +314,7 @@ fn recording_with_a_bad_header_or_too_few_rows() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// The real recording, outside the repository.
+/// The real recording, which is outside the repository.
 fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     Recording::load(&path).unwrap()
@@ -455,7 +455,7 @@ fn recording_with_whole_second_stamps() {
     for part in ["line 3: 810 of 900 rows", "`python -m alight.convert FILE`"] {
         assert!(coarse.contains(part), "{part}: {coarse}");
     }
-    // Too few rows a second, and a few stamps twice: played, with remarks.
+    // Few rows a second and some repeated stamps: accepted, with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
         slow.remarks.iter().any(|r| r.contains("below 5")),
@@ -469,9 +469,9 @@ fn recording_with_whole_second_stamps() {
     );
 }
 
-/// A satellite compass and motion sensor on a bus, 100 s of a boat in a figure of eight: attitude and rates at 10 Hz, heave at 1,
-/// position at 5, velocity at 4, each on rows of its own. From the repository canboat/canboat, samples/ (Apache-2.0),
-/// the longitude moved by 100 deg.
+/// Recording of a satellite compass and motion sensor on a bus: 100 s of a boat in a figure of eight, with attitude and
+/// rates at 10 Hz, heave at 1 Hz, position at 5 Hz and velocity at 4 Hz, each in separate rows. From the repository
+/// canboat/canboat, samples/ (Apache-2.0), with the longitude shifted by 100 deg.
 const UNDER_WAY: &str = include_str!("../../../tests/flights/data/figure-of-eight.csv");
 
 #[test]
@@ -479,7 +479,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
     let recording = Recording::parse(UNDER_WAY.as_bytes(), "under-way.csv").unwrap();
     let remarks = recording.remarks.join("\n");
     for expected in [
-        "heave_m comes at 1.0 Hz on rows of its own",
+        "heave_m has separate rows at 1.0 Hz",
         "left out: gyro_x_radps",
         "north_mps",
     ] {
@@ -496,7 +496,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
         "{:?}",
         recording.mean
     );
-    // She turns by 108 deg and half of it back, without a jump.
+    // The boat turns by 108 deg and half of it back, without a jump.
     let heading = || recording.y.iter().map(|y| y[HEADING].to_degrees());
     let turned = heading().fold(f64::MIN, f64::max) - heading().fold(f64::MAX, f64::min);
     assert!((100.0..115.0).contains(&turned), "{turned}");

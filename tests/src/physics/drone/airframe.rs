@@ -8,14 +8,14 @@ use super::config::AirframeConfig;
 use super::frame::{MAX_ROTORS, RotorFrame};
 use crate::physics::streams::Streams;
 
-/// State of the centre of mass in double precision. NED and FRD, SI.
+/// State of the centre of mass in double precision, in NED and FRD, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AirframeMotion {
     pub(crate) position: Vector3<f64>,
     pub(crate) velocity: Vector3<f64>,
-    /// NED from body.
+    /// Rotation NED from body.
     pub(crate) attitude: UnitQuaternion<f64>,
-    /// Body rates.
+    /// Body rates, rad/s.
     pub(crate) rates: Vector3<f64>,
 }
 
@@ -28,8 +28,8 @@ impl AirframeMotion {
     pub(crate) fn point_velocity(&self, lever_arm: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.attitude * self.rates.cross(lever_arm)
     }
-    /// The motion after `dt` at the constant linear (NED) and angular (body) accelerations `a` and
-    /// `dw`: second order in position and attitude.
+    /// Motion after `dt` at constant linear (NED) and angular (body) accelerations `a` and `dw`, of second order in
+    /// position and attitude.
     pub(crate) fn advanced(&self, a: &Vector3<f64>, dw: &Vector3<f64>, dt: f64) -> AirframeMotion {
         let turn = (self.rates + dw * (0.5 * dt)) * dt;
         let mut attitude = self.attitude * UnitQuaternion::from_scaled_axis(turn);
@@ -43,7 +43,7 @@ impl AirframeMotion {
     }
 }
 
-/// The airframe with its true parameters, which differ from the nominal ones.
+/// Airframe with its true parameters, which differ from the nominal ones.
 #[derive(Clone, Debug)]
 pub(crate) struct Airframe {
     /// True mass, kg.
@@ -61,7 +61,7 @@ pub(crate) struct Airframe {
     parked_drag: f64,
     radius: f64,
     deck_half: [f64; 2],
-    /// Rotor speeds as fractions of the maximum.
+    /// Fractions of the maximum rotor speed.
     speeds: [f64; MAX_ROTORS],
 }
 
@@ -98,20 +98,19 @@ impl Airframe {
         }
     }
 
-    /// Collective thrust that hovers in still air, as a fraction of the true maximum.
+    /// Collective thrust in a hover in still air, as a fraction of the true maximum.
     pub(crate) fn hover(&self) -> f64 {
         self.mass * GRAVITY / (self.rotor_max * self.hubs.len() as f64)
     }
-    /// Collective thrust now, as a fraction of the true maximum.
+    /// Present collective thrust, as a fraction of the true maximum.
     pub(crate) fn thrust(&self) -> f64 {
         self.speeds.iter().map(|s| s * s).sum::<f64>() / self.hubs.len() as f64
     }
-    /// Rotors at the speed that hovers, for a start in the air.
+    /// Sets the rotors to hover speed, for a start in the air.
     pub(crate) fn spin_up(&mut self) {
         let hover = self.hover().min(1.0).sqrt();
         self.speeds[..self.hubs.len()].fill(hover);
     }
-    /// Rotors at rest.
     pub(crate) fn stand_still(&mut self) {
         self.speeds = [0.0; MAX_ROTORS];
     }
@@ -120,8 +119,8 @@ impl Airframe {
         &self.hubs
     }
 
-    /// Turns rotor commands (fractions of the maximum thrust, or None with the motors stopped)
-    /// into speeds: `T ~ n²` and `dn/dt = (n_c - n) / lag`, exact over `dt`.
+    /// Applies rotor commands (fractions of the maximum thrust, or None with motors stopped) for `dt`: `T ~ n²` and
+    /// `dn/dt = (n_c - n) / lag`, exact over `dt`.
     pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();
         for (i, speed) in self.speeds.iter_mut().take(self.hubs.len()).enumerate() {
@@ -130,15 +129,15 @@ impl Airframe {
         }
     }
 
-    /// Coefficient of drag, N/(m/s)²: that of the body alone with the rotors stopped, and what turning rotors add, in
-    /// full from idle speed on.
+    /// Drag coefficient, N/(m/s)²: that of the body alone with stopped rotors, plus that of turning rotors, which is
+    /// complete from idle speed on.
     fn drag(&self) -> f64 {
         let turning = (self.thrust() / self.idle.max(1e-4)).min(1.0).sqrt();
         self.parked_drag + (self.drag - self.parked_drag) * turning
     }
 
-    /// Force in NED without gravity (N) and moment about the centre of mass in the body frame
-    /// (N m). `deck` is the deck's surface: centre and rotation NED from deck.
+    /// Force in NED without gravity (N) and moment about the centre of mass in the body frame (N m). `deck` is the
+    /// centre of the deck's surface and the rotation NED from deck.
     pub(crate) fn loads(
         &self,
         m: &AirframeMotion,
@@ -152,7 +151,7 @@ impl Airframe {
                 thrust *= self.ground_effect(&m.point(hub), &m.attitude, centre, turn);
             }
             lift += thrust;
-            // r x (0, 0, -T), and the rotor's drag moment.
+            // `r x (0, 0, -T)`, plus the rotor's drag moment.
             moment += Vector3::new(
                 -hub.y * thrust,
                 hub.x * thrust,
@@ -164,9 +163,9 @@ impl Airframe {
         (force, moment)
     }
 
-    /// Ratio of thrust near the deck to thrust in free air at equal power:
-    /// `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett 1955, eq. 8), z along the rotor's axis to the
-    /// deck's surface, for z >= R/2; 1 where the axis misses the deck.
+    /// Ratio of thrust near the deck to thrust in free air at equal power: `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett
+    /// 1955, eq. 8), where z is along the rotor's axis to the deck's surface and z >= R/2; 1 if the axis misses the
+    /// deck.
     fn ground_effect(
         &self,
         hub: &Vector3<f64>,
@@ -234,7 +233,7 @@ mod tests {
             a.spin(Some(&[a1, a2, a3, a4, 0.0, 0.0]), 10.0);
             a.loads(&at(10.0), &Vector3::zeros(), None).1
         };
-        // More lift on the left rolls right; on the front pitches up.
+        // More lift on the left rolls right; more lift at the front pitches up.
         assert!(moment(&mut a, [0.3, 0.4, 0.4, 0.3]).x > 0.1);
         assert!(moment(&mut a, [0.4, 0.3, 0.4, 0.3]).y > 0.1);
         assert!(moment(&mut a, [0.4, 0.4, 0.3, 0.3]).z > 0.01);
@@ -265,7 +264,7 @@ mod tests {
         let (centre, turn) = (Vector3::zeros(), UnitQuaternion::identity());
         let lift = |m: &AirframeMotion| -a.loads(m, &Vector3::zeros(), Some((&centre, &turn))).0.z;
         let free = a.mass * GRAVITY;
-        // Rotor plane 0.05 m above the centre of mass.
+        // The rotor plane is 0.05 m above the centre of mass.
         let z: f64 = 0.35;
         let expected = 1.0 / (1.0 - (0.19 / (4.0 * z)).powi(2));
         assert!((lift(&at(0.30)) / free - expected).abs() < 1e-9);
@@ -298,7 +297,7 @@ mod tests {
         for _ in 0..15 {
             a.spin(Some(&[1.0; MAX_ROTORS]), 0.002);
         }
-        // From 0.5 to 1 in speed: 1 - 0.5/e after one time constant of 0.03 s.
+        // Speed from 0.5 to 1: 1 - 0.5/e after one time constant of 0.03 s.
         let speed = a.thrust().sqrt();
         assert!(
             (speed - (1.0 - 0.5 / core::f64::consts::E)).abs() < 1e-9,

@@ -1,4 +1,4 @@
-//! The drone's true parameters, which no node sees.
+//! True parameters of the drone, which nodes do not receive.
 
 use alight_shared::config;
 use alight_uav::autopilot::modes::Firmware;
@@ -15,9 +15,9 @@ config! {
         pub contact: ContactConfig;
         /// Mean wind and gusts.
         pub wind: WindConfig;
-        /// The autopilot's control loops and failsafes.
+        /// Control loops and failsafes of the autopilot.
         pub autopilot: AutopilotConfig;
-        /// The autopilot's sensors and state estimator.
+        /// Sensors and state estimator of the autopilot.
         pub navigation: NavigationConfig;
     }
 }
@@ -25,32 +25,33 @@ config! {
 config! {
     /// Rotors, drag and unknown errors of mass and thrust.
     pub struct AirframeConfig {
-        /// Arrangement of the rotors: quad-x or hexa-x.
+        /// Rotor arrangement: quad-x or hexa-x.
         pub frame: RotorFrame = RotorFrame::QuadX;
-        /// The true mass as a multiple of the nominal one, before the error drawn per seed.
+        /// True mass relative to the nominal mass, before the error drawn per seed.
         pub mass_factor: f64 = 1.0, in 0.3..=2.0;
-        /// The true thrust as a multiple of the nominal one, before the error drawn per seed.
+        /// True thrust relative to the nominal thrust, before the error drawn per seed.
         pub thrust_factor: f64 = 1.0, in 0.3..=2.0;
         /// Bound of the relative error of the true mass, drawn uniformly per seed.
-        /// Source: +-5 % unknown to the nodes.
+        /// Source: +-5 %, unknown to the nodes.
         pub mass_error: f64 = 0.05, in 0.0..=0.5;
         /// Bound of the relative error of the true thrust, drawn uniformly per seed.
-        /// Source: +-5 % unknown to the nodes.
+        /// Source: +-5 %, unknown to the nodes.
         pub thrust_error: f64 = 0.05, in 0.0..=0.5;
         /// First-order lag of the rotor speed, s.
         /// Source: Ctu-mrs t650.
         pub rotor_lag_s: f64 = 0.03, in 0.002..=0.5;
-        /// Idle thrust of a running rotor as a fraction of its maximum.
+        /// Idle thrust of a running rotor, as a fraction of its maximum thrust.
         /// Source: (875 / 5832 rpm)², ctu-mrs t650.
         pub idle_thrust: f64 = 0.0225, in 0.0..=0.2;
         /// Quadratic drag on the velocity relative to the air, N/(m/s)².
         /// Source: Ctu-mrs t650.
         pub drag_n_per_mps2: f64 = 0.0995, in 0.0..=10.0;
-        /// Quadratic drag of a standing drone with stopped rotors: the body alone, without what rotors turn into drag.
-        /// Source: sum over its parts (Hoerner 1965, sections 3 and 8), air of 1.225 kg/m³: body 0.24 x 0.15 m (1.05), four
-        /// legs and four arms askew of 16 and 25 mm (1.2, cross-flow), motors and blades at rest: 0.082 m².
+        /// Quadratic drag of a parked drone with stopped rotors, N/(m/s)²: the body alone, without rotor drag.
+        /// Source: sum over its parts (Hoerner 1965, sections 3 and 8), in air of 1.225 kg/m³: body 0.24 x 0.15 m
+        /// (1.05), four legs and four arms at an angle, 16 and 25 mm (1.2, cross-flow), motors and blades at rest:
+        /// 0.082 m².
         pub parked_drag_n_per_mps2: f64 = 0.05, in 0.0..=10.0;
-        /// Radius of a rotor disc, m; 0 switches the ground effect off.
+        /// Radius of a rotor disc, m; 0 disables the ground effect.
         /// Source: 15 inch propeller of the Tarot T650.
         pub rotor_radius_m: f64 = 0.19, in 0.0..=2.0;
         /// Height of the rotor discs above the centre of mass, m.
@@ -66,7 +67,7 @@ config! {
         /// Coefficient of restitution.
         pub restitution: f64 = 0.3, in 0.0..=0.95;
         /// Radius of a foot, m.
-        /// Chosen: a leg's rubber end.
+        /// Chosen: the rubber end of a leg.
         pub foot_radius_m: f64 = 0.015, in 0.005..=0.2;
         /// Thickness of the deck, m.
         pub deck_thickness_m: f64 = 0.30, in 0.05..=2.0;
@@ -76,13 +77,13 @@ config! {
 config! {
     /// Mean wind and gusts.
     pub struct WindConfig {
-        /// Mean wind speed U10, 10 m above the water, m/s; lower it is less, by the profile over waves.
-        /// Source: The paper's simulations have no wind.
+        /// Mean wind speed U10, 10 m above the water, m/s; the profile over waves reduces it at lower heights.
+        /// Source: the paper's simulations have no wind.
         pub mean_mps: f64 = 0.0, in 0.0..=30.0;
-        /// Direction it blows to, deg from north towards east; drawn per seed when missing.
+        /// Direction towards which the wind blows, deg from north towards east; drawn per seed if missing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub to_deg: Option<f64> = None;
-        /// It blows where the waves go, whatever `to_deg` is.
+        /// The wind blows in the waves' direction; overrides `to_deg`.
         pub with_waves: bool = false;
         /// Dryden gusts on the mean wind.
         pub gusts: bool = true;
@@ -92,43 +93,41 @@ config! {
     }
 }
 
-/// Action of the autopilot when set-points stop coming.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossAction {
-    /// Brake and hold position.
     #[default]
     Hold,
-    /// Land where it is.
+    /// Land at the present position.
     Land,
-    /// Fly back to the start and land there.
+    /// Return to the start position and land there.
     Return,
 }
 
 config! {
-    /// The autopilot's control loops and failsafes, after PX4 1.16 (parameter names in comments).
+    /// Control loops and failsafes of the autopilot, after PX4 1.16 (parameter names under "Source").
     pub struct AutopilotConfig {
-        /// Whose character it has: px4, or ardupilot, which has position and velocity gains of its own in the place of
-        /// those below, and no `loss_action`.
+        /// Firmware whose behaviour is imitated: px4, or ardupilot, which has its own position and velocity gains in
+        /// place of those below, and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
-        /// Time constant with which a tilt set-point is followed, s; missing: the firmware's own. Of PX4 the inverse of the
-        /// attitude loop's gain, of ArduCopter that of its input shaping (ATC_INPUT_TC).
+        /// Time constant of the response to a tilt set-point, s; missing: the firmware's own. For PX4 it is the inverse
+        /// of the attitude loop's gain, for ArduCopter that of the input shaping (ATC_INPUT_TC).
         /// Source: fits to flights of PX4 main of March 2026 (0.10 s) and of ArduCopter 4.7-dev (0.15 s).
         #[serde(skip_serializing_if = "Option::is_none")]
         pub attitude_lag_s: Option<f64> = None;
-        /// Dead time of a set-point of attitude and thrust in the autopilot, besides the wire's, s.
+        /// Dead time of an attitude and thrust set-point in the autopilot, in addition to the wire's delay, s.
         pub dead_time_s: f64 = 0.0, in 0.0..=0.5;
         /// Gain of the heading loop, 1/s.
         /// Source: MC_YAW_P.
         pub yaw_gain_hz: f64 = 2.8, in 0.1..=10.0;
-        /// Weight of heading against tilt.
+        /// Weight of heading relative to tilt.
         /// Source: MC_YAW_WEIGHT.
         pub yaw_weight: f64 = 0.4, in 0.05..=1.0;
-        /// Bandwidth of the rate loop of roll and pitch, 1/s.
+        /// Bandwidth of the roll and pitch rate loops, 1/s.
         /// Source: MC_ROLLRATE_P in units of angular acceleration.
         pub rate_gain_hz: f64 = 20.0, in 2.0..=40.0;
-        /// Bandwidth of the rate loop of yaw, 1/s.
-        /// Chosen: what the rotors' drag moment allows.
+        /// Bandwidth of the yaw rate loop, 1/s.
+        /// Chosen: limited by the rotors' drag moment.
         pub yaw_rate_gain_hz: f64 = 8.0, in 1.0..=40.0;
         /// Integral gain of the rate loop, 1/s².
         pub rate_integral_hz2: f64 = 15.0, in 0.0..=200.0;
@@ -154,7 +153,7 @@ config! {
         /// Source: MPC_XY_VEL_MAX.
         pub max_speed_mps: f64 = 12.0, in 0.5..=40.0;
         /// Limits of the vertical velocity set-point: up, down, m/s.
-        /// Source: The paper's |vz| <= 4 m/s (PX4's MPC_Z_VEL_MAX_* raised to it).
+        /// Source: the paper's |vz| <= 4 m/s (PX4's MPC_Z_VEL_MAX_* raised to it).
         pub max_climb_mps: [f64; 2] = [4.0, 4.0], in 0.1..=20.0;
         /// Maximum tilt that position control commands, deg.
         /// Source: MPC_TILTMAX_AIR.
@@ -162,41 +161,40 @@ config! {
         /// Minimum collective thrust that position control commands, 0 to 1.
         /// Source: MPC_THR_MIN.
         pub min_thrust: f64 = 0.12, in 0.0..=0.5;
-        /// Tilt from the horizontal acceleration alone, as PX4 does; else from the whole vector.
+        /// Compute tilt from the horizontal acceleration alone, as PX4 does; otherwise from the whole vector.
         /// Source: MPC_ACC_DECOUPLE.
         pub decouple_vertical: bool = true;
-        /// Without a set-point for this long the failsafe acts, s.
-        /// Source: COM_OF_LOSS_T (PX4's default is 1.0): what flies on without its pilot flies on
-        /// sinking. With the pilot frozen for 2 s in descent or flare, 100 seeds: 11 hard contacts
-        /// at 0.5 s, 3 at 0.25 s.
+        /// Time without a set-point until the failsafe acts, s.
+        /// Source: COM_OF_LOSS_T (PX4's default is 1.0). A drone keeps sinking until the failsafe acts: with the pilot
+        /// frozen for 2 s in descent or flare, 100 seeds had 11 hard contacts at 0.5 s, and 3 at 0.25 s.
         pub loss_after_s: f64 = 0.25, in 0.02..=60.0;
         /// Action of the failsafe.
         /// Source: COM_OBL_RC_ACT.
         pub loss_action: LossAction = LossAction::Hold;
-        /// Deceleration with which it comes to rest when it begins to hold: horizontally, vertically, m/s².
-        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX (PX4's default is 4) raised, less what its jerk
-        /// limit takes. With the pilot frozen for 2 s in descent, 74 cases: 3 hard contacts up to
-        /// 2.2 m/s at 3 m/s², 1 of 1.3 m/s at 6 m/s².
+        /// Deceleration when a hold begins: horizontal, vertical, m/s².
+        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX (PX4's default is 4) raised, less the effect of its jerk limit. With the
+        /// pilot frozen for 2 s in descent, 74 cases had 3 hard contacts up to 2.2 m/s at 3 m/s², and 1 of 1.3 m/s at 6
+        /// m/s².
         pub stop_mps2: [f64; 2] = [3.0, 6.0], in 0.5..=15.0;
         /// Speed of the autopilot's own landing, m/s.
         /// Source: MPC_LAND_SPEED.
         pub land_mps: f64 = 0.7, in 0.1..=5.0;
-        /// Height above the start's datum that `Return` flies at, m.
+        /// Flight height of `Return` above the start's datum, m.
         /// Source: RTL_RETURN_ALT.
         pub return_height_m: f64 = 30.0, in 1.0..=500.0;
         /// Time constant of the hover thrust estimate, s.
-        /// Chosen: settles as PX4's hover thrust estimator does.
+        /// Chosen: converges as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
-        /// Hover thrust that it starts with, over the true one.
+        /// Ratio of the initial hover thrust estimate to the true hover thrust.
         pub initial_hover_factor: f64 = 1.0, in 0.4..=2.0;
-        /// One way on the wire to the drone's computer, s.
-        /// Source: An ODOMETRY of 244 bytes takes 2.6 ms at 921 600 baud.
+        /// One-way delay on the wire to the drone's computer, s.
+        /// Source: an ODOMETRY of 244 bytes takes 2.6 ms at 921 600 baud.
         pub wire_s: f64 = 0.003, in 0.0..=0.5;
-        /// Uniform addition to it, s.
+        /// Uniform random addition to the delay on the wire, s.
         pub wire_jitter_s: f64 = 0.001, in 0.0..=0.5;
-        /// Battery at the start, 0 to 1.
+        /// Charge of the battery at the start, 0 to 1.
         pub battery: f64 = 0.9, in 0.0..=1.0;
-        /// Hover time that a full battery gives, s.
+        /// Hover time with a full battery, s.
         pub endurance_s: f64 = 1500.0, in 10.0..=1e6;
     }
     check |this, at| {
@@ -205,15 +203,15 @@ config! {
 }
 
 impl AutopilotConfig {
-    /// Time constant with which a tilt set-point is followed, s.
+    /// Time constant of the response to a tilt set-point, s.
     pub fn attitude_lag_s(&self) -> f64 {
         self.attitude_lag_s.unwrap_or(match self.firmware {
             Firmware::Px4 => 0.10,
             Firmware::ArduCopter => 0.15,
         })
     }
-    /// With ArduCopter's own gains where it is ArduCopter (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in units of
-    /// acceleration).
+    /// Replaces the gains by ArduCopter's own if the firmware is ArduCopter (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in
+    /// units of acceleration).
     pub fn with_gains_of_firmware(&self) -> AutopilotConfig {
         match self.firmware {
             Firmware::Px4 => self.clone(),
@@ -235,22 +233,23 @@ config! {
         pub gnss_bias_m: f64 = 1.0, in 0.0..=100.0;
         /// Correlation time of the slow GNSS error, s.
         pub gnss_bias_s: f64 = 300.0, in 1.0..=1e5;
-        /// Standard deviation of the barometer's drift against GNSS height, m, in ten minutes.
-        /// Source: static pressure drifts by 0.1 to 0.3 hPa in ten minutes (8 m per hPa) and errs in wind by as much.
+        /// Standard deviation of the barometer's drift relative to GNSS height in ten minutes, m.
+        /// Source: static pressure drifts by 0.1 to 0.3 hPa in ten minutes (8 m per hPa), and has errors of the same
+        /// size in wind.
         pub barometer_drift_m: f64 = 0.0, in 0.0..=100.0;
         /// White GNSS position error, m.
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
-        /// The receiver also gives the height above the ellipsoid (`alt_ellipsoid` of `GPS_RAW_INT`).
+        /// Report the height above the ellipsoid, too (`alt_ellipsoid` of `GPS_RAW_INT`).
         pub gnss_ellipsoid: bool = true;
         /// GNSS rate, Hz.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;
         /// White gyro noise per 100 Hz sample, rad/s.
-        /// Chosen: an ICM-42688 with vibration.
+        /// Chosen: ICM-42688 with vibration.
         pub gyro_noise_rps: f64 = 0.005, in 0.0..=0.5;
         /// Standard deviation of the constant gyro bias, rad/s.
-        /// Chosen: what is left after the estimator's correction.
+        /// Chosen: remaining bias after the estimator's correction.
         pub gyro_bias_rps: f64 = 0.002, in 0.0..=0.5;
         /// White accelerometer noise per 100 Hz sample with the motors off, m/s².
         /// Chosen: ICM-42688.
@@ -258,23 +257,23 @@ config! {
         /// Standard deviation of the constant accelerometer bias, m/s².
         /// Source: VRX.
         pub accelerometer_bias_mps2: f64 = 0.05, in 0.0..=5.0;
-        /// Additional white noise per 100 Hz sample by vibration at full thrust, m/s².
+        /// Additional white noise per 100 Hz sample from vibration at full thrust, m/s².
         /// Chosen: 0.3 m/s² in hover.
         pub vibration_mps2: f64 = 0.8, in 0.0..=50.0;
         /// Range of the accelerometer, m/s².
         /// Source: 16 g.
         pub accelerometer_range_mps2: f64 = 156.9, in 20.0..=1e3;
-        /// Slow error of roll and pitch, deg, and its correlation time, s.
+        /// Standard deviation of the slow roll and pitch error, deg.
         pub tilt_error_deg: f64 = 0.3, in 0.0..=10.0;
         /// Correlation time of the tilt error, s.
         pub tilt_error_s: f64 = 30.0, in 0.1..=1e5;
-        /// Slow error of heading, deg.
+        /// Standard deviation of the slow heading error, deg.
         pub heading_error_deg: f64 = 1.0, in 0.0..=45.0;
         /// Correlation time of the heading error, s.
         pub heading_error_s: f64 = 300.0, in 0.1..=1e5;
-        /// Error of heading by the hull's steel, 1 m from the deck's centre, deg; it falls with the third power of the
-        /// distance, within seconds: gyroscopes carry the heading.
-        /// Source: field of a dipole (Jackson 1999, eq. 5.56): a hull's plates of 100 A m² turn a compass by 20 deg at 1 m.
+        /// Heading error due to the hull's steel at 1 m from the deck's centre, deg. It decreases with the third power
+        /// of the distance; gyroscopes carry the heading, so that it builds up over seconds.
+        /// Source: field of a dipole (Jackson 1999, eq. 5.56): hull plates of 100 A m² turn a compass by 20 deg at 1 m.
         pub steel_heading_deg: f64 = 0.0, in 0.0..=90.0;
         /// White error of each attitude angle, deg.
         pub attitude_noise_deg: f64 = 0.05, in 0.0..=5.0;
@@ -282,7 +281,7 @@ config! {
 }
 
 impl NavigationConfig {
-    /// Next to no errors, for tests of control alone.
+    /// Almost no errors, for tests of control alone.
     pub fn without_errors() -> NavigationConfig {
         NavigationConfig {
             gnss_bias_m: 0.0,

@@ -1,9 +1,9 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
-//! Free flight is integrated in double precision; rapier is asked only near the deck, and its
-//! answer is taken only in a sub-step in which a contact carried an impulse or the deck holds a foot. It works in a frame
-//! that has its origin at the deck's centre and moves along with it for the length of one
-//! sub-step, so single precision resolves micrometres and the deck only turns.
+//! Free flight is integrated in double precision. Rapier runs only near the deck, and its result is used only in
+//! sub-steps in which a contact carries an impulse or the deck holds a foot. Its frame has its origin at the deck's
+//! centre and moves with it during one sub-step, so that single precision resolves micrometres and the deck only
+//! rotates.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -16,29 +16,28 @@ use rapier3d::prelude::{
 use super::airframe::{Airframe, AirframeMotion};
 use super::config::ContactConfig;
 
-/// A part of the drone that can touch something.
+/// A part of the drone that can touch another body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// A foot: 0 front right, 1 rear left, 2 front left, 3 rear right.
     Foot(usize),
-    /// A rotor's end of an arm, numbered like the feet.
+    /// The rotor's end of an arm, numbered like the feet.
     Arm(usize),
     Body,
 }
 
-/// The moment a part met the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
     pub part: Part,
-    /// Speed of approach along the deck's normal just before, m/s.
+    /// Approach speed along the deck's normal just before the impact, m/s.
     pub normal_mps: f64,
-    /// Relative speed across the normal just before, m/s.
+    /// Relative speed across the normal just before the impact, m/s.
     pub tangential_mps: f64,
-    /// Place, deck frame, m.
+    /// Point of impact, deck frame, m.
     pub position: Point<Deck>,
 }
 
-/// Deck's surface at both ends of a sub-step. NED, SI.
+/// The deck's surface during a sub-step, in NED, SI.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckSpan {
     /// Centre of the upper surface at the start.
@@ -72,18 +71,17 @@ fn pose(position: &Vector3<f64>, q: &UnitQuaternion<f64>) -> Pose {
     Pose::from_parts(to_rapier(position), turn.normalize())
 }
 
-/// A part's shape and its history of contact.
+/// Shape of a part and its contact history.
 struct PartContact {
     part: Part,
     collider: ColliderHandle,
     /// Centre of the shape in the body frame, m, and its radius.
     offset: Vector3<f64>,
     radius: f64,
-    /// Sub-steps since it last carried an impulse.
+    /// Number of sub-steps since its last impulse.
     idle: u32,
 }
 
-/// The drone and the deck in rapier.
 pub(crate) struct GearContact {
     world: PhysicsWorld,
     drone: RigidBodyHandle,
@@ -94,23 +92,23 @@ pub(crate) struct GearContact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
-    /// Force that holds each foot on the deck, N.
+    /// Force that holds each foot to the deck, N.
     holds: [f64; 4],
 }
 
-/// A part counts as touching for this many sub-steps after its last impulse (10 ms): a resting
-/// foot's impulse may vanish for single sub-steps.
+/// Number of sub-steps (10 ms) for which a part counts as touching after its last impulse, since a resting foot's
+/// impulse may vanish for single sub-steps.
 const HOLD_STEPS: u32 = 5;
-/// Slower renewed contacts within the hold are the same contact, m/s.
+/// Speed below which a renewed contact within the hold is the same contact, m/s.
 const RENEWED_MPS: f64 = 0.05;
-/// Radius of the arm's end (motor), m; ours.
+/// Radius of the arm's end (motor), m. Chosen.
 const ARM_RADIUS_M: f64 = 0.03;
-/// Signs of the feet, forward and right: front right, rear left, front left, rear right.
+/// Signs of the feet's positions, forward and right: front right, rear left, front left, rear right.
 const FEET: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]];
-/// Half extents of the body, m: the T650's body is 0.15 m high (ctu-mrs t650), the rest is ours.
+/// Half extents of the body, m. Source: the T650's body is 0.15 m high (ctu-mrs t650). Chosen: length and width.
 const BODY_HALF_M: [f64; 3] = [0.12, 0.12, 0.075];
 
-/// A world without gravity, which is among the loads on the drone.
+/// A world without gravity, since the loads on the drone include it.
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
     world.gravity = V::new(0.0, 0.0, 0.0);
@@ -211,14 +209,14 @@ impl GearContact {
         }
     }
 
-    /// Something holds a foot down with so much, N.
+    /// Holds a foot down with a force of `newton`, N.
     pub(crate) fn snag(&mut self, foot: usize, newton: f64) {
         self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
 
-    /// Hold of the deck on the feet that touch it: force and moment about the centre of mass, NED. It acts along
-    /// the deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
-    /// pulls a foot off with more ends it.
+    /// Force that holds the touching feet to the deck, as force and moment about the centre of mass, NED. It acts along
+    /// the deck's normal while a foot touches; it adds to the normal force and therefore to friction (Coulomb), and
+    /// ends when a foot is pulled off with a larger force.
     fn hold(&self, before: &AirframeMotion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
         let down = deck.turn * Vector3::z();
         let held = self.parts.iter().filter(|t| t.idle <= HOLD_STEPS);
@@ -231,8 +229,8 @@ impl GearContact {
         })
     }
 
-    /// Distance from the deck's box to the sphere about `position` that holds every part, m;
-    /// negative when they overlap.
+    /// Distance from the deck's box to the sphere about `position` that contains every part, m; negative when they
+    /// overlap.
     pub(crate) fn distance(&self, position: &Vector3<f64>, deck: &DeckSpan) -> f64 {
         let p = deck.turn.inverse_transform_vector(&(position - deck.centre));
         let outside = Vector3::new(
@@ -243,16 +241,16 @@ impl GearContact {
         outside.map(|d| d.max(0.0)).norm() - self.reach
     }
 
-    /// Lets contact history fade while the drone is away from the deck.
+    /// Ages the contact history while the drone is away from the deck.
     pub(crate) fn away(&mut self) {
         for t in &mut self.parts {
             t.idle = t.idle.saturating_add(1);
         }
     }
 
-    /// Solves the contacts of one sub-step of `dt`. `before` is the motion at its start, `dv` and
-    /// `dw` (NED, body) what forces other than contact change in it. Returns the motion at its end
-    /// if a contact carried an impulse or the deck holds a foot. New impacts go to `impacts`.
+    /// Solves the contacts of a sub-step of `dt`. `before` is the motion at its start; `dv` and `dw` (NED, body) are
+    /// the changes due to other forces than contact. Returns the motion at the end if a contact carried an impulse or
+    /// the deck holds a foot. Appends new impacts to `impacts`.
     pub(crate) fn step(
         &mut self,
         before: &AirframeMotion,
@@ -262,13 +260,13 @@ impl GearContact {
         dt: f64,
         impacts: &mut Vec<Impact>,
     ) -> Option<AirframeMotion> {
-        // As a force, so that rapier spreads it over its own sub-steps and the friction that it
-        // remembers balances it.
+        // Applied as a force, so that rapier distributes it over its own sub-steps and balances it by its stored
+        // friction.
         let (hold, hold_moment) = self.hold(before, deck);
         let force = dv * (self.mass / dt) + hold;
         let moment = before.attitude * dw.component_mul(&self.inertia) / dt + hold_moment;
         if let Some(b) = self.world.bodies.get_mut(self.deck) {
-            // Rapier's velocity is that of the middle of the box.
+            // Rapier's velocity is that of the box's centre.
             let middle = deck.turn * Vector3::new(0.0, 0.0, self.half.z);
             b.set_position(pose(&middle, &deck.turn), true);
             b.set_linvel(to_rapier(&deck.spin.cross(&middle)), true);
@@ -299,8 +297,8 @@ impl GearContact {
                 continue;
             };
             touched = true;
-            // The point of the part that is furthest into the deck, and its velocity before the
-            // contact: somewhere within the sub-step.
+            // Point of the part that is deepest in the deck, and its velocity before the contact, somewhere within the
+            // sub-step.
             let offset = t.offset - before.attitude.inverse_transform_vector(&normal) * t.radius;
             let at = before.point(&offset);
             let relative = before.point_velocity(&offset) + dv * 0.5 - deck.point_velocity(&at);
@@ -327,7 +325,7 @@ impl GearContact {
         finite.copied().all(f64::is_finite).then_some(after)
     }
 
-    /// The drone's motion as rapier has it after a sub-step.
+    /// Motion of the drone in rapier after a sub-step.
     pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> AirframeMotion {
         let b = &self.world.bodies[self.drone];
         let q = b.rotation();
@@ -345,7 +343,6 @@ impl GearContact {
         }
     }
 
-    /// Which feet touch the deck now.
     pub(crate) fn feet(&self) -> [bool; 4] {
         let mut feet = [false; 4];
         for t in &self.parts {
@@ -355,13 +352,13 @@ impl GearContact {
         }
         feet
     }
-    /// Whether anything but a foot touches the deck now.
+    /// Whether another part than a foot touches the deck.
     pub(crate) fn other(&self) -> bool {
         self.parts
             .iter()
             .any(|t| t.idle <= HOLD_STEPS && !matches!(t.part, Part::Foot(_)))
     }
-    /// The lowest points of the feet in the body frame, m.
+    /// Lowest points of the feet in the body frame, m.
     pub(crate) fn soles(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         self.parts
             .iter()

@@ -1,11 +1,11 @@
-//! Frames: places of the rotors and their directions of rotation.
+//! Airframe geometries: positions and rotation directions of the rotors.
 
 use serde::{Deserialize, Serialize};
 
-/// Most rotors that a frame has: the length of what is given per rotor; entries beyond a frame's own are zero.
+/// Maximum number of rotors, and length of per-rotor arrays; entries beyond a frame's count are zero.
 pub const MAX_ROTORS: usize = 6;
 
-/// Arrangement of the rotors, numbered and turning as PX4's airframe reference has it.
+/// Rotor arrangement, numbered and turning as in PX4's airframe reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RotorFrame {
@@ -16,7 +16,7 @@ pub enum RotorFrame {
     HexaX,
 }
 
-/// Half of an arm at 30 deg to the side, and its other component, in units of arm / sqrt 2.
+/// Components of an arm at 30 deg to the side, in units of arm / sqrt 2.
 const HALF: f64 = core::f64::consts::FRAC_1_SQRT_2;
 const LONG: f64 = 1.224_744_871_391_589;
 const FULL: f64 = core::f64::consts::SQRT_2;
@@ -37,20 +37,19 @@ const HEXA_X: [[f64; 3]; 6] = [
 ];
 
 impl RotorFrame {
-    /// Position in units of arm / sqrt 2 and sense of each rotor: `[forward, right, yaw]`; a rotor that turns
-    /// counter-clockwise from above turns the body clockwise (+yaw in FRD). In these units the sum of the squares
-    /// along each of the three is the number of rotors.
+    /// Position (in units of arm / sqrt 2) and yaw direction of each rotor: `[forward, right, yaw]`. A rotor that turns
+    /// counter-clockwise viewed from above yaws the body clockwise (+yaw in FRD). In these units the squares sum to the
+    /// number of rotors along each of the three axes.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
             RotorFrame::QuadX => &QUAD_X,
             RotorFrame::HexaX => &HEXA_X,
         }
     }
-    /// Number of rotors.
     pub fn count(self) -> usize {
         self.rotors().len()
     }
-    /// Thrust that each rotor adds for a unit of roll, pitch and yaw: lift at (x, y) gives the moment (-y T, x T).
+    /// Change of each rotor's thrust for a unit of roll, pitch and yaw; lift T at (x, y) has the moment (-y T, x T).
     pub(crate) fn axes(self) -> [[f64; MAX_ROTORS]; 3] {
         let mut axes = [[0.0; MAX_ROTORS]; 3];
         for (i, [x, y, sense]) in self.rotors().iter().enumerate() {

@@ -1,6 +1,7 @@
-//! The drone as truth: rigid body, rotors, wind, contact. Its autopilot is in [`crate::autopilots`].
+//! True state of the drone: rigid body, rotors, wind, contact. Its autopilot is in [`crate::autopilots`].
 //!
-//! [`SimulatedDrone::step`] advances one tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free flight is integrated in double precision; near the deck rapier3d solves contact.
+//! [`SimulatedDrone::step`] advances one tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free flight
+//! is integrated in double precision; near the deck rapier3d solves contact.
 
 mod airframe;
 mod config;
@@ -32,15 +33,12 @@ pub use config::{
 pub use contact::{Impact, Part};
 pub use frame::{MAX_ROTORS, RotorFrame};
 
-/// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
-/// Further than this from the deck (m) the ground effect is below 0.1 % and is not computed.
+/// Distance from the deck beyond which the ground effect is below 0.1 % and not computed, m.
 const GROUND_EFFECT_M: f64 = 3.0;
-/// Rapier is asked from this clearance on, m: more than a sub-step at 10 m/s and rapier's own
-/// margin.
+/// Clearance below which rapier runs, m: more than a sub-step at 10 m/s and rapier's own margin.
 const CONTACT_MARGIN_M: f64 = 0.05;
 
-/// Start of the drone, hovering.
 #[derive(Clone, Copy, Debug)]
 pub struct DroneStart {
     /// Centre of mass, true NED, m.
@@ -49,15 +47,14 @@ pub struct DroneStart {
     pub yaw: f64,
 }
 
-/// Report of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// Parts that met the deck in this tick, in order.
+    /// Parts that hit the deck in this tick, in order.
     pub impacts: Vec<Impact>,
-    /// Feet that touch the deck at the end of the tick (within the last 10 ms): front right, rear
-    /// left, front left, rear right.
+    /// Feet that touch the deck at the end of the tick (within the last 10 ms): front right, rear left, front left,
+    /// rear right.
     pub feet: [bool; 4],
-    /// Something other than a foot touches the deck at the end of the tick.
+    /// Another part than a foot touches the deck at the end of the tick.
     pub other: bool,
     /// A foot is below the water's surface.
     pub in_water: bool,
@@ -69,38 +66,39 @@ pub struct SimulatedDrone {
     airframe: Airframe,
     contact: GearContact,
     wind: SimulatedWind,
-    /// Obstacles around the deck, which make wakes.
+    /// Obstacles around the deck, which have wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
-    /// Reach of its parts below and above the centre of mass, m.
+    /// Extent of its parts below and above the centre of mass, m.
     reach: [f64; 2],
     motion: AirframeMotion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
     nominal_max_n: f64,
-    /// Height (NED z, m) of the pad that it stands on before a firmware takes off.
+    /// Height (NED z, m) of the pad on which it stands before a firmware's take-off.
     pad: Option<f64>,
-    /// Specific force over the last step, body, m/s².
+    /// Specific force over the last step, body frame, m/s².
     specific_force: Vector3<f64>,
 }
 
-/// Input of a firmware's sensors: the true state of the drone.
+/// True state of the drone, from which the firmware's sensors are simulated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     pub at: Time<TrueTime>,
     /// Centre of mass, NED, m.
     pub position: Vector3<f64>,
-    /// NED, m/s.
+    /// Velocity, NED, m/s.
     pub velocity: Vector3<f64>,
-    /// NED from body.
+    /// Rotation NED from body.
     pub attitude: UnitQuaternion<f64>,
-    /// Body, rad/s.
+    /// Body rates, rad/s.
     pub rates: Vector3<f64>,
-    /// Body, m/s².
+    /// Specific force, body frame, m/s².
     pub specific_force: Vector3<f64>,
 }
 
-/// The deck the fraction `s` of `h` seconds after `a`: cubic in position, turned at a constant rate.
+/// The deck at the fraction `s` of the interval of `h` seconds from `a` to `b`: cubic in position, with a constant
+/// rotation rate.
 fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     let (p, q) = (a.position.0, b.position.0);
     let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
@@ -113,14 +111,14 @@ fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     }
 }
 
-/// Direction that the mean wind of this seed blows to where none is given, deg from north towards east.
+/// Direction towards which this seed's mean wind blows if none is configured, deg from north towards east.
 pub fn wind_to_deg(streams: &Streams) -> f64 {
     wind::drawn_direction(&mut streams.stream("wind")).to_degrees()
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start` among the obstacles around the deck. True mass and thrust and wind come from named
-    /// streams (`drone.airframe`, `wind`, `wind/wake`).
+    /// A drone that hovers at `start` among the obstacles around the deck. True mass, thrust and wind come from the
+    /// streams `drone.airframe`, `wind` and `wind/wake`.
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
@@ -153,12 +151,12 @@ impl SimulatedDrone {
         }
     }
 
-    /// Stands on a pad where it is, motors off, to be flown by a firmware.
+    /// Puts the drone on a pad at its position, motors off, for a flight by a firmware.
     pub fn stand(&mut self) {
         self.pad = Some(self.motion.position.z);
         self.airframe.stand_still();
     }
-    /// Stands in the middle of the deck with this heading, motors off, and moves with it.
+    /// Puts the drone on the centre of the deck with this heading, motors off; it moves with the deck.
     pub fn stand_on(&mut self, deck: &RigidState<Deck>, yaw: f64) {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw - deck.euler().z);
         let feet = Vector3::new(0.0, 0.0, -self.reach[0]);
@@ -171,11 +169,10 @@ impl SimulatedDrone {
         };
         self.airframe.stand_still();
     }
-    /// Something holds a foot down with so much, N.
+    /// Holds a foot down with a force of `newton`, N.
     pub fn snag(&mut self, foot: usize, newton: f64) {
         self.contact.snag(foot, newton);
     }
-    /// Input of the sensors.
     pub fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
         PlantState {
             at,
@@ -187,10 +184,10 @@ impl SimulatedDrone {
         }
     }
 
-    /// Advances from `t` by `dt`, over which the deck's centre moves from `deck[0]` to `deck[1]` (cubic between, by
-    /// position and velocity). The water's surface below the drone is at `water_z` (NED, down, m). `motors` is asked so
-    /// many times on the way, with the state at the beginning of each part, and gives fractions of a rotor's maximum
-    /// thrust; None with all off.
+    /// Advances from `t` by `dt`, over which the deck's centre moves from `deck[0]` to `deck[1]` (a cubic that matches
+    /// position and velocity). The water's surface below the drone is at `water_z` (NED, down, m). `motors` is called
+    /// for each part of the tick with the state at its beginning, and returns fractions of a rotor's maximum thrust, or
+    /// None with motors off.
     pub fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -256,11 +253,12 @@ impl SimulatedDrone {
         report
     }
 
-    /// It has not been flown off its pad yet.
+    /// The drone has not taken off from its pad.
     pub fn on_pad(&self) -> bool {
         self.pad.is_some()
     }
-    /// The pad carries what has not taken off: level and at rest. It is gone once the drone is above.
+    /// Holds a drone that has not taken off on the pad, level and at rest. The pad is removed once the drone is above
+    /// it.
     fn rest_on_pad(&mut self) {
         const LEFT_M: f64 = 0.5;
         let Some(pad) = self.pad else { return };
@@ -301,7 +299,7 @@ impl SimulatedDrone {
         self.angular_acceleration = (self.motion.rates - m.rates) / dt;
     }
 
-    /// The true state of the centre of mass.
+    /// True state of the centre of mass.
     pub fn truth(&self) -> RigidState<DroneBody> {
         let m = &self.motion;
         RigidState {
@@ -313,15 +311,14 @@ impl SimulatedDrone {
             angular_acceleration: Vector::from(self.angular_acceleration),
         }
     }
-    /// Wind velocity now, NED, m/s.
+    /// Present wind velocity, NED, m/s.
     pub fn wind(&self) -> Vector3<f64> {
         self.wind.velocity()
     }
-    /// True mass, kg.
     pub fn mass_kg(&self) -> f64 {
         self.airframe.mass
     }
-    /// True collective thrust now, N (without ground effect).
+    /// True present collective thrust without ground effect, N.
     pub fn thrust_n(&self) -> f64 {
         self.airframe.thrust() * 4.0 * self.airframe.rotor_max
     }
@@ -333,17 +330,17 @@ impl SimulatedDrone {
         }
         soles
     }
-    /// Collective thrust that hovers in still air, as a fraction of the true maximum.
+    /// Collective thrust in a hover in still air, as a fraction of the true maximum.
     pub fn hover_thrust(&self) -> f64 {
         self.airframe.hover()
     }
-    /// Maximum nominal thrust, N: what a normalised thrust of 1 commands.
+    /// Nominal maximum thrust, N, which a normalised thrust of 1 commands.
     pub fn nominal_max_n(&self) -> f64 {
         self.nominal_max_n
     }
 }
 
-/// The deck's motion over one tick: cubic Hermite in position, turned at a constant rate.
+/// Motion of the deck over one tick: cubic Hermite in position, with a constant rotation rate.
 struct DeckPath {
     a: [Vector3<f64>; 4],
     turn: UnitQuaternion<f64>,

@@ -3,16 +3,15 @@
 use crate::physics::streams::Stream;
 use rand_distr::{Distribution, StandardNormal};
 
-/// A draw from the standard normal distribution.
+/// A sample of the standard normal distribution.
 pub(crate) fn normal(rng: &mut Stream) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// A first-order Gauss-Markov process `dx/dt = -x/T + w` with the stationary standard deviation
-/// `sd` (Gelb 1974, section 2.2), discretised exactly.
+/// First-order Gauss-Markov process `dx/dt = -x/T + w` with the stationary standard deviation `sd` (Gelb 1974, section
+/// 2.2), discretised exactly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GaussMarkov {
-    /// Value now.
     pub(crate) value: f64,
     sd: f64,
     keep: f64,
@@ -20,8 +19,7 @@ pub(crate) struct GaussMarkov {
 }
 
 impl GaussMarkov {
-    /// A process of correlation time `time_s` sampled every `dt_s`, started in its stationary
-    /// distribution.
+    /// Process with the correlation time `time_s`, sampled every `dt_s`; it starts in its stationary distribution.
     pub(crate) fn new(sd: f64, time_s: f64, dt_s: f64, rng: &mut Stream) -> Self {
         let keep = (-dt_s / time_s).exp();
         GaussMarkov {
@@ -31,7 +29,6 @@ impl GaussMarkov {
             drive: (1.0 - keep * keep).max(0.0).sqrt(),
         }
     }
-    /// The next value.
     pub(crate) fn step(&mut self, rng: &mut Stream) -> f64 {
         self.value = self.keep * self.value + self.drive * self.sd * normal(rng);
         self.value

@@ -1,35 +1,35 @@
-//! Wind over the deck: the boundary layer on the plate, and the wakes of what stands around it. All in the deck's axes
-//! (forward, right, down from its centre), m and m/s; the wind is that relative to the deck.
+//! Wind over the deck: the boundary layer of the plate, and the wakes of obstacles around it. All quantities are in the
+//! deck's axes (forward, right, down from its centre), m and m/s; the wind is relative to the deck.
 
 use alight_shared::surroundings::KeepOut;
 use nalgebra::{Vector2, Vector3};
 
 /// Kinematic viscosity of air at 15 deg C, m²/s.
 pub(crate) const VISCOSITY: f64 = 1.46e-5;
-/// PRIME: deficit of speed behind the lee face, and intensity of the wake's turbulence across and along, vertical, far
-/// behind; near it is 1.7 times that (Weil 1996).
+/// PRIME: speed deficit behind the lee face, and turbulence intensity of the wake far behind the box, horizontal and
+/// vertical; near the box it is 1.7 times that (Weil 1996).
 const DEFICIT: f64 = 0.7;
 const INTENSITY: [f64; 3] = [0.08, 0.08, 0.06];
 const NEAR: f64 = 1.7;
-/// Exponent with which deficit and turbulence decay with the distance.
+/// Exponent of the decay of deficit and turbulence with distance.
 const DECAY: f64 = 2.0 / 3.0;
-/// Minimum fraction of the wind that is left in a wake.
+/// Minimum ratio of the wind in a wake to the wind ahead.
 const MIN_SPEED: f64 = 0.01;
 
-/// A place in a wake.
+/// Wake at one position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BodyWake {
-    /// Speed of the wind over that ahead of the box.
+    /// Ratio of the wind speed to that ahead of the box.
     pub(crate) speed: f64,
-    /// Standard deviation of the turbulence over the wind ahead of the box: along and across the deck, vertical.
+    /// Standard deviation of the turbulence relative to the wind ahead of the box: along the deck, across, vertical.
     pub(crate) intensity: [f64; 3],
-    /// Length of its eddies, m: the scale R of the box.
+    /// Length of the eddies, m: the scale R of the box.
     pub(crate) length: f64,
 }
 
-/// Root of the mean square of `u / U` between the heights `span` above a flat plate whose windward edge is `fetch` ahead,
-/// for the wind `U` along it: turbulent boundary layer `u / U = (h / delta)^(1/7)`, `delta = 0.37 x / Re_x^0.2`
-/// (Schlichting 1979, section 21.1), which is what drag goes with.
+/// Root mean square of `u / U` between the heights `span` above a flat plate whose windward edge is `fetch` ahead, in
+/// the wind `U` along it: turbulent boundary layer `u / U = (h / delta)^(1/7)`, `delta = 0.37 x / Re_x^0.2`
+/// (Schlichting 1979, section 21.1). Drag scales with this mean square.
 pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
     let thickness = 0.37 * fetch * (speed * fetch / VISCOSITY).max(1.0).powf(-0.2);
     let [low, high] = span.map(|h| h.max(0.0));
@@ -44,7 +44,8 @@ pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
     ((up_to(high) - up_to(low)) / (high - low)).sqrt()
 }
 
-/// Distance from a place over a deck of these half lengths to its edge against the direction `towards`, m; None off it.
+/// Distance from a position over a deck with these half lengths to its windward edge, against `towards`, m; None off
+/// the deck.
 pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>) -> Option<f64> {
     let to_edge = |i: usize| (half[i] + place[i] * towards[i].signum()) / towards[i].abs().max(1e-9);
     let over = (0..2).all(|i| place[i].abs() <= half[i]);
@@ -52,15 +53,15 @@ pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>
 }
 
 impl BodyWake {
-    /// The wake of a box at a `place`, in wind `towards` (unit vector) with turbulence of its own of these intensities;
-    /// None outside.
+    /// Wake of a box at `place`, in wind `towards` (unit vector) with the given turbulence intensities; None outside
+    /// the wake.
     ///
-    /// Source: the building wake of PRIME (Schulman, Strimaitis and Scire 2000, J. Air & Waste Manage. Assoc. 50), by
-    /// projected width W, length L, height H over the box's own base and `R = min(H, W)^(2/3) max(H, W)^(1/3)` (neither
-    /// above eight times the other): from the windward face the wake is `1.2 R (x/R + (H/1.2R)³)^(1/3)` high and
-    /// `W/2 + R/3 (x/R)^(1/3)` wide to either side. Its mean deficit is `0.7 ((x - L + R)/R)^(-2/3)`, with a cavity as long
-    /// as Fackrell (1984) has it; the turbulence `i + (1.7 i0 - 0.3 i) / (((x - L + R)/R)^(2/3) - 0.7)`, with i0 of the wake
-    /// and i the lesser of i0 and the wind's.
+    /// Source: the building wake of PRIME (Schulman, Strimaitis and Scire 2000, J. Air & Waste Manage. Assoc. 50), for
+    /// projected width W, length L, height H above the box's base, and `R = min(H, W)^(2/3) max(H, W)^(1/3)` (neither
+    /// above eight times the other). From the windward face the wake is `1.2 R (x/R + (H/1.2R)³)^(1/3)` high and
+    /// extends `W/2 + R/3 (x/R)^(1/3)` to either side. Its mean deficit is `0.7 ((x - L + R)/R)^(-2/3)`, with a cavity
+    /// of the length by Fackrell (1984). The turbulence is `i + (1.7 i0 - 0.3 i) / (((x - L + R)/R)^(2/3) - 0.7)`, with
+    /// i0 that of the wake and i the smaller of i0 and the wind's.
     pub(crate) fn of(
         body: &KeepOut,
         place: &Vector3<f64>,
@@ -88,7 +89,7 @@ impl BodyWake {
         let decay = ((x - length).max(0.0) / scale + 1.0).powf(DECAY);
         let over_roof = (x / length.max(1e-9)).min(1.0);
         let deficit = DEFICIT * taper / decay * over_roof;
-        // Constant up to the cavity, linear from there to the top.
+        // Constant up to the cavity, then linear up to the top.
         let cavity = cavity_height([length, width, height], scale, x);
         let below = (1.0 - 2.0 * top * deficit / (top + cavity)).max(0.0);
         let rise = ((z - cavity) / (top - cavity).max(1e-9)).clamp(0.0, 1.0);
@@ -105,9 +106,9 @@ impl BodyWake {
     }
 }
 
-/// Height of the cavity behind a box of this length, width and height at `x` from its windward face, m; 0 beyond it. It is
-/// `1.8 W / ((L/H)^e (1 + 0.24 W/H))` long, L/H within 0.3 to 3 and e = 0.3 (less for a slender box) (Fackrell 1984, as in
-/// PRIME).
+/// Height of the cavity behind a box of this length, width and height at `x` from its windward face, m; 0 beyond it.
+/// The length is `1.8 W / ((L/H)^e (1 + 0.24 W/H))`, with L/H within 0.3 to 3 and e = 0.3 (less for a slender box)
+/// (Fackrell 1984, as in PRIME).
 fn cavity_height([length, width, height]: [f64; 3], scale: f64, x: f64) -> f64 {
     let (ratio, slender) = (width / height, (width / height - 0.33) / 0.67);
     let exponent = 0.3 * slender.clamp(0.0, 1.0);
@@ -117,7 +118,7 @@ fn cavity_height([length, width, height]: [f64; 3], scale: f64, x: f64) -> f64 {
     if x >= length + behind {
         0.0
     } else if 0.9 * scale < length {
-        // The flow lies on the roof again.
+        // The flow reattaches on the roof.
         if x <= length {
             height
         } else {
@@ -134,7 +135,7 @@ mod tests {
     use super::*;
 
     const CALM: [f64; 3] = [0.0; 3];
-    /// A wheelhouse of a cube of 2 m ahead of the deck, in wind from ahead.
+    /// A wheelhouse, 2 m in each dimension, ahead of the deck in a headwind.
     const CUBE: KeepOut = KeepOut {
         low: [2.0, -1.0, -2.0],
         high: [4.0, 1.0, 0.0],
@@ -158,7 +159,7 @@ mod tests {
             at(0.027)
         );
         assert_eq!(at(0.06), 1.0);
-        // Over the whole layer the mean square is 7/9.
+        // The mean square over the whole layer is 7/9.
         assert!((boundary_layer(8.0, 2.5, [0.0, 0.0547]).powi(2) - 7.0 / 9.0).abs() < 2e-3);
         assert!(boundary_layer(8.0, 20.0, [0.0, 0.35]) < boundary_layer(8.0, 2.5, [0.0, 0.35]));
     }
@@ -173,7 +174,7 @@ mod tests {
 
     #[test]
     fn wake_deficit_and_turbulence_by_distance() {
-        // R = 2 m; far behind, beyond the cavity, the mean over height is 1 - 0.7 ((x + R)/R)^(-2/3).
+        // R = 2 m; far behind, beyond the cavity, the mean over the height is 1 - 0.7 ((x + R)/R)^(-2/3).
         for x in [6.0_f64, 12.0, 30.0] {
             let wakes: Vec<BodyWake> = (0..2000)
                 .map_while(|k| aft(x, 0.0, 0.005 * f64::from(k)))
@@ -184,7 +185,7 @@ mod tests {
         }
         let near = aft(1.0, 0.0, 1.0).unwrap();
         let far = aft(10.0, 0.0, 1.0).unwrap();
-        // 3 m behind the windward face the wake is 3.06 m high and the cavity 1.88 m: 1 - 2 * 3.06 * 0.534 / 4.94.
+        // At 3 m behind the windward face the wake is 3.06 m high and the cavity 1.88 m: 1 - 2 * 3.06 * 0.534 / 4.94.
         assert!((near.speed - 0.338).abs() < 0.003 && far.speed > near.speed);
         assert!((near.intensity[2] - 0.102 / (1.5_f64.powf(2.0 / 3.0) - 0.7)).abs() < 1e-9);
         assert!(near.intensity[0] > near.intensity[2] && far.intensity[2] < 0.05);
@@ -196,7 +197,7 @@ mod tests {
         assert!(aft(2.0, 3.0, 1.0).is_none() && aft(2.0, 0.0, 4.0).is_none());
         let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());
         assert!(edge.speed > middle.speed && edge.intensity[0] < middle.intensity[0]);
-        // What blows already is not added again.
+        // Existing turbulence of the wind is not added twice.
         let gusty = BodyWake::of(
             &CUBE,
             &Vector3::new(-20.0, 0.0, -1.0),

@@ -1,4 +1,4 @@
-//! Behaviour of the drone as a body: contact, free fall, water.
+//! Tests of the drone as a body: contact, free fall, water.
 
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -9,7 +9,7 @@ use super::*;
 const DT: f64 = 0.01;
 const FEET: f64 = 0.30;
 
-/// No errors of mass and thrust.
+/// A configuration without errors of mass and thrust.
 fn ideal() -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -41,11 +41,10 @@ fn deck_at(position: Vector3<f64>, roll: f64, pitch: f64) -> RigidState<Deck> {
         ..RigidState::default()
     }
 }
-/// A deck far below.
 fn nowhere() -> RigidState<Deck> {
     deck_at(Vector3::new(0.0, 0.0, 500.0), 0.0, 0.0)
 }
-/// A tick from `t` with the motors off.
+/// Steps one tick from `t` with motors off.
 fn tick(
     w: &mut SimulatedDrone,
     t: f64,
@@ -56,13 +55,13 @@ fn tick(
     let (t, dt) = (Time::from_secs(t), Span::from_secs(DT));
     w.step(t, dt, &[*from, *to], water_z, 1, |_| None).remove(0)
 }
-/// Runs for `seconds` over a resting deck; returns every impact.
+/// Runs for `seconds` over a resting deck, and returns every impact.
 fn rest(w: &mut SimulatedDrone, deck: &RigidState<Deck>, seconds: f64) -> Vec<Impact> {
     (0..(seconds / DT).round() as usize)
         .flat_map(|k| tick(w, k as f64 * DT, deck, deck, 100.0).impacts)
         .collect()
 }
-/// Places the drone, motors off and stopped.
+/// Sets the drone's motion, with motors off and stopped.
 fn drop_from(w: &mut SimulatedDrone, m: AirframeMotion) {
     w.airframe.spin(None, 100.0);
     w.motion = m;
@@ -131,7 +130,7 @@ fn contact_friction_at_10_and_30_deg() {
     }
 }
 
-/// Puts a drone on a deck of this tilt, deg, that holds with so many N and lets it come to rest.
+/// Puts a drone on a deck with a holding force (N) and a tilt (deg), and lets it come to rest.
 fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDrone, RigidState<Deck>) {
     let (deck, tilt) = (
         DeckGeometry {
@@ -150,7 +149,7 @@ fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDr
 
 #[test]
 fn hold_along_the_deck() {
-    // On 30 deg at 0.4: 34.3 sin 30 = 17.2 N need 0.4 (34.3 cos 30 + hold), hold = 13.2 N.
+    // On 30 deg at a friction of 0.4: 34.3 sin 30 = 17.2 N need 0.4 (34.3 cos 30 + hold), so hold = 13.2 N.
     for (hold_n, slides) in [(9.0, true), (18.0, false)] {
         let (mut w, deck) = on_holding_deck(&ideal(), hold_n, 30.0);
         let from = w.motion.position;
@@ -178,7 +177,7 @@ fn hold_under_a_greater_pull() {
 
 #[test]
 fn parked_drone_under_drag_and_friction() {
-    // At 0.1 friction holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s or more.
+    // At a friction of 0.1 the deck holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s or more.
     for (mean_mps, slides) in [(9.0, false), (13.0, true)] {
         let mut c = ideal();
         c.contact.friction = 0.1;
@@ -189,7 +188,7 @@ fn parked_drone_under_drag_and_friction() {
         for k in 0..100 {
             tick(&mut w, f64::from(k) * DT, &deck, &deck, 0.0);
         }
-        // By Smith's profile 0.83 of the wind is left at 1.6 m.
+        // By Smith's profile, 0.83 of the wind remains at 1.6 m.
         assert!((w.wind().norm() / mean_mps - 0.83).abs() < 0.02, "{}", w.wind());
         assert_eq!(
             w.motion.position.y > 0.05,
@@ -202,7 +201,7 @@ fn parked_drone_under_drag_and_friction() {
 
 #[test]
 fn contact_sliding_deceleration() {
-    // 1.5 m/s sideways, level deck: a = mu g until it stops after v²/(2 mu g) = 0.287 m.
+    // 1.5 m/s sideways on a level deck: a = mu g until the drone stops after v²/(2 mu g) = 0.287 m.
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let mut m = still(Vector3::new(-0.4, 0.0, -FEET), 0.0, 0.0);
@@ -219,7 +218,7 @@ fn contact_sliding_deceleration() {
 #[test]
 fn drone_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
-    // Wide enough that it comes to rest on it.
+    // Wide enough for the drone to come to rest on it.
     let wide = DeckGeometry {
         width_m: 20.0,
         ..DeckGeometry::default()
@@ -237,7 +236,7 @@ fn drone_dropped_at_45_deg() {
 
 #[test]
 fn drone_at_rest_on_a_rocking_deck() {
-    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: the rest must follow without creep.
+    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: a drone at rest must follow without creep.
     let deck = |t: f64| {
         let w = core::f64::consts::TAU / 5.0;
         let (s, c) = (w * t).sin_cos();
@@ -262,18 +261,18 @@ fn drone_at_rest_on_a_rocking_deck() {
     let place = |w: &SimulatedDrone, d: &RigidState<Deck>| {
         d.attitude.0.inverse() * (w.motion.position - d.position.0)
     };
-    let (mut settled, mut worst_speed, mut moved) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
+    let (mut at_rest, mut worst_speed, mut moved) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
     for k in 0..1200 {
         let t = f64::from(k) * DT;
         let r = tick(&mut w, t, &deck(t), &deck(t + DT), 100.0);
         let d = deck(t + DT);
         if k == 200 {
-            settled = place(&w, &d);
+            at_rest = place(&w, &d);
         }
         if k > 200 {
             assert_eq!(r.feet, [true; 4], "at {t}");
             assert!(!r.other);
-            moved = moved.max((place(&w, &d) - settled).norm());
+            moved = moved.max((place(&w, &d) - at_rest).norm());
             let lever_arm = w.motion.position - d.position.0;
             let v = d.velocity.0 + (d.attitude.0 * d.rates.0).cross(&lever_arm);
             worst_speed = worst_speed.max((w.motion.velocity - v).norm());
@@ -288,7 +287,7 @@ fn drone_at_rest_on_a_rocking_deck() {
 
 #[test]
 fn free_fall_across_the_hand_over_to_rapier() {
-    // Falls past the deck's edge: rapier is asked near it, but nothing touches.
+    // The drone falls past the deck's edge: rapier runs near it, but nothing touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
     (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
@@ -309,7 +308,7 @@ fn free_fall_across_the_hand_over_to_rapier() {
 
 #[test]
 fn rapier_against_free_flight() {
-    // One sub-step of rapier with nothing in reach against the same in double precision.
+    // One sub-step of rapier without contact, compared with double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let m = AirframeMotion {
         position: Vector3::new(1000.2, 200.3, -2.5),
@@ -331,7 +330,7 @@ fn rapier_against_free_flight() {
     assert!(none.is_none() && impacts.is_empty());
     let body = w.contact.raw(&deck, 0.002);
     assert!((body.velocity - m.velocity - dv).norm() < 1e-6);
-    // Rapier's position lies between explicit and implicit Euler.
+    // Rapier's position is between those of explicit and implicit Euler.
     assert!((body.position - m.position - (m.velocity + dv * 0.5) * 0.002).norm() < 2e-5);
 }
 

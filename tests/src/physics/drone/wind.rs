@@ -1,4 +1,5 @@
-//! Wind over the water: a mean that falls towards it, Dryden gusts, and the vessel's effect on both over her deck.
+//! Wind over the water: a mean that decreases towards the surface, Dryden gusts, and the vessel's effect on both over
+//! the deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;
@@ -11,19 +12,19 @@ use super::over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch};
 use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;
-/// Height of the speed that a scenario states, and of the one that the gusts go by (20 ft), m.
+/// Height of the wind speed in a scenario, and of the speed for the gust model (20 ft), m.
 const STATED_M: f64 = 10.0;
 const DRYDEN_M: f64 = 20.0 * FOOT_M;
-/// Lowest height of the profile, m: below the wave crests there is no wind.
+/// Minimum height of the profile, m: there is no wind between the waves.
 const LOWEST_M: f64 = 0.1;
 /// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
 const KARMAN: f64 = 0.4;
 const CHARNOCK: f64 = 0.011;
-/// Air that is slower over the deck counts as still, m/s.
+/// Air speed over the deck below which the air counts as still, m/s.
 const STILL_MPS: f64 = 1e-3;
 
-/// Mean speed over the water in neutral air, `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g + 0.11 nu/u*` (Charnock 1955;
-/// Smith 1988, J. Geophys. Res. 93: alpha 0.011), by U10.
+/// Mean speed over the water in neutral air: `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g + 0.11 nu/u*`
+/// (Charnock 1955; Smith 1988, J. Geophys. Res. 93: alpha 0.011), from U10.
 #[derive(Clone, Copy, Debug)]
 struct Profile {
     /// `u*/kappa`, m/s.
@@ -35,7 +36,7 @@ struct Profile {
 impl Profile {
     fn new(u10: f64) -> Profile {
         let roughness = |u: f64| CHARNOCK * u * u / GRAVITY + 0.11 * VISCOSITY / u;
-        // Converges by a factor of ten and more a step.
+        // Each iteration converges by a factor of ten or more.
         let friction = (0..20).fold(0.035 * u10.max(1e-6), |u, _| {
             KARMAN * u10.max(1e-6) / (STATED_M / roughness(u)).ln().max(1.0)
         });
@@ -49,40 +50,40 @@ impl Profile {
     }
 }
 
-/// A drone over a vessel, for what she makes of the wind.
+/// A drone over a vessel, which affects its wind.
 pub(crate) struct OverDeck<'a> {
     /// Rotation NED from deck, and the velocity of the deck's centre, NED.
     pub(crate) turn: UnitQuaternion<f64>,
     pub(crate) velocity: Vector3<f64>,
-    /// The drone's centre of mass in the deck's axes, m.
+    /// Centre of mass of the drone in the deck's axes, m.
     pub(crate) place: Vector3<f64>,
-    /// Reach of its parts below and above that, m.
+    /// Extent of the drone's parts below and above its centre of mass, m.
     pub(crate) reach: [f64; 2],
     /// Half of the deck's length and width, m.
     pub(crate) half: [f64; 2],
-    /// Obstacles around the deck; each volume is a solid body in the wind.
+    /// Obstacles around the deck; the wind treats each volume as a solid body.
     pub(crate) bodies: &'a [KeepOut],
 }
 
-/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of what stands upwind.
+/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of obstacles upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedWind {
-    /// Direction towards which the mean wind blows, unit vector NED, and its profile.
+    /// Direction towards which the mean wind blows (unit vector, NED), and its profile.
     ahead: Vector3<f64>,
     profile: Profile,
     gusts: bool,
     along: f64,
-    /// Two states for each of the lateral and vertical second-order forms.
+    /// Two states for each of the lateral and vertical second-order filters.
     lateral: [f64; 2],
     vertical: [f64; 2],
     rng: Stream,
-    /// Eddies of a wake along the deck's axes, of unit variance, with a stream of their own.
+    /// Eddies of a wake along the deck's axes, of unit variance, with a separate stream.
     eddies: Vector3<f64>,
     wake_rng: Stream,
     now: Vector3<f64>,
 }
 
-/// The first draw of the wind's stream: where the mean wind blows to, rad.
+/// Direction towards which the mean wind blows, rad: the first draw of the wind's stream.
 pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
     rng.random_range(0.0..core::f64::consts::TAU)
 }
@@ -107,12 +108,12 @@ impl SimulatedWind {
         }
     }
 
-    /// Wind velocity in NED, m/s, as of the last `step`.
+    /// Wind velocity after the last `step`, NED, m/s.
     pub(crate) fn velocity(&self) -> Vector3<f64> {
         self.now
     }
 
-    /// Goes on by `dt` for a drone at `height` (m above the water) with ground velocity `velocity`.
+    /// Advances by `dt` for a drone at `height` (m above the water) with the ground velocity `velocity`.
     pub(crate) fn step(&mut self, dt: f64, height: f64, velocity: &Vector3<f64>, over: &OverDeck<'_>) {
         let mean = self.ahead * self.profile.at(height);
         let (gust, sd) = if self.gusts {
@@ -123,13 +124,12 @@ impl SimulatedWind {
         self.now = self.over_deck(dt, mean + gust, sd, over);
     }
 
-    /// The gust after `dt` at a `height` for a drone of that `airspeed`, and the standard deviations along, across, down.
+    /// Gust after `dt` at `height` for a drone with `airspeed`, and its standard deviations along, across, down.
     ///
-    /// With `W20` the mean wind at 20 ft and h in ft: `sigma_w = 0.1 W20`,
-    /// `sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4`, `L_w = h`,
-    /// `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal form is first-order with
-    /// `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. The gusts are taken as frozen
-    /// and carried by the mean wind: V is the drone's speed relative to it, at least 1 m/s.
+    /// With the mean wind `W20` at 20 ft and h in ft: `sigma_w = 0.1 W20`, `sigma_u = sigma_v = sigma_w / (0.177 +
+    /// 0.000823 h)^0.4`, `L_w = h`, `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal filter is first-order
+    /// with `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. The gusts are frozen and carried by the mean
+    /// wind: V is the drone's speed relative to it, at least 1 m/s.
     fn gust(&mut self, dt: f64, height: f64, airspeed: f64) -> (Vector3<f64>, [f64; 3]) {
         let h = (height / FOOT_M).clamp(10.0, 1000.0);
         let k = 0.177 + 0.000_823 * h;
@@ -158,9 +158,9 @@ impl SimulatedWind {
         (gust, [sigma_u, sigma_u, sigma_w])
     }
 
-    /// Wind over the deck, of the `wind` (NED) with gusts of the standard deviation `sd`: its part along the deck is
-    /// slower in the boundary layer and in a wake (of several the deepest), whose eddies make up what the gusts lack of the
-    /// wake's turbulence and pass at the wind's speed.
+    /// Wind over the deck, from the `wind` (NED) with gusts of the standard deviation `sd`. The boundary layer and the
+    /// deepest wake slow its component along the deck; the wake's eddies pass at the wind's speed and add the
+    /// turbulence that the gusts lack.
     fn over_deck(&mut self, dt: f64, wind: Vector3<f64>, sd: [f64; 3], over: &OverDeck<'_>) -> Vector3<f64> {
         let mut relative = over.turn.inverse_transform_vector(&(wind - over.velocity));
         let speed = relative.xy().norm();
@@ -197,7 +197,7 @@ impl SimulatedWind {
 mod tests {
     use super::*;
 
-    /// The deck is so far aft and below, at rest; with a wheelhouse of a cube of 2 m ahead of it or without.
+    /// The deck at `place` aft of and below the drone, at rest, with or without obstacles.
     fn over(bodies: &[KeepOut], place: [f64; 3]) -> OverDeck<'_> {
         OverDeck {
             turn: UnitQuaternion::identity(),
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn wind_profile_over_waves() {
-        // Smith 1988, table 1: the drag coefficient (u*/U10)² of neutral air, in thousandths.
+        // Smith 1988, table 1: drag coefficient (u*/U10)² of neutral air, in thousandths.
         for (u10, thousandths) in [(4.0, 0.98), (10.0, 1.30), (20.0, 1.85)] {
             let p = Profile::new(u10);
             assert!((p.at(10.0) / u10 - 1.0).abs() < 1e-9, "{u10}");
@@ -273,7 +273,7 @@ mod tests {
         let (mean, sd) = spread(8.0, 1.8, &over(&cube, lee));
         assert!(mean.x.abs() < 0.5 * free.x.abs(), "{mean} of {free}");
         assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
-        // Of her own way in still air, too.
+        // The vessel's own motion in still air makes a wind, too.
         let config = WindConfig::default();
         let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let mut under_way = over(&cube, lee);

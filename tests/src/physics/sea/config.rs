@@ -8,29 +8,23 @@ use alight_shared::config::{Check, Keys};
 use alight_shared::geometry::GRAVITY;
 use serde::{Deserialize, Serialize};
 
-/// Most components a sea may have.
 pub const MAX_COMPONENTS: usize = 64;
-/// Most wave systems.
 pub const MAX_SYSTEMS: usize = 4;
 
-/// The family of seas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SeaKind {
-    /// Still water.
     Calm,
-    /// Three Gerstner components described by one amplitude and one period (Procházka 2024).
+    /// Three Gerstner components defined by one amplitude and one period (Procházka 2024).
     #[default]
     Paper,
-    /// Irregular, JONSWAP spectrum (Hasselmann 1973), directional spread cos^2s.
+    /// Irregular: JONSWAP spectrum (Hasselmann 1973), directional spread cos^2s.
     Jonswap,
-    /// Irregular, Pierson-Moskowitz shape with given height and peak period (JONSWAP, gamma 1).
+    /// Irregular: Pierson-Moskowitz shape of given height and peak period (JONSWAP, gamma 1).
     PiersonMoskowitz,
-    /// Irregular, the sum of the wave systems in `systems`.
     Systems,
 }
 
-/// The shape of a wave system's spectrum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Spectrum {
@@ -42,7 +36,7 @@ pub enum Spectrum {
 }
 
 config! {
-    /// One of several wave systems: a wind sea, a swell.
+    /// One of several wave systems, such as a wind sea or a swell.
     ///
     /// Defaults: those of [`SeaConfig`].
     pub struct WaveSystem {
@@ -56,13 +50,13 @@ config! {
         pub gamma: f64 = 3.3, in 1.0..=7.0;
         /// Exponent s of the directional spread cos^2s((direction - mean)/2).
         pub spread: f64 = 10.0, in 1.0..=100.0;
-        /// Direction towards which it runs, clockwise from the sea's mean direction, deg.
+        /// Direction towards which the waves run, clockwise from the sea's mean direction, deg.
         pub from_mean_deg: f64 = 0.0, in -360.0..=360.0;
     }
 }
 
 impl WaveSystem {
-    /// Peak enhancement: 1 without one.
+    /// Peak enhancement; 1 for Pierson-Moskowitz.
     pub fn enhancement(&self) -> f64 {
         match self.spectrum {
             Spectrum::Jonswap => self.gamma,
@@ -74,18 +68,17 @@ impl WaveSystem {
 config! {
     /// A sea state.
     ///
-    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024.
-    /// Irregular: a height and period of the same order (ours), gamma 3.3 (Hasselmann 1973), s = 10
-    /// (wind sea, Goda 2000), 24 components (ours: does not repeat within a trial).
+    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular: a height and
+    /// period of the same order (chosen), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea, Goda 2000), 24 components
+    /// (chosen: no repetition within a trial).
     pub struct SeaConfig {
-        /// The family; the keys that another family uses have no effect.
+        /// Kind of sea; keys of other kinds have no effect.
         pub kind: SeaKind = SeaKind::Paper;
         /// Paper sea: amplitude of the middle component, m.
         pub amplitude_m: f64 = 0.5, in 0.0..=10.0;
         /// Paper sea: period of the middle component, s.
         pub period_s: f64 = 5.0, in 1.0..=30.0;
-        /// Paper sea: ratio between neighbouring wavelengths and amplitudes; drawn from 1.1 to 1.5 per
-        /// seed where absent.
+        /// Paper sea: ratio between neighbouring wavelengths and amplitudes; drawn from 1.1 to 1.5 per seed if missing.
         pub wavelength_scale: Option<f64> = None;
         /// Paper sea: angle between neighbouring components, rad.
         pub direction_step_rad: f64 = 0.4, in 0.0..=3.2;
@@ -99,15 +92,15 @@ config! {
         pub spread: f64 = 10.0, in 1.0..=100.0;
         /// Irregular seas: number of components.
         pub components: usize = 24;
-        /// Direction towards which the waves run, clockwise from north, deg; drawn per seed where absent.
+        /// Direction towards which the waves run, clockwise from north, deg; drawn per seed if missing.
         pub mean_direction_deg: Option<f64> = None;
-        /// Wave systems of the kind `systems`; `components` is for each of them.
+        /// Wave systems of the kind `systems`, each with `components` components.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub systems: Vec<WaveSystem> = Vec::new();
     }
     check |this, at| {
         if this.kind == SeaKind::Paper {
-            // Each of the three has k A of the middle one; the sum must stay below 1 (loop-free).
+            // Each of the three components has k A of the middle one; the sum must stay below 1 (no loops).
             let k = (TAU / this.period_s).powi(2) / GRAVITY;
             at.range("amplitude_m", this.amplitude_m, 0.0, 0.95 / (3.0 * k))?;
         }
@@ -136,7 +129,7 @@ config! {
 }
 
 impl SeaConfig {
-    /// The paper's sea of amplitude `amplitude_m` and period `period_s`; an amplitude of zero is calm.
+    /// The paper's sea of amplitude `amplitude_m` and period `period_s`; an amplitude of zero yields calm water.
     pub fn paper(amplitude_m: f64, period_s: f64) -> Self {
         if amplitude_m == 0.0 {
             return SeaConfig {
@@ -151,7 +144,6 @@ impl SeaConfig {
             ..Self::default()
         }
     }
-    /// A sea of these systems.
     pub fn of_systems(systems: Vec<WaveSystem>) -> Self {
         SeaConfig {
             kind: SeaKind::Systems,
@@ -159,7 +151,7 @@ impl SeaConfig {
             ..Self::default()
         }
     }
-    /// A JONSWAP sea of one system: significant height (m) and peak period (s).
+    /// A JONSWAP sea with one system: significant height (m) and peak period (s).
     pub fn jonswap(significant_height_m: f64, peak_period_s: f64) -> Self {
         Self::of_systems(vec![WaveSystem {
             significant_height_m,
@@ -167,9 +159,9 @@ impl SeaConfig {
             ..WaveSystem::default()
         }])
     }
-    /// Sea state 1 to 5: significant height in the middle of its class in WMO code table 3700 (0 to 0.1,
-    /// 0.1 to 0.5, 0.5 to 1.25, 1.25 to 2.5, 2.5 to 4 m); fully developed, so that the period of the peak is
-    /// `2 pi / (0.4 sqrt(g / Hs))` (Pierson and Moskowitz 1964, as in Fossen 2011, section 8.2.1).
+    /// Sea state 1 to 5. The significant height is the middle of its class in WMO code table 3700 (0 to 0.1, 0.1 to
+    /// 0.5, 0.5 to 1.25, 1.25 to 2.5, 2.5 to 4 m); the sea is fully developed, with a peak period of `2 pi / (0.4
+    /// sqrt(g / Hs))` (Pierson and Moskowitz 1964, as in Fossen 2011, section 8.2.1).
     pub fn of_sea_state(state: u8) -> Option<Self> {
         let height = *[0.05, 0.3, 0.875, 1.875, 3.25].get(usize::from(state).checked_sub(1)?)?;
         Some(Self::of_systems(vec![WaveSystem {
@@ -179,7 +171,7 @@ impl SeaConfig {
             ..WaveSystem::default()
         }]))
     }
-    /// The irregular sea's systems; none where the sea is calm or the paper's.
+    /// Wave systems of an irregular sea; empty for calm water and the paper's sea.
     pub fn wave_systems(&self) -> Vec<WaveSystem> {
         let one = |spectrum| WaveSystem {
             spectrum,
@@ -202,7 +194,7 @@ impl SeaConfig {
         match self.kind {
             SeaKind::Calm => 0.0,
             SeaKind::Paper => {
-                // Mean of the drawn scale where it is drawn.
+                // If the scale is drawn, its mean.
                 let s = self.wavelength_scale.unwrap_or(1.3);
                 4.0 * self.amplitude_m * (0.5 * (1.0 + s * s + 1.0 / (s * s))).sqrt()
             }
@@ -211,12 +203,12 @@ impl SeaConfig {
             }
         }
     }
-    /// Wind that raises a fully developed sea of this significant height, m/s, 10 m above the water:
-    /// `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq. 8.77) times `(10/19.4)^(1/7)`.
+    /// Wind for a fully developed sea of this significant height, m/s, 10 m above the water: `sqrt(Hs g² / 2.06)` at
+    /// 19.4 m (Fossen 2011, eq. 8.77) times `(10/19.4)^(1/7)`.
     pub fn wind_of_height(significant_height_m: f64) -> f64 {
         (significant_height_m * GRAVITY * GRAVITY / 2.06).sqrt() * (10.0_f64 / 19.4).powf(1.0 / 7.0)
     }
-    /// The levels with a name: calm, slight, moderate, rough, very-rough.
+    /// A named level: calm, slight, moderate, rough, very-rough.
     pub fn named(name: &str) -> Option<Self> {
         Some(match name {
             "calm" => Self::paper(0.0, 5.0),
@@ -231,7 +223,7 @@ impl SeaConfig {
 
 impl FromStr for SeaConfig {
     type Err = String;
-    /// A level's name or `amplitude,period`, e.g. `0.5,5`.
+    /// Parses a level's name or `amplitude,period`, e.g. `0.5,5`.
     fn from_str(text: &str) -> Result<Self, String> {
         if let Some(named) = Self::named(text) {
             return Ok(named);
@@ -256,7 +248,7 @@ impl FromStr for SeaConfig {
         if a == 0.0 && t == 0.0 {
             return Ok(Self::paper(0.0, 5.0));
         }
-        // Checked before `paper` so that a negative or absurd value is named, not replaced.
+        // Checked before `paper`, so that the error names a negative or absurd value.
         let sea = SeaConfig {
             amplitude_m: a,
             period_s: t,
@@ -267,7 +259,7 @@ impl FromStr for SeaConfig {
     }
 }
 
-/// `jonswap:HS,TP@DEG`, the last part where it is not the mean direction.
+/// Parses `jonswap:HS,TP@DEG`; without `@DEG` the system runs in the mean direction.
 fn wave_system(text: &str) -> Option<WaveSystem> {
     let number = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite());
     let (spectrum, rest) = text.split_once(':')?;
@@ -322,7 +314,7 @@ mod tests {
     #[test]
     fn sea_state_heights_and_winds() {
         let limits = [0.0, 0.1, 0.5, 1.25, 2.5, 4.0];
-        // Sustained wind of the state, kn (Bales 1983, STANAG 4194), at 19.5 m.
+        // Sustained wind of the sea state, kn, at 19.5 m (Bales 1983, STANAG 4194).
         let wind_kn = [3.0, 8.5, 13.5, 19.0, 24.5];
         for state in 1..=5_u8 {
             let sea = SeaConfig::of_sea_state(state).unwrap();

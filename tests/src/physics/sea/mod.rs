@@ -1,18 +1,17 @@
-//! The sea as truth: deep-water Gerstner waves, asked at any point and time.
+//! True sea: deep-water Gerstner waves, sampled at any point and time.
 //!
-//! Each water particle with label `x0` (its place at rest, horizontal) is at
-//! `x = x0 - sum q A d sin(theta)`, elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`,
-//! `w² = g k` (Gerstner 1802; several components as in Tessendorf 2001 and VRX). The questions are
-//! Eulerian (what is at this place?), so `x0` is solved from `x` by two Newton steps and one
-//! correction of the phases to second order, always the same work. It is loop-free while
-//! `sum q k A < 1`, which [`Sea::new`] ensures by lowering q where needed.
+//! A water particle with label `x0` (its horizontal position at rest) is at `x = x0 - sum q A d sin(theta)`, with
+//! elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`, `w² = g k` (Gerstner 1802; several components as
+//! in Tessendorf 2001 and VRX). Samples are Eulerian (at a fixed position), so `x0` is solved from `x` by two Newton
+//! steps and a second-order correction of the phases, at constant cost. The surface has no loops while `sum q k A < 1`,
+//! which [`Sea::new`] ensures by reducing q.
 //!
-//! Below the surface, velocity and acceleration decay with `exp(-k h)`, h the depth under the
-//! *instantaneous* surface: exact for one Gerstner wave up to second order in steepness, and what
-//! Wheeler (1970) does for irregular seas; above the surface h counts as zero.
+//! Below the surface, velocity and acceleration decay with `exp(-k h)`, where h is the depth below the *instantaneous*
+//! surface. This is exact for one Gerstner wave up to second order in steepness, and is Wheeler's method (1970) for
+//! irregular seas. Above the surface h is zero.
 //!
-//! A linear sea ([`Sea::linear`], for vessels moved by a response table) has its particles' places at rest
-//! in the place of their places: `zeta = sum A cos(k d.x - w t + phi)`, nothing to solve.
+//! A linear sea ([`Sea::linear`], for vessels moved by a response table) evaluates the phases at the position itself:
+//! `zeta = sum A cos(k d.x - w t + phi)`, without solving.
 
 pub mod config;
 pub mod spectrum;
@@ -34,25 +33,24 @@ use crate::physics::streams::Streams;
 /// Density of sea water at 15 °C, kg/m³ (ITTC 2011).
 pub const WATER_DENSITY: f64 = 1026.0;
 
-/// Maximum sum of q k A: 1 is where the surface starts to fold.
+/// Maximum sum of q k A; the surface folds at 1.
 const MAX_STEEPNESS: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeaComponent {
-    /// Amplitude, m.
     pub amplitude_m: f64,
     /// Wave number, rad/m.
     pub wave_number: f64,
     /// Angular frequency, rad/s.
     pub frequency: f64,
-    /// Direction of travel: unit vector north, east.
+    /// Direction of travel: unit vector, north and east.
     pub direction: Vector2<f64>,
     /// Phase at the origin at time zero, rad.
     pub phase: f64,
 }
 
 impl SeaComponent {
-    /// A deep-water wave by its angular frequency.
+    /// A deep-water wave with this angular frequency.
     pub fn deep(amplitude_m: f64, frequency: f64, direction_rad: f64, phase: f64) -> Self {
         SeaComponent {
             amplitude_m,
@@ -64,12 +62,11 @@ impl SeaComponent {
     }
 }
 
-/// State of the water at one place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaterSample {
-    /// Elevation of the surface above the rest level, m, up.
+    /// Elevation of the surface above the rest level, positive up, m.
     pub elevation_m: f64,
-    /// Gradient of the surface towards north and east (up per horizontal), -.
+    /// Gradient of the surface towards north and east (rise per horizontal distance), dimensionless.
     pub slope: Vector2<f64>,
     /// Velocity of the water, NED, m/s.
     pub velocity: Vector3<f64>,
@@ -78,11 +75,11 @@ pub struct WaterSample {
 }
 
 impl WaterSample {
-    /// Unit normal of the surface, out of the water, NED.
+    /// Unit normal of the surface, pointing out of the water, NED.
     pub fn normal(&self) -> Vector<TrueNed> {
         Vector::from(Vector3::new(-self.slope.x, -self.slope.y, -1.0).normalize())
     }
-    /// NED z of the surface, m, down.
+    /// NED z of the surface, positive down, m.
     pub fn surface_z(&self) -> f64 {
         -self.elevation_m
     }
@@ -91,15 +88,15 @@ impl WaterSample {
 #[derive(Clone, Debug)]
 pub struct Sea {
     components: Vec<SeaComponent>,
-    /// q: share of the full horizontal displacement.
+    /// q: fraction of the full horizontal displacement.
     steepness_factor: f64,
-    /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the place itself.
+    /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the position itself.
     linear: bool,
     /// Direction towards which the waves run, clockwise from north, rad.
     mean_direction: f64,
 }
 
-/// Fewest components of an irregular linear sea.
+/// Minimum number of components of an irregular linear sea.
 pub const LINEAR_COMPONENTS: usize = 240;
 
 impl Sea {
@@ -115,8 +112,8 @@ impl Sea {
         }
     }
 
-    /// This sea as linear (Airy) waves with [`LINEAR_COMPONENTS`] or more where it is irregular: for a
-    /// vessel whose response is linear in the very waves that the water shows.
+    /// This sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular. For a
+    /// vessel whose response is linear in the waves of the displayed water.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
         let systems = config.wave_systems().len().max(1);
@@ -127,7 +124,6 @@ impl Sea {
         }
     }
 
-    /// A sea of these linear waves.
     pub fn of_linear_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         Sea {
@@ -138,7 +134,7 @@ impl Sea {
         }
     }
 
-    /// A regular wave of given length (m), going towards `direction_rad` clockwise from north.
+    /// A regular wave of given wavelength (m), which runs towards `direction_rad`, clockwise from north.
     pub fn regular(amplitude_m: f64, wavelength_m: f64, direction_rad: f64) -> Sea {
         let frequency = (GRAVITY * TAU / wavelength_m).sqrt();
         Self::from_components(vec![SeaComponent::deep(
@@ -149,7 +145,7 @@ impl Sea {
         )])
     }
 
-    /// A sea of these waves; those beyond [`MAX_COMPONENTS`] and those without amplitude are left out.
+    /// A sea of these waves, without those beyond [`MAX_COMPONENTS`] and those with zero amplitude.
     pub fn from_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         components.truncate(MAX_COMPONENTS);
@@ -166,7 +162,7 @@ impl Sea {
         }
     }
 
-    /// This sea about another place: what it has at `by` (north, east, m) this one has at its origin.
+    /// This sea with its origin moved to `by` (north, east, m).
     #[must_use]
     pub fn about(&self, by: &Vector2<f64>) -> Sea {
         let mut sea = self.clone();
@@ -179,11 +175,10 @@ impl Sea {
     pub fn mean_direction(&self) -> f64 {
         self.mean_direction
     }
-    /// Waves of the sea.
     pub fn components(&self) -> &[SeaComponent] {
         &self.components
     }
-    /// Sum of q k A, below 1: the sea does not fold.
+    /// Sum of q k A; below 1 the sea does not fold.
     pub fn steepness(&self) -> f64 {
         let sum = |s, c: &SeaComponent| s + c.wave_number * c.amplitude_m;
         self.steepness_factor * self.components.iter().fold(0.0, sum)
@@ -196,18 +191,18 @@ impl Sea {
             .sum()
     }
 
-    /// Elevation of the surface at `north`, `east` (m), m up.
+    /// Elevation of the surface at `north`, `east` (m), positive up, m.
     pub fn elevation(&self, t: Time<TrueTime>, north: f64, east: f64) -> f64 {
         self.surface(t, north, east).elevation_m
     }
-    /// The water at the surface above or below `north`, `east` (m).
+    /// Water at the surface above or below `north`, `east` (m).
     pub fn surface(&self, t: Time<TrueTime>, north: f64, east: f64) -> WaterSample {
         let mut out = [WaterSample::default()];
         self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
         out[0]
     }
-    /// The water at many places (north, east, m) at once: the surface above each, and the motion at
-    /// `depth_m` under that surface. Fills as many of `out` as there are `points`.
+    /// Water at many points (north, east, m): the surface above each point, and the motion at `depth_m` below it. Fills
+    /// `out` up to the number of `points`.
     pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
         let n = self.components.len();
         let t = t.secs();
@@ -226,7 +221,7 @@ impl Sea {
                 base: (c.phase - c.frequency * t) % TAU,
                 reach,
                 bend: [reach.x * wave.x, reach.x * wave.y, reach.y * wave.y],
-                // At the surface, the usual question, without the exponential.
+                // At the surface, the most frequent case, the exponential is not needed.
                 decay: if depth_m > 0.0 {
                     (-c.wave_number * depth_m).exp()
                 } else {
@@ -240,7 +235,7 @@ impl Sea {
         }
     }
 
-    /// One place of a linear sea.
+    /// Samples a linear sea at one position.
     fn sample_linear(&self, t: f64, x: Vector2<f64>, depth_m: f64) -> WaterSample {
         let mut w = WaterSample::default();
         for c in &self.components {
@@ -261,10 +256,10 @@ impl Sea {
         w
     }
 
-    /// One place; `kernel` holds what does not depend on the place, `trig` is scratch for the sine and
-    /// cosine of each phase.
+    /// Samples one position. `kernel` has the values that do not depend on the position; `trig` is scratch for the sine
+    /// and cosine of each phase.
     fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
-        // Solve x0 - D(x0) = x by Newton's method; D(x0) = sum q A d sin is the displacement.
+        // Solve x0 - D(x0) = x by Newton's method, with the displacement D(x0) = sum q A d sin.
         let mut displacement = Vector2::zeros();
         let mut fold = Fold::default();
         for (sc, k) in trig.iter_mut().zip(kernel) {
@@ -272,7 +267,7 @@ impl Sea {
             displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
-        // First step from x0 = x: the phases turn by k.step, less than the steepness allows (1.6 rad).
+        // First step from x0 = x: the phases change by k.step, which the maximum steepness limits to 1.6 rad.
         let step = fold.solve(displacement);
         displacement = Vector2::zeros();
         fold = Fold::default();
@@ -282,7 +277,7 @@ impl Sea {
             displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
-        // The second step is small: second order in it is enough.
+        // The second step is small, so that second order is sufficient.
         let step = fold.solve(displacement - step);
         for (sc, k) in trig.iter_mut().zip(kernel) {
             let e = k.k.dot(&step);
@@ -307,13 +302,13 @@ impl Sea {
                 c.amplitude_m * push * cos,
             );
         }
-        // d zeta/dx = (dx/dx0)^-T d zeta/dx0; the fold is symmetric.
+        // d zeta/dx = (dx/dx0)^-T d zeta/dx0; the Jacobian is symmetric.
         w.slope = fold.solve(gradient);
         w
     }
 }
 
-/// Part of a component that is the same for all places of one call.
+/// Values of a component that are the same for all positions of one call.
 #[derive(Clone, Copy, Default)]
 struct Precomputed {
     /// Wave vector, rad/m.
@@ -328,7 +323,7 @@ struct Precomputed {
     decay: f64,
 }
 
-/// Sine and cosine of the sum of two angles.
+/// Sine and cosine of the sum of two angles, from theirs.
 #[inline(always)]
 fn turned(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0 * b.1 + a.1 * b.0, a.1 * b.1 - a.0 * b.0)
@@ -357,20 +352,20 @@ impl Fold {
         self.ne -= c.bend[1] * cos;
         self.ee -= c.bend[2] * cos;
     }
-    /// Solves `fold y = v`; positive definite while the sea does not fold.
+    /// Solves `fold y = v`; the matrix is positive definite while the sea does not fold.
     fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {
         let det = self.nn * self.ee - self.ne * self.ne;
         Vector2::new(self.ee * v.x - self.ne * v.y, self.nn * v.y - self.ne * v.x) / det
     }
 }
 
-/// Direction towards which the waves run: as given, else drawn.
+/// Direction towards which the waves run: configured or drawn.
 fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
     let drawn = streams.stream("sea/mean-direction").random::<f64>() * TAU;
     config.mean_direction_deg.map_or(drawn, f64::to_radians)
 }
 
-/// The waves of `config`; `each` is the number per irregular system.
+/// Waves of `config`; `each` is the number per irregular system.
 fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<SeaComponent> {
     if config.kind == SeaKind::Paper {
         let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
@@ -382,7 +377,7 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
             .map(|i: f64| {
                 SeaComponent::deep(
                     config.amplitude_m * s.powf(i),
-                    // Wavelength times s^i is frequency over s^(i/2).
+                    // A factor s^i in wavelength is s^(-i/2) in frequency.
                     middle * s.powf(-0.5 * i),
                     mean + i * config.direction_step_rad,
                     spectrum::phase(&mut phases),
@@ -395,8 +390,8 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
     systems.iter().enumerate().flat_map(of_system).collect()
 }
 
-/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The
-/// streams of the first are the plain ones.
+/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The first
+/// system's streams have no number in their names.
 fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<SeaComponent> {
     let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
     let stream = |name: &str| match k {

@@ -1,12 +1,12 @@
-//! Irregular seas: the JONSWAP spectrum, cut into parts of equal energy, with directional spread.
+//! Irregular seas: the JONSWAP spectrum, divided into parts of equal energy, with directional spread.
 
 use core::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-/// JONSWAP (Hasselmann 1973) without its energy scale, at angular frequency `w` with peak `peak`,
-/// rad/s: `w^-5 exp(-1.25 (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak
-/// and 0.09 above. The caller scales to the significant height, so the normalisation cancels.
+/// JONSWAP (Hasselmann 1973) without its energy scale, at angular frequency `w` with the peak `peak`, rad/s: `w^-5
+/// exp(-1.25 (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak and 0.09 above. The caller
+/// scales it to the significant height, which cancels the normalisation.
 pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     if w <= 0.0 {
         return 0.0;
@@ -16,8 +16,8 @@ pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     w.powi(-5) * (-1.25 * (peak / w).powi(4)).exp() * gamma.powf(r)
 }
 
-/// Value of `x` where the running integral of `density` over `low..high` reaches each of `fractions`
-/// (ascending, 0 to 1); trapezoids on a fixed grid.
+/// Values of `x` at which the running integral of `density` over `low..high` reaches each of `fractions` (ascending, 0
+/// to 1), by the trapezoidal rule on a fixed grid.
 fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64]) -> Vec<f64> {
     const GRID: usize = 4000;
     let step = (high - low) / GRID as f64;
@@ -46,13 +46,13 @@ fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64
         .collect()
 }
 
-/// `n` angular frequencies, rad/s: one drawn in each of `n` parts of equal energy, so that each
-/// component carries the same energy and no two frequencies have a common period.
+/// `n` angular frequencies, rad/s, one drawn in each of `n` parts of equal energy: each component has the same energy,
+/// and no two frequencies have a common period.
 pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f64> {
     let fractions: Vec<f64> = (0..n)
         .map(|i| (i as f64 + rng.random::<f64>()) / n as f64)
         .collect();
-    // Above three times the peak (2 % of the energy) the waves are shorter than the hull.
+    // Above three times the peak (2 % of the energy) waves are shorter than the hull.
     quantiles(
         |w| jonswap_shape(w, peak, gamma),
         0.5 * peak,
@@ -61,9 +61,9 @@ pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f
     )
 }
 
-/// A direction about the mean, rad, from the density cos^2s(d/2) (Longuet-Higgins 1963).
+/// Direction relative to the mean, rad, from the density cos^2s(d/2) (Longuet-Higgins 1963).
 pub fn direction(spread: f64, rng: &mut impl Rng) -> f64 {
-    // Rejection, bounded: for s = 100 a draw is accepted with 8 %, so 200 draws do not fail in practice.
+    // Bounded rejection sampling: for s = 100 the acceptance rate is 8 %, so that 200 draws do not fail in practice.
     for _ in 0..200 {
         let d = (rng.random::<f64>() - 0.5) * TAU;
         if rng.random::<f64>() < (0.5 * d).cos().powf(2.0 * spread) {
@@ -73,7 +73,6 @@ pub fn direction(spread: f64, rng: &mut impl Rng) -> f64 {
     0.0
 }
 
-/// A phase, rad.
 pub fn phase(rng: &mut impl Rng) -> f64 {
     rng.random::<f64>() * 2.0 * PI
 }

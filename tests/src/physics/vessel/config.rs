@@ -3,32 +3,30 @@
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 
-/// Course by the vessel's own autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VesselCourse {
     /// Engines off.
     #[default]
     Drift,
-    /// Along the starting heading at a set speed.
+    /// Straight along the starting heading, at a set speed.
     Straight,
-    /// Around a square, turning to starboard, the first leg along the starting heading.
+    /// A square with turns to starboard, the first leg along the starting heading.
     Square,
-    /// Turning by 20 to 40 deg to either side every 10 to 20 s, about the starting heading.
+    /// Turns by 20 to 40 deg to alternate sides every 10 to 20 s, about the starting heading.
     Zigzag,
-    /// Straight, with one turn by 45 to 120 deg to either side.
+    /// Straight, with one turn of 45 to 120 deg to either side.
     Turn,
-    /// Straight, with one change of speed by half, up or down.
+    /// Straight, with one speed change by half, up or down.
     SpeedChange,
-    /// Holding a place within 1.5 m and the heading within 12 deg, in the limit cycles that thrusters with a dead band
-    /// make: drawn per seed, no thruster is simulated.
+    /// Holds the position within 1.5 m and the heading within 12 deg, in limit cycles of thrusters with a dead band.
+    /// The cycles are drawn per seed; no thruster is simulated.
     StationKeeping,
-    /// Sheering about an anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, the hull on an arc.
+    /// Sheers at anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, and the hull moves on an arc.
     Anchored,
 }
 
 impl VesselCourse {
-    /// All of them.
     pub const ALL: [VesselCourse; 8] = [
         VesselCourse::Drift,
         VesselCourse::Straight,
@@ -39,7 +37,7 @@ impl VesselCourse {
         VesselCourse::StationKeeping,
         VesselCourse::Anchored,
     ];
-    /// Whether it is made at a set speed.
+    /// Whether the vessel makes way at a set speed.
     pub fn is_under_way(self) -> bool {
         match self {
             VesselCourse::Drift | VesselCourse::StationKeeping | VesselCourse::Anchored => false,
@@ -52,44 +50,42 @@ impl VesselCourse {
     }
 }
 
-/// A load on the vessel for a while.
+/// A load on the vessel for a limited time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VesselLoad {
-    /// When, s of true time.
+    /// Start, s of true time.
     pub at_s: f64,
-    /// For how long, s.
     pub for_s: f64,
     /// Force and moment: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub by_n_nm: [f64; 6],
 }
 
 config! {
-    /// Vessel as truth: nonlinear, and by purpose not the model that estimator and predictor use.
+    /// Truth model of the vessel: nonlinear, and intentionally not the model of estimator and predictor.
     ///
-    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge
-    /// drag, thrust; sway and yaw drag from its newer set); added mass of the Otter (Fossen, MSS
-    /// toolbox; its surge share is 0.1), relative damping heave 0.3, roll 0.2, pitch 0.4
-    /// (likewise). Ours: centre of gravity 0.2 m above the water, 12 sections per hull, square of
-    /// 40 m so that a leg lasts 20 s at 2 m/s.
+    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag, thrust; sway and
+    /// yaw drag from its newer set); added mass of the Otter (Fossen, MSS toolbox; its surge fraction is 0.1), and its
+    /// relative damping: heave 0.3, roll 0.2, pitch 0.4. Chosen: centre of gravity 0.2 m above the water, 12 sections
+    /// per hull, square of 40 m so that a leg lasts 20 s at 2 m/s.
     pub struct VesselConfig {
         /// Mass, kg.
         pub mass_kg: f64 = 211.0;
-        /// Centre of gravity in the body frame (origin midships on the waterline at rest), m.
+        /// Centre of gravity in the body frame (origin amidships on the waterline at rest), m.
         pub centre_of_gravity_m: [f64; 3] = [0.0, 0.0, -0.2], in -2.0..=2.0;
         /// Moments of inertia about the centre of gravity, forward, right, down, kg m².
         pub inertia_kgm2: [f64; 3] = [120.0, 393.0, 446.0];
-        /// Added mass as a share of mass (surge, sway, heave) and of inertia (roll, pitch, yaw), -.
+        /// Added mass relative to mass (surge, sway, heave) and to inertia (roll, pitch, yaw).
         pub added_mass: [f64; 6] = [0.1, 1.5, 1.0, 0.2, 0.8, 1.7], in 0.0..=5.0;
         /// Radius of the half-cylinder hulls, m.
         pub hull_radius_m: f64 = 0.213, in 0.05..=5.0;
-        /// Their length, m.
+        /// Length of the hulls, m.
         pub hull_length_m: f64 = 4.9, in 0.5..=50.0;
         /// Distance of each hull from the centre line, m.
         pub hull_offset_m: f64 = 1.03, in 0.1..=20.0;
-        /// Sections per hull over which pressure is integrated.
+        /// Sections per hull for the integration of pressure.
         pub sections_per_hull: usize = 12, in 5.0..=40.0;
-        /// Damping ratio of heave, roll and pitch relative to the moving water, -.
+        /// Damping ratio of heave, roll and pitch relative to the moving water.
         pub damping_ratio: [f64; 3] = [0.3, 0.2, 0.4], in 0.0..=2.0;
         /// Linear drag relative to the moving water, surge and sway, N/(m/s).
         pub linear_drag_nspm: [f64; 2] = [51.3, 100.0], in 0.0..=5e3;
@@ -99,31 +95,31 @@ config! {
         pub linear_yaw_drag_nms: f64 = 400.0, in 0.0..=2e4;
         /// Quadratic yaw drag, Nm/(rad/s)².
         pub quadratic_yaw_drag_nms2: f64 = 800.0, in 0.0..=2e4;
-        /// Fraction of the water's horizontal motion that reaches surge, sway and yaw: 1 is physics, 0 the stock
-        /// simulator whose buoyancy is purely vertical.
+        /// Fraction of the water's horizontal motion that acts on surge, sway and yaw: 1 is physical; 0 is the stock
+        /// simulator, whose buoyancy is purely vertical.
         pub sideways_coupling: f64 = 1.0, in 0.0..=1.0;
         /// Maximum forward thrust of each of the two engines, N.
         pub thrust_forward_n: f64 = 250.0, in 0.0..=1e5;
-        /// Maximum reverse thrust of each, N.
+        /// Maximum reverse thrust of each of the two engines, N.
         pub thrust_reverse_n: f64 = 100.0, in 0.0..=1e5;
         /// Course by the vessel's autopilot.
         pub course: VesselCourse = VesselCourse::Drift;
         /// Speed of the vessel through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
-        /// When the one turn or change of speed of such a course begins, s of true time; where absent, a drawn 0 to
-        /// 6 s after the first descent of a trial, of which no node knows.
+        /// Start of a course's turn or speed change, s of true time. If missing, it starts 0 to 6 s (drawn) after the
+        /// first descent of a trial, and no node knows it.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub change_at_s: Option<f64> = None, in 0.0..=1e6;
         /// Side of the square, m.
         pub side_m: f64 = 40.0, in 5.0..=5e3;
-        /// Starting heading clockwise from north, deg; drawn per seed where absent.
+        /// Starting heading clockwise from north, deg; drawn per seed if missing.
         pub heading_deg: Option<f64> = None, in -360.0..=360.0;
-        /// Pushes.
+        /// Loads on the vessel for a limited time.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub pushes: Vec<VesselLoad> = Vec::new();
     }
     check |this, at| {
-        // Two half cylinders carry at most rho pi r² L; beyond 0.7 of it they would be awash.
+        // Two half-cylinders carry at most rho pi r² L; beyond 0.7 of that they would be awash.
         let carried = crate::physics::sea::WATER_DENSITY
             * core::f64::consts::PI
             * this.hull_radius_m.powi(2)
@@ -147,8 +143,8 @@ config! {
 }
 
 impl VesselConfig {
-    /// Gives the engines the thrust that this speed (m/s) needs: quadratic drag, with a reserve; never less than they
-    /// have for 1.5 m/s.
+    /// Sets the engines' thrust to that of the quadratic drag at this speed (m/s) with a reserve, at least the thrust
+    /// for 1.5 m/s.
     pub fn power_for(&mut self, speed_mps: f64) {
         let more = (speed_mps / 1.5).powi(2).max(1.0);
         self.thrust_forward_n *= more;

@@ -1,4 +1,4 @@
-//! The vessel's own autopilot: course and speed by two engines, or station keeping. It is part of the world.
+//! Autopilot of the vessel, which belongs to the simulated world: course and speed by two engines, or station keeping.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -9,48 +9,47 @@ use super::config::{VesselConfig, VesselCourse};
 use super::path::{MeanPath, PathPoint};
 use crate::physics::streams::Streams;
 
-/// State of the steering.
 #[derive(Clone, Debug)]
 pub struct Helm {
     course: VesselCourse,
     path: MeanPath,
-    /// Since the start, s.
+    /// Time since the start, s.
     t: f64,
     side: f64,
     limits: [f64; 2],
     engine_offset: f64,
     drag: [f64; 2],
-    /// Mass in surge and sway (kg), moment of inertia in yaw (kg m²), with those of the water.
+    /// Mass in surge and sway (kg) and moment of inertia in yaw (kg m²), including added mass.
     inertia: [f64; 3],
     /// Start of the present leg, north and east, m.
     from: Vector2<f64>,
     /// Direction of the leg, rad.
     leg: f64,
-    /// Speed through the water without the waves' share, m/s.
+    /// Speed through the water without the waves' part, m/s.
     smooth_speed: f64,
     /// Integral part of the speed controller, N.
     integral: f64,
 }
 
-/// Look-ahead of the line-of-sight guidance, m (ours: three lengths of the default vessel's half) ...
+/// Look-ahead of the line-of-sight guidance, m. Chosen: three times half the default vessel's length.
 const LOOK_AHEAD_M: f64 = 8.0;
-/// ... and at least this far in time, s: a fast vessel would overshoot its line.
+/// Minimum look-ahead in time, s: without it a fast vessel would overshoot its line.
 const LOOK_AHEAD_S: f64 = 4.0;
-/// Up to this speed the heading loop is that of a slow vessel, m/s. Above it the gain grows with the
-/// hull's own moment, which turns it across its way with the square of the speed (Munk).
+/// Speed up to which the heading loop is that of a slow vessel, m/s. Above it the gain increases with the hull's Munk
+/// moment, which turns the hull across its course with the square of the speed.
 const SLOW_MPS: f64 = 2.0;
-/// Distance before a corner where it starts to turn, m.
+/// Distance before a corner at which the turn begins, m.
 const EARLY_M: f64 = 5.0;
 /// Natural frequency of the heading loop, rad/s; damping ratio 1.
 const YAW_FREQUENCY: f64 = 0.7;
-/// Natural frequency of what holds it in place, rad/s, well below the waves'; damping ratio 1.
+/// Natural frequency of the position hold, rad/s, well below that of the waves; damping ratio 1.
 const HOLD_FREQUENCY: f64 = 0.35;
-/// Time constant of the speed loop and of the filter against waves, s.
+/// Time constant of the speed loop and of the wave filter, s.
 const SPEED_TIME_S: f64 = 2.0;
 
 impl Helm {
-    /// Steering along `heading` (rad) from the origin; mass in surge and sway (kg) and moment of inertia in yaw (kg m²)
-    /// with those of the water.
+    /// Steers along `heading` (rad) from the origin. `inertia`: mass in surge and sway (kg) and moment of inertia in
+    /// yaw (kg m²), including added mass.
     pub fn new(config: &VesselConfig, inertia: [f64; 3], heading: f64, streams: &Streams) -> Self {
         let path = MeanPath::new(config, heading, streams);
         Helm {
@@ -69,7 +68,7 @@ impl Helm {
         }
     }
 
-    /// The course's one turn or change of speed begins a drawn time after `t`, s.
+    /// Starts the course's turn or speed change a drawn time after `t`, s.
     pub fn ask_change(&mut self, t: f64) {
         self.path.ask_change(t);
     }
@@ -91,14 +90,15 @@ impl Helm {
                 }
                 self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt)
             }
-            // By compass and log.
+            // Steered by compass and log.
             VesselCourse::Zigzag | VesselCourse::Turn | VesselCourse::SpeedChange => {
                 self.engines(here.heading, speed, heading, nu, dt)
             }
         }
     }
 
-    /// Joint effect of rode, wind and thrusters: a soft spring towards the mean path, which the waves do not feel.
+    /// Joint effect of rode, wind and thrusters: a soft spring towards the mean path, with no effect at wave
+    /// frequencies.
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
         let body = |v: Vector2<f64>| Vector2::new(c * v.x + s * v.y, c * v.y - s * v.x);
@@ -113,13 +113,13 @@ impl Helm {
         )
     }
 
-    /// Line of sight (Fossen 2011, section 10.3): the heading at a point on the leg ahead, rad.
+    /// Line-of-sight guidance (Fossen 2011, section 10.3): heading towards a point ahead on the leg, rad.
     fn line_of_sight(&self, at: Vector2<f64>, speed: f64) -> f64 {
         let look_ahead = LOOK_AHEAD_M.max(LOOK_AHEAD_S * speed);
         self.leg - (self.along(at).y / look_ahead).atan()
     }
 
-    /// By the engines to a heading (rad) and a speed, m/s.
+    /// Thrust of the engines for a heading (rad) and a speed (m/s).
     fn engines(&mut self, wanted: f64, speed: f64, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
         let [mass, _, yaw_inertia] = self.inertia;
         let error = wrap_angle(wanted - heading);
@@ -134,15 +134,15 @@ impl Helm {
         let force =
             self.drag[0] * speed + self.drag[1] * speed * speed + mass / SPEED_TIME_S * lack + self.integral;
 
-        // Steering goes first: the engines' common part gives way.
+        // Steering has priority; the common thrust of the engines yields.
         let turn = (0.5 * moment / self.engine_offset).clamp(0.5 * (low - high), 0.5 * (high - low));
         let common = (0.5 * force).clamp(low + turn.abs(), high - turn.abs());
-        // The port engine pushes the bow to starboard.
+        // More thrust of the port engine turns the bow to starboard.
         let [port, starboard] = [common + turn, common - turn];
         Vector3::new(port + starboard, 0.0, self.engine_offset * (port - starboard))
     }
 
-    /// Way made along the leg and to starboard of it, m.
+    /// Distance along the leg, and to starboard of it, m.
     fn along(&self, at: Vector2<f64>) -> Vector2<f64> {
         let (s, c) = self.leg.sin_cos();
         let d = at - self.from;

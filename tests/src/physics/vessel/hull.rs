@@ -1,13 +1,12 @@
-//! Two half-cylinder hulls, cut into sections: submerged area of a section and its centroid.
+//! Two half-cylinder hulls, divided into sections: submerged area of a section and its centroid.
 
 use nalgebra::Vector3;
 
 use super::config::VesselConfig;
 use crate::physics::sea::WATER_DENSITY;
 
-/// Submerged part of a half-circle section of radius `r` whose keel is `depth` under water:
-/// area (m²) and distance of its centroid below the circle's centre (m). A section under water beyond
-/// its flat top stays at the half circle.
+/// Submerged part of a half-circle section of radius `r` whose keel is `depth` below the water: area (m²), and distance
+/// of its centroid below the circle's centre (m). A section below its flat top has the half circle.
 pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     let d = depth.clamp(0.0, r);
     if d <= 0.0 {
@@ -25,7 +24,6 @@ pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     (area, lever_arm)
 }
 
-/// The hulls at rest.
 #[derive(Clone, Debug)]
 pub struct Hull {
     /// Radius of the sections, m.
@@ -43,13 +41,13 @@ pub struct Hull {
 }
 
 impl Hull {
-    /// The hulls of `config`, afloat at the draft that carries its mass.
+    /// The hulls of `config`, floating at the draft that carries the mass.
     pub fn new(config: &VesselConfig, gravity: f64) -> Hull {
         let r = config.hull_radius_m;
         let n = config.sections_per_hull.max(1);
         let length = config.hull_length_m;
         let volume = config.mass_kg / WATER_DENSITY;
-        // Bisection: the area grows with the draft.
+        // Bisection, since the area increases with the draft.
         let (mut low, mut high) = (0.0, r);
         for _ in 0..60 {
             let mid = 0.5 * (low + high);
@@ -76,7 +74,7 @@ impl Hull {
         let width = 2.0 * (draft * (2.0 * r - draft)).max(0.0).sqrt();
         let per_section = WATER_DENSITY * gravity * width * step;
         let weight = config.mass_kg * gravity;
-        // rho g (I_A) + weight (z_G - z_B), z down: a high centre of gravity takes stiffness away.
+        // rho g (I_A) + weight (z_G - z_B), z down: a high centre of gravity reduces the stiffness.
         let buoyancy_z = draft - r + segment(r, draft).1;
         let lever = weight * (config.centre_of_gravity_m[2] - buoyancy_z);
         let moment = |lever_arm: fn(&Vector3<f64>) -> f64, own: f64| {
@@ -125,7 +123,7 @@ mod tests {
 
     #[test]
     fn draught_of_the_default_hull() {
-        // Published for fresh water: draft 0.089 m, heave stiffness 33 kN/m, roll 35 kNm/rad.
+        // Published values for fresh water: draft 0.089 m, heave stiffness 33 kN/m, roll stiffness 35 kNm/rad.
         let h = Hull::new(&VesselConfig::default(), 9.806_65);
         assert!((h.draft - 0.089).abs() < 0.003, "{}", h.draft);
         assert!((h.stiffness[0] - 34e3).abs() < 1.5e3, "{:?}", h.stiffness);

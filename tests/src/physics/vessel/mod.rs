@@ -1,7 +1,7 @@
-//! The vessel as truth: a nonlinear rigid body with six degrees of freedom in the moving water.
+//! True vessel: a nonlinear rigid body with six degrees of freedom in moving water.
 //!
-//! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines`
-//! (Fossen 2011, eq. 8.126), `nu_r = nu - nu_w` with the water's motion `nu_w` averaged over the hulls.
+//! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines` (Fossen
+//! 2011, eq. 8.126), `nu_r = nu - nu_w`, with the water's motion `nu_w` averaged over the hulls.
 //!
 //! - Pressure (buoyancy and Froude-Krylov together): by Gauss' theorem the force on a section of submerged
 //!   volume V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section, acting at
@@ -9,8 +9,8 @@
 //! - Added mass meets the water's acceleration, drag its velocity, so that for waves much longer than the
 //!   hull the vessel moves as a particle of the water does.
 //!
-//! The water is asked once per step at all sections, at the place and time where the step ends, and
-//! interpolated within the step (error below 1e-4 of the elevation at 10 ms).
+//! The water is sampled once per step at all sections, at the time and position of the step's end, and interpolated
+//! within the step (error below 1e-4 of the elevation at 10 ms).
 
 pub mod config;
 pub mod helm;
@@ -36,12 +36,11 @@ use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
 
-/// Bounds on speed (m/s) and rate (rad/s) that no sea within the allowed range reaches: a net under the
-/// integrator, not physics.
+/// Bounds on speed (m/s) and rate (rad/s), which no sea in the permitted range reaches. They protect the integrator and
+/// are not physical.
 const MAX_SPEED: f64 = 30.0;
 const MAX_RATE: f64 = 12.0;
 
-/// Position, attitude and body velocity.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     position: Vector3<f64>,
@@ -49,7 +48,7 @@ struct Motion {
     nu: Vector6<f64>,
 }
 
-/// The water at the sections at one instant, and where it was asked.
+/// Water at the sections at one instant, and the position at which it was sampled.
 #[derive(Clone, Debug)]
 struct WaterAt {
     time: Time<TrueTime>,
@@ -57,7 +56,6 @@ struct WaterAt {
     samples: Vec<WaterSample>,
 }
 
-/// The simulated vessel.
 #[derive(Clone, Debug)]
 pub struct Vessel {
     hull: Hull,
@@ -72,12 +70,12 @@ pub struct Vessel {
     coupling: f64,
     substep_limit_s: f64,
     helm: Helm,
-    /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
+    /// Surge and sway (N) and yaw (Nm) from the engines or the position hold.
     steering: Vector3<f64>,
     pushes: Vec<VesselLoad>,
-    /// Force and moment by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
+    /// Force and moment of [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
-    /// Force of the pushes now.
+    /// Present force of the configured loads.
     pushing: Vector6<f64>,
     motion: Motion,
     /// Derivative of the body velocity.
@@ -87,8 +85,8 @@ pub struct Vessel {
 }
 
 impl Vessel {
-    /// The vessel of `config` afloat at the origin at time zero, heading drawn from `vessel/heading`
-    /// where not given, moving with the water (and at its set speed unless it drifts).
+    /// The vessel of `config`, floating at the origin at time zero, at a heading drawn from `vessel/heading` unless
+    /// configured. It moves with the water, and at its set speed unless it drifts.
     pub fn new(config: &VesselConfig, sea: &Sea, streams: &Streams) -> Vessel {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = config.heading_deg.map_or(drawn, f64::to_radians);
@@ -99,7 +97,7 @@ impl Vessel {
         let base = join(Vector3::repeat(config.mass_kg), inertia);
         let added_mass = Matrix6::from_diagonal(&base.component_mul(&Vector6::from(config.added_mass)));
         let mass = rigid_mass + added_mass;
-        // Positive definite by construction (checked ranges); the fallback keeps the type total.
+        // Positive definite by construction (checked ranges); the fallback avoids a panic.
         let inverse_mass = mass.try_inverse().unwrap_or_else(Matrix6::identity);
 
         let mut linear_drag = Vector6::zeros();
@@ -147,7 +145,7 @@ impl Vessel {
             weight: config.mass_kg * GRAVITY,
             centre_of_gravity: cg,
             coupling: config.sideways_coupling,
-            // RK4 with w dt <= 0.5 is exact to 1e-4 per period.
+            // RK4 with w dt <= 0.5 is accurate to 1e-4 per period.
             substep_limit_s: 0.5 / fastest,
             hull,
             rigid_mass,
@@ -170,7 +168,7 @@ impl Vessel {
         vessel
     }
 
-    /// Moves on from `t` to `t + dt_s` (s; up to 0.1).
+    /// Advances from `t` to `t + dt_s` (s; up to 0.1).
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         if !(dt_s > 0.0 && dt_s <= 0.1) {
             return;
@@ -186,7 +184,7 @@ impl Vessel {
             .sum::<Vector6<f64>>()
             + self.pushed;
         core::mem::swap(&mut self.before, &mut self.after);
-        // Where the sections will be: places matter to the slope times the square of dt only.
+        // Future positions of the sections: their error only matters by the slope times the square of dt.
         let here = self.motion;
         let (v, _) = world_rates(&here);
         self.motion.position += v * dt_s;
@@ -208,11 +206,11 @@ impl Vessel {
         self.nu_dot = self.acceleration(&self.motion, 1.0);
     }
 
-    /// Something pushes it so from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.pushed = Vector6::from(by_n_nm);
     }
-    /// The state now (the end of the last step).
+    /// State at the end of the last step.
     pub fn state(&self) -> RigidState<VesselBody> {
         let m = &self.motion;
         let (v, w) = (head(&m.nu), tail(&m.nu));
@@ -226,7 +224,7 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// The course's one turn or change of speed begins a drawn time after `t`.
+    /// Starts the course's turn or speed change a drawn time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
@@ -234,7 +232,7 @@ impl Vessel {
         &self.hull
     }
 
-    /// Samples the sea at the sections' places for the present motion, at the depth of half the draft.
+    /// Samples the sea at the sections' present positions, at half the draft.
     fn ask_water(&mut self, t: Time<TrueTime>, sea: &Sea) {
         let m = &self.motion;
         for (place, c) in self.after.places.iter_mut().zip(&self.hull.centres) {
@@ -251,10 +249,10 @@ impl Vessel {
         self.after.time = t;
     }
 
-    /// One classical Runge-Kutta step of `h` seconds, starting at the share `f` of the water's interval.
+    /// One classical Runge-Kutta step of `h` seconds, starting at the fraction `f` of the water's interval.
     fn runge_kutta(&mut self, h: f64, f: f64, df: f64) {
         let start = self.motion;
-        // The derivative at the end of the last step, with the same water and thrust, is the first stage.
+        // The first stage is the derivative at the end of the last step, with the same water and thrust.
         let a1 = if f == 0.0 {
             self.nu_dot
         } else {
@@ -282,7 +280,7 @@ impl Vessel {
         self.motion = at(&mean, h);
     }
 
-    /// `nu'` at a motion, at the share `f` of the water's interval.
+    /// `nu'` at a motion, at the fraction `f` of the water's interval.
     fn acceleration(&self, m: &Motion, f: f64) -> Vector6<f64> {
         let r = m.attitude.to_rotation_matrix();
         let down = r.inverse() * Vector3::z();
@@ -303,8 +301,8 @@ impl Vessel {
             let place = self.before.places[i] + (self.after.places[i] - self.before.places[i]) * f;
             let surface = mix(s0.elevation_m, s1.elevation_m) + slope.dot(&(centre.xy() - place));
             // Depth of the circle's centre along the surface's normal, then of its lowest point.
-            let normal_share = 1.0 / (1.0 + slope.norm_squared()).sqrt();
-            let depth = (centre.z + surface) * normal_share;
+            let normal_fraction = 1.0 / (1.0 + slope.norm_squared()).sqrt();
+            let depth = (centre.z + surface) * normal_fraction;
             let (area, lever_arm) = segment(self.hull.radius, depth + self.hull.radius);
             let volume = area * self.hull.section_length;
             volume_sum += volume;
@@ -312,8 +310,8 @@ impl Vessel {
             let u = r.inverse() * (s0.velocity + (s1.velocity - s0.velocity) * f);
             let a = r.inverse() * (s0.acceleration + (s1.acceleration - s0.acceleration) * f);
             let force = (a - down * GRAVITY) * (WATER_DENSITY * volume);
-            // The centroid lies below the circle's centre, against the surface's normal.
-            let normal = r.inverse() * Vector3::new(slope.x, slope.y, 1.0) * normal_share;
+            // The centroid is below the circle's centre, opposite to the surface's normal.
+            let normal = r.inverse() * Vector3::new(slope.x, slope.y, 1.0) * normal_fraction;
             let centroid = c + normal * lever_arm;
             pressure += join(force, centroid.cross(&force));
 
@@ -332,8 +330,8 @@ impl Vessel {
         let gravity = join(weight, self.centre_of_gravity.cross(&weight));
         let [surge, sway, yaw] = self.steering.into();
         let engines = Vector6::new(surge, sway, 0.0, 0.0, 0.0, yaw);
-        // Hulls that leave the water lose added mass and drag: in full above half of the rest volume, in
-        // proportion below. (Held by its whole added mass the boat could not fall off a steep crest.)
+        // Hulls that leave the water lose added mass and drag: full above half of the rest volume, proportional below.
+        // With its whole added mass the boat could not fall off a steep crest.
         let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);
         let from_water = self.added_mass * nu_w_dot
             - coriolis(&self.added_mass, &nu_r)
@@ -353,7 +351,7 @@ impl Vessel {
     }
 }
 
-/// Velocity in the world and the quaternion's derivative `q' = q (0, w) / 2`.
+/// Velocity in NED, and the quaternion's derivative `q' = q (0, w) / 2`.
 fn world_rates(m: &Motion) -> (Vector3<f64>, Quaternion<f64>) {
     let w = tail(&m.nu);
     (
@@ -362,10 +360,10 @@ fn world_rates(m: &Motion) -> (Vector3<f64>, Quaternion<f64>) {
     )
 }
 
-/// Attitude that lies on the surface, with this heading, rad.
+/// Attitude parallel to the surface with this heading, rad.
 fn level(water: &WaterSample, heading: f64) -> UnitQuaternion<f64> {
     let (s, c) = heading.sin_cos();
-    // Elevation ahead is bow up, elevation to starboard is roll to port.
+    // Elevation ahead is bow up; elevation to starboard is roll to port.
     let ahead = water.slope.x * c + water.slope.y * s;
     let right = -water.slope.x * s + water.slope.y * c;
     let pitch = ahead.atan();

@@ -1,6 +1,6 @@
-//! Mean path of a vessel on each course: place, speed and heading without the waves. Twice differentiable: heading
-//! and speed change by a quintic step, or swing by sines. What a seed draws of a course comes from the stream
-//! `vessel/course`.
+//! Mean path of a vessel on each course: position, speed and heading without the waves. It is twice differentiable:
+//! heading and speed change by a quintic step, or swing sinusoidally. Random parameters of a course come from the
+//! stream `vessel/course`.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -11,31 +11,30 @@ use super::config::{VesselConfig, VesselCourse};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
-/// A turn by 90 deg takes so long, others in proportion, s (11 deg/s: a small boat that does not heel for it; ours).
+/// Duration of a turn by 90 deg, s; other turns are proportional. Chosen: 11 deg/s, at which a small boat does not
+/// heel.
 const TURN_S: f64 = 8.0;
-/// Parts of a turn over which its way is integrated.
+/// Number of parts of a turn over which the path is integrated.
 const TURN_PARTS: usize = 400;
-/// A change of speed takes so long, s (ours, the time constant of a planing boat's surge).
+/// Duration of a speed change, s. Chosen: the time constant of a planing boat's surge.
 const SPEED_CHANGE_S: f64 = 5.0;
-/// A turn or a change of speed begins up to so long after the first descent, s (a helmsman who knows of none).
+/// Maximum delay of a turn or speed change after the first descent, s: the helmsman does not know of the descent.
 const CHANGE_WITHIN_S: f64 = 4.0;
 /// Longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
-/// Harmonics of a limit cycle: free drift is a parabola, the thruster's pulse its kink, which its lag rounds.
+/// Harmonics of a limit cycle: the free drift is a parabola; a thruster pulse is its kink, which the thruster's lag
+/// rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
-/// Point of the mean path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// North and east, m.
     pub position: Vector2<f64>,
     /// Their derivative, m/s.
     pub velocity: Vector2<f64>,
-    /// Heading, rad.
     pub heading: f64,
 }
 
-/// The mean path.
 #[derive(Clone, Debug)]
 pub struct MeanPath {
     heading: f64,
@@ -45,26 +44,25 @@ pub struct MeanPath {
 
 #[derive(Clone, Debug)]
 enum Shape {
-    /// At rest, or straight on.
+    /// At rest, or straight ahead.
     Straight,
     Turns(Turns),
-    /// The speed changes once.
     SpeedChange {
         begins: Begin,
-        /// By so much, m/s.
+        /// Speed change, m/s.
         by: f64,
     },
-    /// Station-keeping: limit cycles to north (m), to east (m) and in heading (rad).
+    /// Keeps station: limit cycles to north (m), to east (m) and in heading (rad).
     LimitCycles([Cycle; 3]),
     Anchored(Sheer),
 }
 
-/// When the one change of a course begins.
+/// Start of a course's turn or speed change.
 #[derive(Clone, Copy, Debug)]
 struct Begin {
-    /// s; infinite while it is open.
+    /// Start, s; infinite until [`Begin::ask`] is called.
     at: f64,
-    /// So long after it is asked for, s.
+    /// Delay after the call, s.
     delay: f64,
 }
 
@@ -83,7 +81,7 @@ fn turned(v: Vector2<f64>, angle: f64) -> Vector2<f64> {
 }
 
 impl MeanPath {
-    /// The path of `config` from the origin on, with this heading, rad.
+    /// Path of `config` from the origin, with this starting heading, rad.
     pub fn new(config: &VesselConfig, heading: f64, streams: &Streams) -> MeanPath {
         let mut draw = streams.stream("vessel/course");
         let mut between = |low: f64, high: f64| low + (high - low) * draw.random::<f64>();
@@ -118,7 +116,7 @@ impl MeanPath {
             VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
             VesselCourse::Zigzag => {
                 let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
-                // The first leg lies half a turn off the mean course.
+                // The heading of the first leg is half a turn's angle off the mean course.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
             }
@@ -134,7 +132,7 @@ impl MeanPath {
         path
     }
 
-    /// The one turn or change of speed of a course is open no more: it begins a drawn time after `t`, s.
+    /// Starts a course's turn or speed change a drawn time after `t`, s, unless the start is fixed.
     pub fn ask_change(&mut self, t: f64) {
         match &mut self.shape {
             Shape::Turns(turns) => turns.begins.ask(t),
@@ -158,7 +156,6 @@ impl MeanPath {
         }
     }
 
-    /// The path at `t`, s.
     pub fn at(&self, t: f64) -> PathPoint {
         match &self.shape {
             Shape::Straight => straight(Vector2::zeros(), self.speed, self.heading, t),
@@ -166,7 +163,7 @@ impl MeanPath {
             Shape::SpeedChange { begins, by } => {
                 let s = ((t - begins.at) / SPEED_CHANGE_S).max(0.0);
                 let c = s.min(1.0);
-                // The integral of the quintic step, and the rest at the new speed.
+                // Integral of the quintic step, and the remaining time at the new speed.
                 let more = SPEED_CHANGE_S * (c.powi(4) * (2.5 - 3.0 * c + c * c) + (s - c));
                 let ahead = turned(Vector2::new(1.0, 0.0), self.heading);
                 PathPoint {
@@ -197,14 +194,14 @@ fn straight(from: Vector2<f64>, speed: f64, heading: f64, since: f64) -> PathPoi
     }
 }
 
-/// The limit cycle of a thruster with a dead band against a steady wind, in one degree of freedom.
+/// Limit cycle of a thruster with a dead band against a steady wind, in one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 struct Cycle {
     /// Amplitude of the first harmonic, m or rad.
     amplitude: f64,
-    /// rad/s.
+    /// Angular frequency, rad/s.
     omega: f64,
-    /// rad.
+    /// Phase, rad.
     phase: f64,
 }
 
@@ -220,21 +217,21 @@ impl Cycle {
     }
 }
 
-/// Sheering about an anchor.
 #[derive(Clone, Copy, Debug)]
 struct Sheer {
-    /// From the anchor to amidships, m.
+    /// Distance from the anchor to amidships, m.
     rode: f64,
-    /// The bow swings so far to either side, rad; the rode half as far.
+    /// Maximum swing of the bow to either side, rad; the rode swings half as far.
     swing: f64,
-    /// rad/s.
+    /// Angular frequency, rad/s.
     omega: f64,
-    /// rad.
+    /// Phase, rad.
     phase: f64,
 }
 
 impl Sheer {
-    /// The anchor lies along the heading at rest. The bow points most to a side where the hull moves fastest to it.
+    /// Point at `t`, s; the anchor is ahead at the heading `rest`. The bow is furthest to a side when the hull moves
+    /// fastest to that side.
     fn at(&self, rest: f64, t: f64) -> PathPoint {
         let (sin, cos) = (self.omega * t + self.phase).sin_cos();
         let arc = |sin: f64| turned(Vector2::new(-self.rode, 0.0), rest + 0.5 * self.swing * sin);
@@ -247,18 +244,18 @@ impl Sheer {
     }
 }
 
-/// Turns at a constant speed, straight legs between them.
+/// Turns at a constant speed, joined by straight legs.
 #[derive(Clone, Debug)]
 struct Turns {
     begins: Begin,
     /// Angle of the first turn, to starboard, rad.
     angle: f64,
-    /// Every other turn goes to the other side.
+    /// Turns alternate between starboard and port.
     alternates: bool,
-    /// Duration of a turn and of the straight leg after it, s.
+    /// Duration of a turn, and of the straight leg after it, s.
     turn: f64,
     leg: f64,
-    /// Way made in the first turn by its parts, m, along and across its first heading.
+    /// Path of the first turn in parts, m, along and across its initial heading.
     way: Vec<Vector2<f64>>,
 }
 
@@ -273,9 +270,9 @@ impl Turns {
             way: way(speed, angle, turn),
         }
     }
-    /// Around a square to starboard.
+    /// A square with turns to starboard.
     fn square(speed: f64, side: f64) -> Turns {
-        // The way made in a turn scales with its duration; two have to fit into a side.
+        // The distance covered in a turn is proportional to its duration; a side must fit two.
         let shape = way(1.0, FRAC_PI_2, 1.0).last().map_or(0.0, |w| w.x);
         let turn = TURN_S.min(0.45 * side / (speed * shape));
         let reach = shape * speed * turn;
@@ -285,7 +282,7 @@ impl Turns {
         };
         Turns::new(speed, first, FRAC_PI_2, turn, (side - 2.0 * reach) / speed)
     }
-    /// To either side by turns, from turn to turn so long, s.
+    /// Turns to alternate sides, `between` seconds from one turn to the next.
     fn zigzag(speed: f64, angle: f64, between: f64) -> Turns {
         let turn = TURN_S * angle.abs() / FRAC_PI_2;
         let first = Begin {
@@ -302,7 +299,7 @@ impl Turns {
         Turns::new(speed, begins, angle, turn, FOR_GOOD_S)
     }
 
-    /// Number of the last turn begun (negative before the first) and the time since it began, s.
+    /// Number of the last turn begun (negative before the first), and the time since its start, s.
     fn phase(&self, t: f64) -> (f64, f64) {
         let since = t - self.begins.at;
         if since < 0.0 {
@@ -311,30 +308,30 @@ impl Turns {
         let turn = (since / (self.turn + self.leg)).floor();
         (turn, since - turn * (self.turn + self.leg))
     }
-    /// Side of turn `k`: 1 or -1 where they alternate.
+    /// Direction of turn `k`: 1, or -1 for every other turn if turns alternate.
     fn side(&self, k: u64) -> f64 {
         if self.alternates && k % 2 == 1 { -1.0 } else { 1.0 }
     }
-    /// Heading before turn `k` less that before the first, rad.
+    /// Heading before turn `k` minus the heading before the first, rad.
     fn turned_before(&self, k: u64) -> f64 {
         let turns = if self.alternates { k % 2 } else { k };
         turns as f64 * self.angle
     }
-    /// From the start of turn `k` to that of the next, in the axes of the heading before the first, m.
+    /// Displacement from the start of turn `k` to the next, in the axes of the heading before the first turn, m.
     fn step(&self, k: u64, speed: f64) -> Vector2<f64> {
         let whole = self.way.last().copied().unwrap_or_default();
         let whole = Vector2::new(whole.x, self.side(k) * whole.y);
         let leg = turned(Vector2::new(speed * self.leg, 0.0), self.turned_before(k + 1));
         turned(whole, self.turned_before(k)) + leg
     }
-    /// The path at `t` (s) with the heading before the first turn, rad.
+    /// Point of the path at `t` (s), from the heading before the first turn, rad.
     fn at(&self, first_heading: f64, speed: f64, t: f64) -> PathPoint {
         let (turn, since) = self.phase(t);
         if turn < 0.0 {
             return straight(Vector2::zeros(), speed, first_heading, t);
         }
         let turn = turn as u64;
-        // Four corners close a square; two turns of a zigzag lead on along its mean course.
+        // Four corners close a square; two turns of a zigzag continue along its mean course.
         let cycle = if self.alternates { 2 } else { 4 };
         let steps = |n: u64| (0..n).map(|k| self.step(k, speed)).sum::<Vector2<f64>>();
         let rounds = if self.alternates {
@@ -358,7 +355,7 @@ impl Turns {
             heading: here,
         }
     }
-    /// The way made `since` the first turn began: cubic between the parts, with the velocity at their ends.
+    /// Position `since` seconds after the first turn began: cubic between the parts, matching their velocities.
     fn position(&self, since: f64, speed: f64) -> Vector2<f64> {
         let h = self.turn / TURN_PARTS as f64;
         let i = ((since / h).floor().max(0.0) as usize).min(TURN_PARTS - 1);
@@ -374,7 +371,7 @@ impl Turns {
     }
 }
 
-/// Way made in a turn by `angle` (rad) of `turn` seconds at `speed`, by its parts (Simpson's rule).
+/// Path of a turn by `angle` (rad) in `turn` seconds at `speed`, in parts (Simpson's rule).
 fn way(speed: f64, angle: f64, turn: f64) -> Vec<Vector2<f64>> {
     let h = turn / TURN_PARTS as f64;
     let velocity = |t: f64| turned(Vector2::new(speed, 0.0), angle * smooth_step(t, turn).y);

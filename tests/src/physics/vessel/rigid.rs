@@ -26,15 +26,15 @@ pub fn coriolis(m: &Matrix6<f64>, nu: &Vector6<f64>) -> Vector6<f64> {
     join(w.cross(&p), v.cross(&p) + w.cross(&h))
 }
 
-/// The linear part of a velocity or force.
+/// Linear part of a velocity or force.
 pub fn head(x: &Vector6<f64>) -> Vector3<f64> {
     Vector3::new(x[0], x[1], x[2])
 }
-/// The angular part.
+/// Angular part of a velocity or force.
 pub fn tail(x: &Vector6<f64>) -> Vector3<f64> {
     Vector3::new(x[3], x[4], x[5])
 }
-/// Both parts together.
+/// Joins the linear and angular parts.
 pub fn join(a: Vector3<f64>, b: Vector3<f64>) -> Vector6<f64> {
     Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
 }
@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn free_rigid_body_energy_and_momentum() {
-        // nu' = -M^-1 C nu, RK4; kinetic energy 0.5 nu' M nu and the world's linear momentum stay.
+        // nu' = -M^-1 C nu, RK4; kinetic energy 0.5 nu' M nu and linear momentum in NED are constant.
         let m = masses();
         let inverse = m.try_inverse().unwrap();
         let f = |nu: &Vector6<f64>| -(inverse * coriolis(&m, nu));
@@ -73,7 +73,7 @@ mod tests {
         }
         assert!((energy(&nu) / e0 - 1.0).abs() < 1e-9);
         assert!((q * head(&(m * nu)) - p0).norm() / p0.norm() < 1e-3);
-        // It did something.
+        // The motion has changed.
         assert!((nu - Vector6::new(2.0, -0.5, 0.3, 0.4, -0.3, 0.6)).norm() > 0.1);
     }
 }

@@ -12,7 +12,7 @@ fn heading_north() -> VesselConfig {
         ..VesselConfig::default()
     }
 }
-/// Runs for `seconds` and hands every state to `see`.
+/// Runs for `seconds`, and passes every state to `see`.
 fn run(vessel: &mut Vessel, sea: &Sea, seconds: f64, mut see: impl FnMut(f64, &RigidState<VesselBody>)) {
     for i in 0..(seconds / DT).round() as i64 {
         let t = Time::from_nanos(i * 10_000_000);
@@ -34,7 +34,7 @@ fn vessel_on_calm_water() {
 
 #[test]
 fn vessel_natural_periods() {
-    // Released 3 cm too high, or tilted by 2 deg, with little damping: periods by zero crossings.
+    // Released 3 cm too high, or tilted by 2 deg, with little damping; periods by zero crossings.
     let sea = calm();
     let config = VesselConfig {
         damping_ratio: [0.02; 3],
@@ -69,7 +69,7 @@ fn vessel_natural_periods() {
 
 #[test]
 fn vessel_in_long_waves() {
-    // 160 m long, 0.8 m high: ratio to the hull 33.
+    // 160 m long, 0.8 m high: 33 times the hull.
     let sea = Sea::regular(0.8, 160.0, 0.5);
     let config = VesselConfig {
         heading_deg: Some(60.0),
@@ -216,7 +216,7 @@ fn vessel_mean_path_on_every_course() {
             change_at_s: Some(30.0),
             ..heading_north()
         };
-        // Up by half.
+        // Faster by half.
         config.power_for(3.0);
         for seed in 0..3 {
             let streams = Streams::new(seed);
@@ -224,7 +224,7 @@ fn vessel_mean_path_on_every_course() {
             let mut vessel = Vessel::new(&config, &sea, &streams);
             let (mut speed, mut heading, mut place, mut n) = (0.0, 0.0, 0.0_f64, 0.0);
             run(&mut vessel, &sea, 120.0, |t, s| {
-                // The waves' share averages out.
+                // The waves' part averages out.
                 let here = path.at(t);
                 let off = alight_shared::frames::wrap_angle(s.euler().z - here.heading);
                 heading += off * off;
@@ -259,7 +259,7 @@ proptest::proptest! {
         let l2 = mass * 4.9 * 4.9;
         let config = VesselConfig {
             mass_kg: mass,
-            // From the minimum inertia allowed to a quarter of the maximum.
+            // From the minimum permitted inertia to a quarter of the maximum.
             inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
             damping_ratio: [damping; 3],
             sideways_coupling: coupling,

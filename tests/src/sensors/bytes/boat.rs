@@ -13,6 +13,9 @@ use crate::sensors::clocks::ClockModel;
 /// Devices of each vessel: receiver, compass, inertial sensor.
 pub const DEVICES: usize = 3;
 
+/// Address of the drone's own GNSS receiver in lock-step.
+pub const RECEIVER: &str = "serial:///dev/receiver";
+
 /// A latency as it is at the world's ticks, s.
 pub fn in_ticks_s(latency_s: f64) -> f64 {
     (latency_s / TICK.secs() - 1e-6).ceil() * TICK.secs()

@@ -1,4 +1,4 @@
-//! From light to grey levels: what the lens scatters by night, and the sensor.
+//! Conversion of light to grey levels: scatter in the lens by night, and the sensor.
 
 use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
@@ -9,14 +9,14 @@ use super::super::night::{NightConfig, veil};
 use super::rays::Ray;
 use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
 
-/// Side of the squares of pixels by which the scene's own scatter is computed, px.
+/// Side of the pixel squares for which the scene's own scatter is computed, px.
 const SQUARE_PX: usize = 16;
-/// Squares whose light is below this part of the brightest one's scatter nothing that matters.
+/// Ratio to the brightest square below which a square's scatter is negligible.
 const FAINT: f32 = 0.01;
 
-/// Sensor that makes grey levels and noise of light.
+/// Converts light to grey levels with noise.
 pub(super) struct Sensor {
-    /// Grey levels of one unit of light.
+    /// Grey levels per unit of light.
     scale: f32,
     /// Variance of the noise in the dark, and per grey level.
     dark: f32,
@@ -24,7 +24,7 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// By day light is a share of white, which has its grey level; by night exposure and gain count.
+    /// By day light is a fraction of white, whose grey level is configured; by night exposure and gain determine it.
     pub(super) fn of(config: &RenderConfig, night: Option<&NightConfig>, shot: &Shot) -> Sensor {
         let Some(night) = night else {
             return Sensor {
@@ -43,7 +43,7 @@ impl Sensor {
     }
 }
 
-/// The sun's mirror image on a wet deck.
+/// Mirror image of the sun on a wet deck.
 pub(super) struct Glare {
     from: [f32; 3],
     peak: f32,
@@ -59,20 +59,19 @@ impl Glare {
     }
 }
 
-/// Direction of a ray.
 fn direction(ray: &Ray) -> Vector3<f32> {
     Vector3::new(ray.at[0], ray.at[1], 1.0).normalize()
 }
 
 impl Renderer {
-    /// The sun in the deck as a mirror; None when it is dry.
+    /// Mirror image of the sun in the deck; None when it is dry.
     pub(super) fn glare_on(&self, view: &CameraMotion, deck_in_camera: &DeckInCamera) -> Option<Glare> {
         if !(self.config.glare > 0.0) || self.night.is_some() {
             return None;
         }
         let normal = deck_in_camera.axes * Vector3::z();
         let sun = (view.camera_from_world * self.sun).0;
-        // The direction that the mirror turns into the sun's.
+        // Direction that the mirror reflects to the sun.
         let from = sun - normal * (2.0 * sun.dot(&normal));
         Some(Glare {
             from: [from.x as f32, from.y as f32, from.z as f32],
@@ -80,7 +79,8 @@ impl Renderer {
             width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
         })
     }
-    /// Grey levels of light, in parts of `band` pixels; the noise is the draws from `start` on, `stride` by `stride`.
+    /// Converts light to grey levels, in parts of `band` pixels; the noise takes the draws from `start` on with the
+    /// given stride.
     pub(super) fn expose(
         &self,
         sensor: &Sensor,
@@ -101,7 +101,7 @@ impl Renderer {
             }
         });
     }
-    /// Adds what the lens scatters of the scene's light and of the lamp's, and the lamp.
+    /// Adds the lens's scatter of the scene's and the lamp's light, and the lamp itself.
     pub(super) fn scatter(&self, night: &NightConfig, shot: &Shot, light: &mut [f32]) {
         let width = self.config.lens.width_px as usize;
         let own = self.own_scatter(light, width);
@@ -111,7 +111,7 @@ impl Renderer {
         let (to_lamp, at_lens) = (lamp.normalize().map(|v| v as f32), night.lamp_lux(lamp.norm()));
         let (surface_lux, lamp_m) = night.lamp_surface();
         let on = at_lens > 0.0 && lamp.z > 0.0;
-        // A lamp of less than a pixel gives that pixel what falls into it.
+        // A lamp smaller than a pixel adds its light to that pixel.
         let radius = 0.5 * lamp_m / lamp.norm();
         let pixel = 0.7 / self.config.lens.focal_px[0];
         let core = (
@@ -132,7 +132,8 @@ impl Renderer {
             }
         });
     }
-    /// Light scattered into each square of pixels: `Σ veil(θ) ω E/π` of the others' light `E` and solid angle `ω`.
+    /// Light scattered into each square of pixels: `Σ veil(θ) ω E/π` over the other squares, of light `E` and solid
+    /// angle `ω`.
     fn own_scatter(&self, light: &[f32], width: usize) -> Vec<f32> {
         let (columns, rows) = (width.div_ceil(SQUARE_PX), light.len().div_ceil(width * SQUARE_PX));
         let height = light.len() / width.max(1);
@@ -155,7 +156,7 @@ impl Renderer {
             .collect();
         let into = |(at, _): &(Vector3<f32>, f32)| {
             let from = |(toward, sum): &&(Vector3<f32>, f32)| {
-                // A pixel off the axis subtends the cube of the cosine.
+                // The solid angle of a pixel off the axis scales with the cube of the cosine.
                 sum * toward.z.powi(3) * veil(f64::from((toward - at).norm())) as f32
             };
             pixel * sources.iter().map(from).sum::<f32>()

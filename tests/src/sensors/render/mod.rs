@@ -1,9 +1,8 @@
-//! Images of the deck as the belly camera would take them: perspective, lens distortion, the optics'
-//! blur, motion during the exposure, glare of the sun, noise of the sensor, the sea around.
+//! Images of the deck by the belly camera: perspective, lens distortion, blur of the optics, motion during the
+//! exposure, glare of the sun, sensor noise, and the sea around the deck.
 //!
-//! A pixel is the mean of rays through it, spread as its area and the optics spread light, each at its
-//! own instant of the exposure. Nothing here is shared with the node that looks at the images, but the
-//! lens's numbers.
+//! A pixel is the mean of rays that are distributed as its area and the optics spread light, each at its own instant of
+//! the exposure. Only the lens parameters are shared with the node that processes the images.
 
 mod light;
 mod paint;
@@ -32,52 +31,48 @@ use plane::{DeckInCamera, ToDeck};
 use rays::{Pattern, Ray, RaySample, Rays};
 
 config! {
-    /// The camera and the light, as they are.
+    /// True parameters of camera and light.
     pub struct RenderConfig {
-        /// Images take the place of the tag's measurement model.
+        /// Use images instead of the tags' measurement model.
         pub on: bool = false;
-        /// Images take the place of the UV markers' measurement model, too.
+        /// Use images instead of the UV markers' measurement model, too.
         pub markers: bool = false;
-        /// Glints of the sun in an ultraviolet image.
+        /// Number of sun glints in an ultraviolet image.
         pub glints: u32 = 10, in 0.0..=1e4;
-        /// The true lens; the node has the calibrated one.
+        /// True lens; the node has the calibrated one.
         pub lens: Lens;
-        /// Grey level of a white surface in the light; above 255 is clipped.
-        /// Chosen: a usual machine-vision sensor and a lens of moderate quality in daylight.
+        /// Grey level of a sunlit white surface; above 255 it is clipped.
+        /// Chosen: a typical machine-vision sensor and a lens of moderate quality in daylight.
         pub white: f64 = 210.0, in 1.0..=1e4;
-        /// Standard deviation of the optics' blur, px.
+        /// Standard deviation of the optical blur, px.
         pub optics_sd_px: f64 = 0.6, in 0.0..=5.0;
-        /// Standard deviation of the sensor's noise in the dark, grey levels.
+        /// Standard deviation of the sensor noise in the dark, grey levels.
         pub dark_sd: f64 = 2.0, in 0.0..=50.0;
-        /// Variance of the photons' noise per grey level, grey levels.
+        /// Variance of the photon noise per grey level, grey levels.
         pub shot: f64 = 0.05, in 0.0..=10.0;
-        /// The sun's mirror image on a wet deck, as a share of white; 0: a dry one.
+        /// Brightness of the sun's mirror image on a wet deck, as a fraction of white; 0: dry deck.
         pub glare: f64 = 0.0, in 0.0..=100.0;
-        /// Width of that image (standard deviation), deg.
+        /// Width of the mirror image (standard deviation), deg.
         pub glare_sd_deg: f64 = 8.0, in 0.5..=90.0;
-        /// Height of the sun above the horizon, deg; its bearing is drawn per seed.
+        /// Elevation of the sun above the horizon, deg; its bearing is drawn per seed.
         pub sun_height_deg: f64 = 50.0, in 0.0..=90.0;
     }
 }
 
-/// Input of an image.
 #[derive(Clone, Copy)]
 pub struct Shot {
-    /// Middle of the exposure, true.
+    /// True time of the middle of the exposure.
     pub t: Time<TrueTime>,
-    /// Time on the drone's clock.
     pub at: Time<DroneClock>,
     /// Length of the exposure, s.
     pub exposure_s: f64,
-    /// Gain over the sensor's minimum; of no effect by day.
+    /// Gain relative to the sensor's minimum; no effect by day.
     pub gain: f64,
-    /// The camera at that time.
     pub view: CameraMotion,
-    /// The deck at that time.
     pub deck: RigidState<Deck>,
 }
 
-/// Equality within one world: the same time is the same shot.
+/// Two shots of one world are equal when their times are.
 impl PartialEq for Shot {
     fn eq(&self, o: &Shot) -> bool {
         self.t == o.t
@@ -89,7 +84,7 @@ impl core::fmt::Debug for Shot {
     }
 }
 
-/// Begins an image each period.
+/// Starts one image per period.
 #[derive(Clone, Debug)]
 pub(super) struct Shutter {
     schedule: SampleSchedule,
@@ -103,7 +98,7 @@ impl Shutter {
             clock,
         }
     }
-    /// The image that begins at `t`, if one does, with the setting that the camera has then.
+    /// The image that starts at `t`, if any, with the camera's present setting.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -126,10 +121,9 @@ impl Shutter {
     }
 }
 
-/// Draws that the sensor's noise is taken from again and again, in another order each time.
+/// Number of draws for the sensor noise, which are reused in a different order for each image.
 const DRAWS: usize = 1 << 14;
 
-/// The camera at work.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     config: RenderConfig,
@@ -140,15 +134,15 @@ pub struct Renderer {
     sun: Vector<TrueNed>,
     /// The drone, and the pixels that its legs cover.
     drone: Option<(Occlusion, Vec<bool>)>,
-    /// By day light is a share of white, by night lux of white.
+    /// Light is a fraction of white by day, and lux on white by night.
     night: Option<NightConfig>,
     normals: Vec<f32>,
     noise: Noise,
 }
 
-/// Light in a shadow on a clear day, as a share: the sky's.
+/// Light of the sky in a shadow on a clear day, as a fraction.
 const SHADE: f32 = 0.2;
-/// Light from a leg, as a share of that from a white surface: carbon.
+/// Light from a leg of carbon, as a fraction of that from a white surface.
 const LEG: f32 = 0.04;
 
 /// Direction to the sun of this seed.
@@ -161,12 +155,11 @@ fn sun_of(config: &RenderConfig, light: &mut Noise) -> Vector<TrueNed> {
     Vector::new(cos * north, cos * east, -sin)
 }
 
-/// Side of the largest block of pixels that is drawn at once, px.
+/// Maximum side of a block of pixels that is drawn at once, px.
 const BLOCK_PX: usize = 16;
-/// The lens bends a straight line by less than this within a block, px.
+/// Maximum bend of a straight line by the lens within a block, px.
 const BEND_PX: f32 = 0.5;
 
-/// A block of pixels, its ends included.
 #[derive(Clone, Copy)]
 struct Block {
     left: usize,
@@ -176,7 +169,7 @@ struct Block {
 }
 
 impl Block {
-    /// Quarters of the block; of a line of pixels its halves.
+    /// Quarters of the block, or halves of a line of pixels.
     fn parts(&self) -> impl Iterator<Item = Block> {
         let halves = |from: usize, to: usize| {
             let middle = from + (to - from) / 2;
@@ -195,17 +188,14 @@ impl Block {
     }
 }
 
-/// The light of some rows of an image.
 struct Band<'a> {
     light: &'a mut [f32],
-    /// First row of the band.
     top: usize,
-    /// Width of the image, px.
     width: usize,
 }
 
 impl Band<'_> {
-    /// Each pixel of a block within it, with its place in the image.
+    /// Applies `each` to the pixels of a block within the band, with their index in the image.
     fn pixels(&mut self, block: &Block, mut each: impl FnMut(usize, &mut f32)) {
         for row in block.top..=block.bottom {
             let from = (row - self.top) * self.width;
@@ -217,28 +207,25 @@ impl Band<'_> {
     }
 }
 
-/// Content of one image.
 struct Scene<'a> {
     sea: SeaScene<'a>,
-    /// The deck, and the pixels that may show it: left, top, right, bottom.
+    /// The deck, and the bounds of the pixels that may show it: left, top, right, bottom.
     deck: Option<(DeckScene<'a>, [usize; 4])>,
 }
 
-/// The deck as one image shows it.
 struct DeckScene<'a> {
     deck: DeckInCamera,
     /// Rays of a pixel, each with the deck at its time.
     rays: Vec<(ToDeck, &'a RaySample)>,
-    /// Rays are at most so far from their pixel's middle, px.
+    /// Maximum distance of a ray from its pixel's centre, px.
     reach_px: f32,
-    /// Length of the motion blur, px.
     blur_px: f64,
     shadow: Option<Shadow>,
     glare: Option<Glare>,
 }
 
 impl DeckScene<'_> {
-    /// The deck at both ends of the exposure: between them is what moves.
+    /// The deck at the start and end of the exposure.
     fn ends(&self) -> Option<[&ToDeck; 2]> {
         let time = |(_, sample): &&(ToDeck, &RaySample)| sample.time;
         let by_time = |a: &&(ToDeck, &RaySample), b: &&(ToDeck, &RaySample)| time(a).total_cmp(&time(b));
@@ -248,9 +235,9 @@ impl DeckScene<'_> {
         );
         Some([&first.0, &last.0])
     }
-    /// Light along a ray: of the paint where the sun or only the sky reaches it, and of the sun's mirror image on this
-    /// share of the pixel.
-    fn lit(&self, ray: &Ray, paint: f32, share: f32) -> f32 {
+    /// Light along a ray: paint lit by the sun, or by the sky alone, plus the sun's mirror image on this fraction of
+    /// the pixel.
+    fn lit(&self, ray: &Ray, paint: f32, fraction: f32) -> f32 {
         let in_shadow = |shadow: &Shadow| self.deck.meet(ray.at).is_some_and(|at| shadow.covers(at));
         let shade = if self.shadow.as_ref().is_some_and(in_shadow) {
             SHADE
@@ -258,12 +245,11 @@ impl DeckScene<'_> {
             1.0
         };
         let shine = self.glare.as_ref().map_or(0.0, |g| g.at(ray.at));
-        paint * shade + shine * share
+        paint * shade + shine * fraction
     }
 }
 
 impl Renderer {
-    /// The camera of this seed.
     pub fn new(config: &RenderConfig, deck: &DeckGeometry, streams: &Streams) -> Renderer {
         let mut noise = Noise::new(streams, "drone.camera.pixels");
         let normals = (0..DRAWS).map(|_| noise.normal() as f32).collect();
@@ -285,7 +271,7 @@ impl Renderer {
         }
     }
 
-    /// The scene below this drone, whose camera is mounted so.
+    /// Adds the drone with its camera mount, which occludes and shades the scene.
     pub fn below(mut self, drone: &DroneGeometry, mount: &CameraMount) -> Renderer {
         let occlusion = Occlusion::new(drone, mount, self.sun);
         let lens = &self.config.lens;
@@ -305,7 +291,7 @@ impl Renderer {
         self.drone = Some((occlusion, covered));
         self
     }
-    /// The scene by night, if it is night.
+    /// Switches to night if `night` is given.
     pub fn at_night(mut self, night: Option<&NightConfig>) -> Renderer {
         if let Some(night) = night {
             self.paint = self.paint.at_night(night);
@@ -314,7 +300,7 @@ impl Renderer {
         self
     }
 
-    /// The image. None for a size that the configuration's check rejects.
+    /// Renders the image; None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.config.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
@@ -322,10 +308,10 @@ impl Renderer {
         self.render(shot, &mut pixels);
         GreyImage::new(width, height, pixels).ok()
     }
-    /// Renders the image into as many pixels as the lens has, row by row from the top.
+    /// Renders the image into the pixels of the lens, by rows from the top.
     pub fn render(&mut self, shot: &Shot, pixels: &mut [u8]) {
         let [width, height] = [self.config.lens.width_px, self.config.lens.height_px].map(|s| s as usize);
-        // Another walk through the draws for each image: an odd stride visits all of them.
+        // A different order of the draws for each image; an odd stride visits all of them.
         let start = (self.noise.uniform() * DRAWS as f64) as usize;
         let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
         let scene = self.scene(shot);
@@ -359,7 +345,7 @@ impl Renderer {
             }),
         }
     }
-    /// Draws a band: the sea, the deck before it, the legs before both.
+    /// Draws a band: the sea, the deck in front of it, the legs in front of both.
     fn draw(&self, band: &mut Band, scene: &Scene) {
         let white = self.night.map_or(1.0, |night| night.scene_lux() as f32);
         let (width, rows) = (band.width, band.light.len() / band.width.max(1));
@@ -394,7 +380,7 @@ impl Renderer {
             legs.for_each(|(light, _)| *light = white * LEG);
         }
     }
-    /// None when the camera is not above the deck.
+    /// Prepares the deck; None if the camera is not above it.
     fn deck_scene(
         &self,
         view: &CameraMotion,
@@ -407,7 +393,7 @@ impl Renderer {
         let cell_px = self.paint.min_cell_px(focal / distance);
         let speed = deck.drift.norm() / distance + deck.turn.norm();
         let blur_px = speed * exposure_s * focal;
-        // Enough rays for cells of few pixels, and for every half pixel of a smear.
+        // Enough rays for small cells, and one per half pixel of motion blur.
         let side = if cell_px > 16.0 {
             2
         } else if cell_px > 5.0 {
@@ -430,7 +416,7 @@ impl Renderer {
             rays: rays?,
             reach_px: pattern.reach_px() + BEND_PX,
             blur_px,
-            // What lights the night comes from everywhere.
+            // Light by night comes from all directions.
             shadow: (self.drone.as_ref().filter(|_| self.night.is_none()))
                 .map(|(drone, _)| drone.shadow(view)),
             glare: self.glare_on(view, &deck),
@@ -438,7 +424,7 @@ impl Renderer {
         })
     }
 
-    /// Draws a block of pixels: at once where all their rays meet the same light, else in four parts.
+    /// Draws a block of pixels: at once if all its rays meet the same light, otherwise in four parts.
     fn draw_block(&self, band: &mut Band, scene: &DeckScene, block: &Block) {
         let paint = self
             .patch(scene, block, band.width)
@@ -479,7 +465,7 @@ impl Renderer {
             *out = *out * (1.0 - hits * fraction) + scene.lit(ray, sum * fraction, hits * fraction);
         }
     }
-    /// Patch of the deck's plane that all rays of a block's pixels meet; None where one does not.
+    /// Patch of the deck's plane that the rays of a block meet; None if one misses the plane.
     fn patch(&self, scene: &DeckScene, block: &Block, width: usize) -> Option<Patch> {
         let mut patch = Patch {
             x: [f32::INFINITY, f32::NEG_INFINITY],
@@ -499,7 +485,7 @@ impl Renderer {
         Some(patch)
     }
 
-    /// Pixels that may show the deck: left, top, right, bottom.
+    /// Bounds of the pixels that may show the deck: left, top, right, bottom.
     fn bounds(&self, deck_in_camera: &DeckInCamera, exposure_s: f64, blur_px: f64) -> Option<[usize; 4]> {
         let lens = &self.config.lens;
         let whole = [0, 0, lens.width_px as usize - 1, lens.height_px as usize - 1];

@@ -1,5 +1,5 @@
-//! Reflectance of the scene: the deck's paint with its tags, and the sea around it. Light as a share of
-//! that from a white surface.
+//! Reflectance of the scene: the deck's paint with its tags, and the sea around it. Light is a fraction of that from a
+//! white surface.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
@@ -12,12 +12,11 @@ use super::super::night::{NightConfig, TAG};
 use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
-/// Minimum size of a cell in the image with which a tag may be decoded, px.
+/// Minimum size of a cell in the image for decoding a tag, px.
 const DECODED_CELL_PX: f64 = 1.5;
-/// Width of the deck's planks, m.
 const PLANK_M: f32 = 0.14;
 
-/// Cells of the index along each axis of the deck.
+/// Number of index cells along each axis of the deck.
 const INDEX: usize = 64;
 
 /// A tag with its white margin.
@@ -49,7 +48,6 @@ impl Painted {
     fn column(&self, y: f32) -> f32 {
         (y - self.centre[1]) / self.cell + 0.5 * CELLS as f32
     }
-    /// Content of a patch.
     fn within(&self, patch: &Patch) -> Paint {
         let rows = [self.row(patch.x[1]), self.row(patch.x[0])];
         let columns = [self.column(patch.y[0]), self.column(patch.y[1])];
@@ -72,29 +70,27 @@ impl Painted {
     }
 }
 
-/// A rectangle on the deck: forward from..to, to starboard from..to, m.
+/// Rectangle on the deck: range forward and range to starboard, m.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     pub(super) x: [f32; 2],
     pub(super) y: [f32; 2],
 }
 
-/// Content of a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Paint {
-    /// Nothing of the deck.
+    /// No part of the deck.
     Outside,
-    /// The deck, of one light everywhere.
+    /// Deck of uniform light.
     Even(f32),
     Edges,
 }
 
-/// The deck's upper surface.
 #[derive(Clone, Debug)]
 pub(super) struct DeckPaint {
     half: [f32; 2],
     tags: Vec<Painted>,
-    /// Which tags may be in each part of the deck, a bit for each.
+    /// Bit mask of the tags in each index cell.
     index: Vec<u32>,
     /// Light from a white surface.
     scene: f32,
@@ -131,14 +127,14 @@ impl DeckPaint {
             scene: 1.0,
         }
     }
-    /// The paint by night: light in lux of white.
+    /// The paint by night: light in lux on white.
     pub(super) fn at_night(mut self, night: &NightConfig) -> DeckPaint {
         self.scene = night.scene_lux() as f32;
         let light = night.tag_lux().map(|lux| lux as f32);
         self.tags.iter_mut().for_each(|tag| tag.light = light);
         self
     }
-    /// Side of the smallest of the tags' cells that may be decoded with `px` per metre; of the largest where none may.
+    /// Smallest cell side of the tags that can be decoded at `px` per metre; the largest if none can.
     pub(super) fn min_cell_px(&self, px: f64) -> f64 {
         let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
         let most = cells().fold(0.0, f64::max);
@@ -172,14 +168,13 @@ impl DeckPaint {
         let plank = (y / PLANK_M).floor() as i32;
         self.scene * if plank % 2 == 0 { 0.42 } else { 0.50 }
     }
-    /// Whether all of a patch is on the deck.
     pub(super) fn covers(&self, patch: &Patch) -> bool {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         sides
             .iter()
             .all(|([from, to], half)| -half <= *from && to <= half)
     }
-    /// Content of a patch; edges where an exact answer would take long.
+    /// Content of a patch; reports edges when an exact answer is expensive.
     pub(super) fn within(&self, patch: &Patch) -> Paint {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
@@ -188,7 +183,7 @@ impl DeckPaint {
         if !self.covers(patch) {
             return Paint::Edges;
         }
-        // The first tag that has something of it decides, as at a point.
+        // The first tag that overlaps the patch decides, as for a point.
         for tag in &self.tags {
             match tag.within(patch) {
                 Paint::Outside => {}
@@ -202,7 +197,7 @@ impl DeckPaint {
             Paint::Edges
         }
     }
-    /// Points along the deck's edge, in its own axes, m.
+    /// Points along the deck's edge, in the deck's axes, m.
     pub(super) fn outline(&self) -> impl Iterator<Item = Vector3<f64>> {
         let [x, y] = self.half.map(f64::from);
         (0..16).flat_map(move |k| {
@@ -217,10 +212,10 @@ impl DeckPaint {
     }
 }
 
-/// Side of the square of noise that the sea is painted with, points.
+/// Side of the square noise tile that textures the sea, points.
 const TILE: usize = 128;
 
-/// The sea: patches of light and dark that move, glitter towards the sun, haze far away.
+/// The sea: moving patches of light and dark, glitter towards the sun, and haze far away.
 #[derive(Clone, Debug)]
 pub(super) struct SeaPaint {
     tile: Vec<f32>,
@@ -229,7 +224,7 @@ pub(super) struct SeaPaint {
 impl SeaPaint {
     pub(super) fn new(draw: &mut Noise) -> SeaPaint {
         let rough: Vec<f32> = (0..TILE * TILE).map(|_| draw.normal() as f32).collect();
-        // Smooth over three points, round the edges.
+        // Smooth over three points, with wrap-around.
         let at = |x: usize, y: usize| rough.get((y % TILE) * TILE + x % TILE).copied().unwrap_or(0.0);
         let tile = (0..TILE * TILE).map(|k| {
             let (x, y) = (k % TILE + TILE, k / TILE + TILE);
@@ -258,18 +253,17 @@ impl SeaPaint {
     }
 }
 
-/// The largest integer that is not above `x`; without SSE 4.1 `floor` is a call.
+/// Largest integer not above `x`; without SSE 4.1 `f32::floor` is a function call.
 fn floor(x: f32) -> i64 {
     let whole = x as i64;
     whole - i64::from(whole as f32 > x)
 }
 
-/// The sea in one image.
 pub(super) struct SeaScene<'a> {
     sea: &'a SeaPaint,
-    /// Rotation from the camera's axes to the world's.
+    /// Rotation world from camera.
     world: Matrix3<f32>,
-    /// The camera, m; its height above the sea, m.
+    /// Position of the camera, m, and its height above the sea, m.
     centre: Vector3<f32>,
     height: f32,
     /// Direction to the sun's mirror image.
@@ -278,7 +272,7 @@ pub(super) struct SeaScene<'a> {
 }
 
 impl SeaScene<'_> {
-    /// Light along a ray: sea below the horizon, sky above.
+    /// Light along a ray: sea below the horizon, sky above it.
     pub(super) fn light(&self, ray: &Ray) -> f32 {
         let (m, [u, v]) = (&self.world, ray.at);
         let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
@@ -288,14 +282,14 @@ impl SeaScene<'_> {
         }
         let reach = self.height / down;
         let (north, east) = (self.centre.x + d[0] * reach, self.centre.y + d[1] * reach);
-        // Swell of some metres, ripples of a few decimetres that haze swallows.
+        // Swell of some metres, and ripples of a few decimetres, which fade in the haze.
         let (sea, t_s) = (self.sea, self.t_s);
         let swell = sea.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
         let ripple = sea.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
         let near = 1.0 / (1.0 + 0.05 * reach);
         let cos = (d[0] * self.mirrored[0] + d[1] * self.mirrored[1] + down * self.mirrored[2])
             / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
-        // Facets that happen to mirror the sun: more of them towards its image.
+        // Facets that mirror the sun are more frequent towards its image.
         let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
             1.2
         } else {

@@ -1,4 +1,4 @@
-//! The deck's plane, and the rays of the camera that meet it.
+//! The deck's plane, and its intersections with camera rays.
 
 use alight_shared::frames::Deck;
 use nalgebra::{Rotation3, Vector3};
@@ -6,12 +6,11 @@ use nalgebra::{Rotation3, Vector3};
 use super::super::camera::CameraMotion;
 use crate::physics::body::RigidState;
 
-/// Deck in the camera's axes.
 pub(super) struct DeckInCamera {
-    /// Deck's centre, m, and its axes.
+    /// Centre of the deck, m, and its axes.
     pub(super) at: Vector3<f64>,
     pub(super) axes: Rotation3<f64>,
-    /// Velocity of the centre, m/s, and rate of turn, rad/s, as the camera sees them.
+    /// Velocity of the centre, m/s, and rate of turn, rad/s, in camera coordinates.
     pub(super) drift: Vector3<f64>,
     pub(super) turn: Vector3<f64>,
 }
@@ -27,7 +26,7 @@ impl DeckInCamera {
             axes: axes.0.to_rotation_matrix(),
         }
     }
-    /// Point where a ray meets the deck's plane, m.
+    /// Intersection of a ray with the deck's plane, m.
     pub(super) fn meet(&self, [u, v]: [f32; 2]) -> Option<Vector3<f64>> {
         let (ray, normal) = (
             Vector3::new(f64::from(u), f64::from(v), 1.0),
@@ -36,7 +35,7 @@ impl DeckInCamera {
         let depth = normal.dot(&self.at) / normal.dot(&ray);
         (depth > 0.0).then(|| ray * depth)
     }
-    /// Deck's centre and axes `s` seconds from the middle of the exposure.
+    /// Centre and axes of the deck `s` seconds from the middle of the exposure.
     pub(super) fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
         (
             self.at + self.drift * s,
@@ -45,8 +44,8 @@ impl DeckInCamera {
     }
 }
 
-/// The homography from directions at unit distance to the deck's plane, as rows: a ray `d` meets the
-/// plane at `x = (X . d) / (Z . d)`, `y = (Y . d) / (Z . d)` where `Z . d > 0`.
+/// Homography from directions at unit distance to the deck's plane, as rows: a ray `d` meets the plane at `x = (X . d)
+/// / (Z . d)`, `y = (Y . d) / (Z . d)` if `Z . d > 0`.
 #[derive(Clone, Copy)]
 pub(super) struct ToDeck {
     x: [f32; 3],
@@ -55,7 +54,7 @@ pub(super) struct ToDeck {
 }
 
 impl ToDeck {
-    /// None when the camera is not above the deck.
+    /// None if the camera is not above the deck.
     pub(super) fn new(at: &Vector3<f64>, axes: &Rotation3<f64>) -> Option<ToDeck> {
         let m = axes.matrix();
         let [a, b, c] = [0, 1, 2].map(|k| m.column(k).into_owned());

@@ -1,11 +1,10 @@
-//! Directions of pixels, and the distribution of rays over a pixel.
+//! Directions of pixels, and the distribution of rays in a pixel.
 
 use alight_uav::camera::Lens;
 
 use crate::sensors::noise::Noise;
 
-/// Direction at unit distance of a pixel's middle, and what a step of one pixel to the right and down
-/// adds to it.
+/// Direction at unit distance of a pixel's centre, and its change per pixel to the right and down.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) at: [f32; 2],
@@ -14,7 +13,7 @@ pub(super) struct Ray {
 }
 
 impl Ray {
-    /// The direction some pixels away.
+    /// Direction at an offset in pixels.
     pub(super) fn moved(&self, right: f32, down: f32) -> [f32; 2] {
         [
             self.at[0] + self.right[0] * right + self.down[0] * down,
@@ -23,15 +22,15 @@ impl Ray {
     }
 }
 
-/// Those of all pixels, rows from the top.
+/// Rays of all pixels, by rows from the top.
 #[derive(Clone, Debug)]
 pub(super) struct Rays {
     pub(super) all: Vec<Ray>,
-    /// Furthest from the axis, at unit distance.
+    /// Maximum distance from the axis, at unit distance.
     furthest: f64,
 }
 
-/// Point to which the distortion moves a point at unit distance.
+/// Applies the lens distortion to a point at unit distance.
 fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let [k1, k2, p1, p2, k3] = lens.distortion;
     let r2 = x * x + y * y;
@@ -42,7 +41,7 @@ fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     ]
 }
 
-/// Inverse of the distortion by fixed-point iteration, damped, until nothing changes.
+/// Inverts the distortion by damped fixed-point iteration until it converges.
 fn straight(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let mut n = [x, y];
     for _ in 0..60 {
@@ -84,8 +83,8 @@ impl Rays {
             .collect();
         Rays { all, furthest }
     }
-    /// Pixel of a direction at unit distance. One outside the image is first brought near to it, where
-    /// the distortion still means something.
+    /// Pixel of a direction at unit distance. Directions outside the image are first moved close to it, where the
+    /// distortion model is valid.
     pub(super) fn pixel(&self, lens: &Lens, x: f64, y: f64) -> [f64; 2] {
         let max_radius = 1.05 * self.furthest;
         let scale = (max_radius / x.hypot(y).max(1e-12)).min(1.0);
@@ -97,7 +96,7 @@ impl Rays {
     }
 }
 
-/// One ray of a pixel: where in it, px, and when, as a share of the exposure from its middle.
+/// One ray of a pixel: offset in the pixel, px, and time as a fraction of the exposure from its middle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RaySample {
     pub(super) right: f32,
@@ -105,7 +104,7 @@ pub(super) struct RaySample {
     pub(super) time: f64,
 }
 
-/// `side` x `side` rays spread like a Gaussian with the variance of the pixel's area and the optics.
+/// `side` x `side` rays, distributed as a Gaussian with the variance of the pixel's area and the optics.
 #[derive(Clone, Debug)]
 pub(super) struct Pattern {
     pub(super) side: usize,
@@ -113,7 +112,7 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
-    /// The furthest of its rays from the pixel's middle along an axis, px.
+    /// Maximum distance of its rays from the pixel's centre along an axis, px.
     pub(super) fn reach_px(&self) -> f32 {
         let furthest = |r: &RaySample| r.right.abs().max(r.down.abs());
         self.rays.iter().map(furthest).fold(0.0, f32::max)
@@ -125,10 +124,10 @@ impl Pattern {
         let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
         let count = side * side;
         let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
-        // When each ray is: an order in which time goes with neither direction, and a ray's mirror image in
-        // the pixel's middle is as long before the middle of the exposure as the ray is after it. Without
-        // the first a moving edge would be sharper on one side, without the second all edges of a smear of
-        // 9 px would be moved by 0.3 px the same way (the odd moments of place and time together).
+        // Times of the rays, with two properties: time is uncorrelated with either direction, and the mirror image of a
+        // ray about the pixel's centre is as long before the middle of the exposure as the ray is after it. Without the
+        // first, a moving edge would be sharper on one side; without the second, all edges of a 9 px smear would shift
+        // by 0.3 px in the same direction (odd moments of position and time).
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
         for _ in 0..400 {
             let mut order: Vec<usize> = (0..count).collect();
@@ -165,12 +164,12 @@ impl Pattern {
     }
 }
 
-/// The middle of the `k`-th of `count` parts of the exposure.
+/// Middle of the `k`-th of `count` parts of the exposure.
 fn time(k: usize, count: usize) -> f64 {
     (k as f64 + 0.5) / count as f64 - 0.5
 }
 
-/// The standard normal distribution's quantile (Abramowitz and Stegun 1964, 26.2.23; error below 5e-4).
+/// Quantile of the standard normal distribution (Abramowitz and Stegun 1964, 26.2.23; error below 5e-4).
 fn normal_quantile(p: f64) -> f64 {
     let q = p.min(1.0 - p).max(1e-9);
     let t = (-2.0 * q.ln()).sqrt();

@@ -35,7 +35,7 @@ fn distorted() -> Lens {
     }
 }
 
-/// A camera at `up` m above the origin, `aside` m north of it, on a drone with these angles.
+/// A camera `up` m above and `aside` m north of the origin, on a drone with these angles.
 fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> CameraMotion {
     let mount = CameraMount {
         position: Vector3::zeros(),
@@ -163,7 +163,7 @@ fn rendered_motion_blur() {
     let pose = setup.node.detect(&image).expect("detected");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
-    // 9 px in any direction: whatever way the edges are shifted together is an error of the drawing.
+    // 9 px in any direction: a common shift of the edges is an error of the renderer.
     let mut sum = Vector3::zeros();
     for k in 0..12 {
         let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
@@ -196,7 +196,7 @@ fn rendered_glare_partial_view_and_open_sea() {
             .expect("an image");
         assert_eq!(setup.node.detect(&image), None);
     }
-    // A mirror that shows the sun to the camera: the sun is behind the drone.
+    // A mirror that reflects the sun into the camera: the sun is behind the drone.
     let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
     setup.renderer.sun = Vector::from(sun);
     let from_sun = view_along(&sun);
@@ -248,7 +248,7 @@ fn rendered_tag_metering_in_any_light() {
     }
 }
 
-/// A camera that looks straight down from where the deck mirrors the sun.
+/// A camera that looks straight down from where the deck reflects the sun.
 fn view_along(sun: &Vector3<f64>) -> CameraMotion {
     let height = 4.0;
     let away = -sun.xy() / -sun.z * height;
@@ -296,7 +296,7 @@ fn rendered_tags_from_contact_to_10_m() {
     }
 }
 
-/// Every pixel drawn by its own rays over the sea, as blocks of one light are not.
+/// Draws every pixel by its own rays over the sea, without uniform blocks.
 fn by_pixels(renderer: &Renderer, scene: &Scene) -> Vec<f32> {
     let (deck, _) = scene.deck.as_ref().expect("detected");
     let pixel = |ray| {

@@ -1,4 +1,4 @@
-//! Images of the ultraviolet camera: dark, but for the deck's blinking markers and glints on the water.
+//! Images of the ultraviolet camera: dark except for the deck's blinking markers and glints on the water.
 
 use alight_uav::camera::GreyImage;
 use alight_uav::camera::uvdar::UvdarSettings;
@@ -9,34 +9,30 @@ use super::Shot;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Light of a marker at 1 m, grey levels times pixels (ours: above the threshold up to 35 m).
+/// Light of a marker at 1 m, grey levels times pixels. Chosen: above the threshold up to 35 m.
 const LIGHT: f64 = 6e5;
-/// Standard deviation of a spot, px.
 const SPOT_SD_PX: f64 = 1.0;
-/// Furthest pixel that a spot's light reaches.
+/// Radius of a spot's light, px.
 const REACH_PX: i64 = 6;
-/// The sensor's noise, grey levels.
+/// Standard deviation of the sensor noise, grey levels.
 const NOISE_SD: f64 = 3.0;
-/// Black level of the sensor.
 const BLACK: f64 = 8.0;
 
-/// The camera and the markers as they are.
 #[derive(Clone, Debug)]
 pub struct Ultraviolet {
     settings: UvdarSettings,
     codes: Vec<Code>,
     uv_from_belly: UnitQuaternion<f64>,
-    /// The markers' clock against the camera's, bits; and how much faster it runs.
+    /// Phase of the markers' clock relative to the camera's, bits, and its relative rate.
     phase: f64,
     faster: f64,
-    /// Glints in an image.
     glints: usize,
     noise: Noise,
     normals: Vec<f32>,
 }
 
 impl Ultraviolet {
-    /// Those of a seed, with so many glints an image.
+    /// Camera and markers of a seed, with a number of glints per image.
     pub fn new(settings: &UvdarSettings, glints: usize, streams: &Streams) -> Ultraviolet {
         let mut noise = Noise::new(streams, "drone.ultraviolet");
         Ultraviolet {
@@ -50,7 +46,7 @@ impl Ultraviolet {
             settings: settings.clone(),
         }
     }
-    /// Share of the exposure in which the marker `k` is lit.
+    /// Fraction of the exposure for which the marker `k` is lit.
     fn lit(&self, k: usize, shot: &Shot) -> f64 {
         let Some(code) = self.codes.get(k) else { return 0.0 };
         let bits = |s: f64| (shot.t.secs() + s) * self.settings.rate_hz * (1.0 + self.faster) + self.phase;
@@ -61,7 +57,7 @@ impl Ultraviolet {
         };
         (0..parts).map(lit).sum::<f64>() / f64::from(parts)
     }
-    /// The image; None for a size that the configuration's check rejects.
+    /// Renders the image; None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.settings.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
@@ -96,7 +92,6 @@ impl Ultraviolet {
     }
 }
 
-/// Adds a Gaussian spot.
 fn spot(light: &mut [f32], width: usize, px: Vector2<f64>, strength: f64) {
     let (column, row) = (px.x.round() as i64, px.y.round() as i64);
     let norm = strength / (core::f64::consts::TAU * SPOT_SD_PX * SPOT_SD_PX);

@@ -1,4 +1,4 @@
-//! The drone's deck sensors.
+//! Sensors of the drone for the deck.
 
 use super::*;
 use alight_shared::frames::Camera;
@@ -11,7 +11,7 @@ fn deck() -> RigidState<Deck> {
 }
 const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
 
-/// All that a drone that stays there receives in `ticks` ticks.
+/// Everything that a stationary drone receives in `ticks` ticks.
 fn watch(
     config: &SensorConfig,
     drone: &RigidState<DroneBody>,
@@ -90,14 +90,14 @@ fn tag_visibility_limits() {
     // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
     assert!(!sees_tag([0.0, 7.0, -7.0], level) && sees_tag([0.0, 6.0, -7.0], level));
     assert!(!sees_tag([5.0, 0.0, -7.0], level) && sees_tag([4.5, 0.0, -7.0], level));
-    // A tilt moves it in the image: with the bow 30 deg up, what lies below is at the upper edge.
+    // A tilt moves the tag in the image: with the bow 30 deg up, a tag below is at the upper edge.
     assert!(sees_tag([0.0, 0.0, -7.0], [0.0, 0.5, 0.0]));
     assert!(!sees_tag([0.0, 0.0, -7.0], [0.0, 0.62, 0.0]));
-    // 13.3 px of 1 m at 320 px focal length: 24.1 m.
+    // 1 m is 13.3 px at a focal length of 320 px and a range of 24.1 m.
     assert!(sees_tag([0.0, 0.0, -23.6], level) && !sees_tag([0.0, 0.0, -24.6], level));
-    // The last decimetres: four corners of 1 m no longer fit 73.7 deg below 0.67 m.
+    // Last decimetres: below 0.67 m the four corners of 1 m do not fit into 73.7 deg.
     assert!(sees_tag([0.0, 0.0, -0.80], level) && !sees_tag([0.0, 0.0, -0.70], level));
-    // Looking along a deck that is tilted away: the width that is left decides, near later than far.
+    // View along a deck that is tilted away: the width limits detection, later when near than when far.
     let reads = |height: f64, deg: f64| {
         let tilted = still::<Deck>([0.0; 3], [0.0, deg.to_radians(), 0.0]);
         let at = still([0.0, 0.0, -height], level);
@@ -105,7 +105,7 @@ fn tag_visibility_limits() {
     };
     assert!(reads(3.0, 75.0) && !reads(3.0, 85.0));
     assert!(reads(13.0, 45.0) && !reads(13.0, 65.0));
-    // Its back is blank.
+    // The back of the tag is blank.
     assert!(!sees_tag([0.0, 0.0, 3.0], [core::f64::consts::PI, 0.0, 0.0]));
 }
 
@@ -121,8 +121,8 @@ fn tag_blur_tolerance_by_size() {
     assert!(reads(12.0, 4.0) && !reads(12.0, 7.0));
 }
 
-/// Root mean square distance of detections from the exact one in metres, their stated counterpart, and
-/// how many of the frames of `seconds` there were.
+/// Root mean square error of the detections, m, its reported counterpart, and the fraction of frames in `seconds` with
+/// a detection.
 fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize) -> (f64, f64, f64) {
     let tags = watch(config, drone, &deck(), 100 * seconds).tags;
     let exact = watch(&ideal(), drone, &deck(), 20).tags[0];
@@ -146,8 +146,8 @@ fn tag_detection_by_size() {
     for height in [2.0, 6.0, 12.0, 23.0] {
         let (real, stated, rate) = scatter(&config, &still([0.2, 0.1, -height], [0.0, 0.05, 0.3]), 20);
         assert!(real > last.0 && rate <= last.1, "{height} m: {real} m, {rate}");
-        // A large, sharp tag is known twice as well as stated. A small one has two tilts that fit it alike, and
-        // where the wrong one is taken the error is beyond any stated spread.
+        // The error of a large, sharp tag is half the reported one. A small tag has two tilts that fit equally well;
+        // when the wrong one is chosen, the error exceeds any reported deviation.
         assert!(
             (0.75..4.0).contains(&(stated / real)),
             "{height} m: {real} {stated}"
@@ -155,7 +155,7 @@ fn tag_detection_by_size() {
         last = (real, rate);
     }
     assert!(last.1 < 0.95, "{}", last.1);
-    // The sensor of before: one pixel at the corners, whatever the image.
+    // The former sensor model: one pixel at the corners, whatever the image.
     config.tag.corner_sd_px = 1.0;
     let (coarse, _, _) = scatter(&config, &still([0.2, 0.1, -6.0], [0.0, 0.05, 0.3]), 20);
     config.tag.corner_sd_px = 0.1;
@@ -210,7 +210,7 @@ fn uvdar_range() {
 fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
-    // Where the stated deviation is not the minimum one.
+    // Settings at which the reported deviation is above its minimum.
     (config.uvdar.bearing_sd_deg, config.uvdar.distance_sd) = (0.5, 0.07);
     config.uvdar.aside_sd_m = 0.0;
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);
@@ -234,7 +234,7 @@ fn uvdar_fix_variance() {
 
 #[test]
 fn rangefinder_over_deck_and_water() {
-    // It sits 0.10 m ahead of and 0.08 m below the centre of mass.
+    // The rangefinder is 0.10 m ahead of and 0.08 m below the centre of mass.
     let level = [0.0; 3];
     let near = |a: Option<f64>, b: f64| assert!(a.is_some_and(|a| (a - b).abs() < 1e-9), "{a:?} {b}");
     near(range([0.0, 0.0, -5.0], level, &deck()), 4.92);
@@ -244,12 +244,12 @@ fn rangefinder_over_deck_and_water() {
     // A tilted deck: the plane rises towards the bow.
     let up = still::<Deck>([0.0; 3], [0.0, 0.2, 0.0]);
     near(range([0.4, 0.0, -5.0], level, &up), 4.92 - 0.5 * 0.2_f64.tan());
-    // A tilted drone looks along its own down axis.
+    // A tilted drone measures along its own down axis.
     near(
         range([-0.1, 0.0, -50.0 / 3.0], [0.9, 0.0, 0.0], &deck()),
         (50.0 / 3.0 - 0.08 * 0.9_f64.cos() + 1.3) / 0.9_f64.cos(),
     );
-    // Limits, and upside down.
+    // Range limits, and a drone that is upside down.
     assert_eq!(range([0.0, 0.0, -31.0], level, &deck()), None);
     assert_eq!(range([0.0, 0.0, -0.12], level, &deck()), None);
     assert_eq!(

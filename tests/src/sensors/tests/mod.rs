@@ -1,4 +1,4 @@
-//! The sensors against their stated parameters.
+//! Tests of the sensors against their configured parameters.
 
 mod drone;
 mod night;
@@ -9,19 +9,18 @@ use super::*;
 use alight_shared::estimation::moments;
 use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
 
-/// The time of tick `k`.
 fn tick(k: usize) -> Time<TrueTime> {
     Time::from_nanos(k as i64 * 10_000_000)
 }
 
-/// The sensors of both craft and their clocks.
+/// Sensors of both craft and their clocks.
 struct Rig {
     clocks: clocks::Clocks,
     vessel: VesselSensors,
     drone: DroneSensors,
 }
 
-/// With the paper's tag alone on the deck.
+/// Sensors with the paper's tag alone on the deck.
 fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     let deck = DeckGeometry {
         tag_side_m: Some(1.0),
@@ -42,7 +41,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     }
 }
 
-/// Every error and every failure switched off; latencies stay.
+/// A configuration without errors and failures, but with latencies.
 fn ideal() -> SensorConfig {
     let mut c = SensorConfig::default();
     let imu = &mut c.vessel_imu;
@@ -77,7 +76,7 @@ fn ideal() -> SensorConfig {
     c
 }
 
-/// A body at rest at `position` with the given attitude.
+/// A body at rest at `position` with the attitude `euler`.
 fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     RigidState {
         position: Point::from(Vector3::from(position)),
@@ -86,8 +85,7 @@ fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     }
 }
 
-/// A smooth motion in all six degrees of freedom; derivatives by central differences of the
-/// analytic positions and angles.
+/// A smooth motion in six degrees of freedom; derivatives are central differences of the analytic positions and angles.
 fn rocking<B>(t: f64) -> RigidState<B> {
     let wave = |t: f64, a: f64, w: f64, p: f64| a * (w * t + p).sin();
     let place = |t: f64| {
@@ -145,6 +143,6 @@ fn sensor_determinism() {
     assert_eq!(count(|r| r.0.imu.len()), 500);
     assert!(count(|r| r.0.gnss.len()) > 45 && count(|r| r.0.heading.len()) > 45);
     assert!(count(|r| r.1.tags.len()) > 130, "{}", count(|r| r.1.tags.len()));
-    // 58 of 100 images of the markers give a fix.
+    // 58 of 100 images of the markers yield a fix.
     assert!((40..76).contains(&count(|r| r.1.uvdar.len())) && count(|r| r.1.ranges.len()) > 240);
 }

@@ -1,4 +1,4 @@
-//! The belly camera by night: its detector in rendered images compared with the measurement model.
+//! The belly camera by night: its detector on rendered images compared with the measurement model.
 
 use alight_uav::camera::TagSettings;
 use alight_uav::camera::detector::TagDetector;
@@ -14,13 +14,13 @@ use crate::sensors::tag::SimulatedTagDetector;
 
 const IMAGES: usize = 30;
 
-/// Share of the images with the tag, and the noise of its corners, px: in rendered images, and as the model has them.
+/// Fraction of images with a detection and corner noise, px: on rendered images, and by the model.
 struct Row {
     images: [f64; 2],
     model: [f64; 2],
 }
 
-/// A tag of a metre alone in this light, from so far away all round it, 20 deg off its normal.
+/// A tag of 1 m in this light, at this distance from all sides, 20 deg off its normal.
 fn row(night: NightConfig, range_m: f64) -> Row {
     let (config, streams) = (SensorConfig::default(), Streams::new(7));
     let deck = DeckGeometry {
@@ -63,8 +63,8 @@ fn row(night: NightConfig, range_m: f64) -> Row {
     Row { images, model }
 }
 
-/// The camera at `range_m`, its axis up to `room` rad off the tag, any side up; it turns by half a pixel in the exposure, of
-/// which `exposure_px` is the seconds times the focal length.
+/// The camera at `range_m` with a random roll, its axis up to `room` rad off the tag. It turns by half a pixel during
+/// the exposure; `exposure_px` is the exposure in seconds times the focal length.
 fn shot(
     draw: &mut Noise,
     model: &SimulatedTagDetector,
@@ -115,7 +115,8 @@ fn detection_by_night_in_images_and_model() {
         lamp_cd,
         ..NightConfig::default()
     };
-    // The floodlit deck; 24 dB at their limit; 36 dB whose noise is; lit tags too faint, plain and dazzling; a lamp.
+    // The floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; lit tags that are too faint, normal and
+    // dazzling; a lamp.
     let conditions = [
         (printed(200.0, 16.0), 4.0),
         (printed(40.0, 16.0), 12.0),
@@ -135,7 +136,7 @@ fn detection_by_night_in_images_and_model() {
             (images - model).abs() < 0.2,
             "{images} of the images, {model}: {night:?}"
         );
-        // The corners' noise, too, where it is known from more than a few.
+        // The corner noise is compared when there are more than a few detections.
         assert!(
             images < 0.5 || (0.5..2.0).contains(&ratio),
             "corners {ratio}: {night:?}"

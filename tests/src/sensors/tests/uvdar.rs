@@ -1,4 +1,4 @@
-//! The ultraviolet camera's node in rendered images compared with the measurement model.
+//! Node of the ultraviolet camera on rendered images compared with the measurement model.
 
 use core::f64::consts::TAU;
 
@@ -13,11 +13,12 @@ use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::uvdar::UvdarConfig;
 
 const RANGE_M: f64 = 12.0;
-/// Images of one flight, and the first of them, in which codes are still being read and which do not count.
+/// Number of images of one flight; the first ones, in which codes are still being identified, do not count.
 const IMAGES: usize = 80;
 const FIRST: usize = 20;
 
-/// Fixes and the deck's places, in the camera's axes, of four flights past a rocking deck with so many glints an image.
+/// Fixes, with the deck's true positions, in the camera's axes, from four flights past a rocking deck with `glints`
+/// glints per image.
 fn fixes(settings: &UvdarSettings, glints: usize, seed: u64) -> Vec<Option<[Vector3<f64>; 2]>> {
     let identity = CameraIdentity {
         vessel: 1,
@@ -96,7 +97,7 @@ fn uvdar_node_among_glints() {
         rate > 0.5 && bearing.to_degrees() < 0.5 && distance < 0.15,
         "{rate} {bearing} {distance}"
     );
-    // The model was fitted to it.
+    // The model was fitted to this detector.
     let model = UvdarConfig::default();
     let [model_bearing, model_distance] = model.sd(RANGE_M);
     assert!((1.0 - model.miss - rate).abs() < 0.1, "{rate}");
@@ -107,7 +108,6 @@ fn uvdar_node_among_glints() {
 
 #[test]
 fn uvdar_node_in_glints_alone() {
-    // A camera that looks up.
     let up = UvdarSettings {
         tilt_down_deg: -90.0,
         ..UvdarSettings::default()

@@ -1,4 +1,4 @@
-//! Batteries: what the link does below its reserve, and by the mission's choice.
+//! Batteries: actions of the link below its reserve, and by the mission's choice.
 
 use super::BOTH;
 use super::config;
@@ -58,7 +58,7 @@ fn low_battery_return_and_landing() {
     ] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
-        // Below the mission's reserve, then for the deck below the link's own.
+        // First below the mission's reserve, then, for the deck, below the link's own.
         p.linked.autopilot.battery = 0.15;
         p.run(1.0);
         p.assert_commanding();
@@ -71,7 +71,8 @@ fn low_battery_return_and_landing() {
     }
 }
 
-/// A gauge that steps below the last reserve: the mission, which counts what has lasted, chooses before the link does.
+/// A gauge that steps below the last reserve: the mission counts for how long it stays there, and chooses before the
+/// link does.
 #[test]
 fn diversion_after_the_mission_has_counted() {
     for firmware in BOTH {
@@ -85,7 +86,7 @@ fn diversion_after_the_mission_has_counted() {
         p.low_battery = Some(BatteryPlace::Deck);
         p.run(10.0);
         p.assert_commanding();
-        // One that has counted it and chooses nothing, and one that never counts it.
+        // A mission that has counted it and chooses nothing, and one that never counts it.
         p.low_battery = None;
         p.run(4.0);
         assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
@@ -116,7 +117,7 @@ fn battery_reserve_in_descent_and_flare() {
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
-        // Nor while the pilot goes on without the mission.
+        // Nor while the pilot continues without the mission.
         p.mission_silent = true;
         p.run(3.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());

@@ -7,7 +7,6 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::{LinkRig, lead};
 use super::{BOTH, config};
 
-/// A restart takes so long, s.
 const AWAY_S: f64 = 0.2;
 
 #[test]
@@ -28,7 +27,7 @@ fn link_successor_with_a_checkpoint() {
         let (began_s, known) = (p.t_s, p.odometry.len());
         p.run(1.0);
         let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
-        // With its first odometry, of which ArduCopter gives one every 25 ms.
+        // At its first odometry, which ArduCopter sends every 25 ms.
         assert!(at_s - began_s <= 0.04, "{firmware:?}: {} s", at_s - began_s);
         let (t_s, first) = p.odometry[known];
         assert!(t_s - began_s <= 0.04, "{firmware:?}: {} s", t_s - began_s);
@@ -49,7 +48,7 @@ fn link_successor_after_a_takeover() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
-        // The report of the mode finds no link; the next one is due within half a second.
+        // The report of the mode does not reach the link; the next one follows within half a second.
         p.linked.cut = true;
         assert!(p.choose(AutopilotMode::Other));
         p.restart_link(AWAY_S);
@@ -85,7 +84,7 @@ fn link_successor_with_a_void_checkpoint() {
     }
 }
 
-/// PX4 holds by itself after so long; it is commanded again at once.
+/// A restart of 0.7 s lets PX4 enter its failsafe; the new link commands it at once.
 #[test]
 fn link_successor_after_the_failsafe() {
     for firmware in BOTH {

@@ -1,4 +1,4 @@
-//! Responses of PX4 and ArduCopter to attitude and thrust, as measured on the makers' own programs.
+//! Responses of PX4 and ArduCopter to attitude and thrust, as measured with the original firmwares.
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneState, SetPoint, State};
@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::rig::{LinkRig, hover, press};
 use super::{BOTH, config};
 
-/// A pilot that rocks the drone about its own axis at a heading of 180 degrees, as above a rocking deck.
+/// A pilot that rocks the drone about its own axis at a heading of 180 deg, as above a rocking deck.
 fn rock(d: &DroneState) -> SetPoint {
     let turning = core::f64::consts::TAU / 1.5;
     let (sin, cos) = (turning * d.header.at.secs()).sin_cos();
@@ -26,7 +26,7 @@ fn rock(d: &DroneState) -> SetPoint {
 
 #[test]
 fn ardu_copter_without_body_rates() {
-    // How far its attitude is from the one wanted, root of the mean square over three periods, rad.
+    // Attitude error, root mean square over three periods, rad.
     let apart = |firmware, send_rates| {
         let c = AutopilotLinkConfig {
             send_rates,
@@ -49,14 +49,14 @@ fn ardu_copter_without_body_rates() {
     };
     let default = AutopilotLinkConfig::default().send_rates;
     let [px4, copter] = BOTH.map(|f| apart(f, default));
-    // ArduCopter shapes its input: of 8.6 deg it is 4 deg behind, where PX4 is 2.7.
+    // ArduCopter shapes its input: of 8.6 deg it lags by 4 deg, PX4 by 2.7 deg.
     assert!(px4 < copter && copter < 0.08, "{px4} {copter}");
-    // What they would do.
+    // With rates in the set-points.
     let with = apart(Firmware::ArduCopter, true);
     assert!(with > 1.2 * copter, "{with} {copter}");
 }
 
-/// A pilot that tilts the drone by 0.4 rad with the thrust that hovers upright.
+/// A pilot that tilts the drone by 0.4 rad with the thrust of a level hover.
 fn tilted(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
@@ -79,15 +79,14 @@ fn thrust_of_a_tilted_drone() {
             "{firmware:?}: {}",
             p.linked.autopilot.thrust()
         );
-        // The thrust that is applied is reported.
         let reported = p.state().thrust.unwrap();
         assert!((reported - hover()).abs() < 0.01, "{firmware:?}: {reported}");
     }
 }
 
-/// Use that each firmware makes of a LANDING_TARGET whose position is valid, by its source text. PX4,
-/// `MavlinkReceiver::handle_message_landing_target`: `frame == MAV_FRAME_LOCAL_NED` (1), and the position counts from the
-/// origin. ArduPilot, `AC_PrecLand_MAVLink::handle_msg`: `frame == MAV_FRAME_BODY_FRD` (12) or, in newer ones,
+/// Whether a firmware uses a LANDING_TARGET with a valid position, by its source text. PX4,
+/// `MavlinkReceiver::handle_message_landing_target`: `frame == MAV_FRAME_LOCAL_NED` (1), with the position relative to
+/// the origin. ArduPilot, `AC_PrecLand_MAVLink::handle_msg`: `frame == MAV_FRAME_BODY_FRD` (12) or, in newer versions,
 /// `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, by which the position is divided.
 fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
     match firmware {
@@ -103,7 +102,7 @@ fn landing_target_by_firmware() {
         ..config()
     };
     for firmware in BOTH {
-        // Not level, and not heading north: a vector in another frame points elsewhere.
+        // Not level, and not heading north: a vector in a wrong frame has another direction.
         let mut p = LinkRig::at(firmware, 6.0, 1.1, &c);
         p.deck_offset = [2.0, -1.0];
         p.take_command();
@@ -112,11 +111,11 @@ fn landing_target_by_firmware() {
         p.run(0.8);
         let a = &p.linked.autopilot;
         let roll = p.odometry.last().expect("odometry").1.euler().x;
-        assert!(roll > 0.15, "{firmware:?}: leans by {roll} rad");
+        assert!(roll > 0.15, "{firmware:?}: tilts by {roll} rad");
         assert!(p.targets.len() > 30, "{firmware:?}: {}", p.targets.len());
         assert!(p.targets.iter().all(|t| takes(firmware, t)), "{firmware:?}");
         assert_eq!(a.targets_rejected, 0, "{firmware:?}");
-        // Where its guidance believes the deck to be: 2 m north and 1 m west of below the drone.
+        // Deck position in the autopilot's guidance: 2 m north and 1 m west of the point below the drone.
         let at = a.target.expect("a target") - a.position();
         let apart = at - Vector3::new(2.0, -1.0, -a.position().z);
         assert!(apart.norm() < 0.5, "{firmware:?}: {at:?}");
@@ -141,7 +140,7 @@ fn landing_target_of_the_other_firmware() {
         (TargetFrame::BodyFrd, 0.0, &[]),
     ] {
         let sent = MavlinkMessage::LandingTarget(target(frame, distance_m));
-        // As it is on the wire.
+        // The message as sent on the wire.
         let mut decoder = Decoder::default();
         decoder.push(
             &Encoder::default()
@@ -181,7 +180,7 @@ fn deck_for_a_target_estimator() {
     let target = p.relative.last().expect("a target");
     let apart = Vector3::from(target.position) - Vector3::new(2.0, -1.0, -own.position[2]);
     assert!(apart.norm() < 0.1, "{target:?} {own:?}");
-    // Of our clock, which PX4 knows by our answers to TIMESYNC.
+    // On our clock, which PX4 knows from our answers to TIMESYNC.
     let late_s = p.t_s - 1e-6 * target.time_us as f64;
     assert!((0.0..0.2).contains(&late_s), "{late_s}");
     let received = p.absolute.last().expect("a target");
@@ -189,7 +188,7 @@ fn deck_for_a_target_estimator() {
     let expected = own.datum.at(&Vector::<DroneNed>::from(deck));
     assert!(received.place.distance_m(&expected) < 0.2, "{received:?}");
 
-    // ArduCopter takes no other than LANDING_TARGET.
+    // ArduCopter receives only LANDING_TARGET.
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 6.0, &c);
     p.mission = State::Descent;
     p.run(0.8);

@@ -1,4 +1,4 @@
-//! Reports to a ground station through the autopilot, and commands by the remote control's switch.
+//! Reports to a ground station through the autopilot, and commands by a switch of the remote control.
 
 use alight_shared::mavlink::{FrameReader, dialect};
 use alight_shared::msg::{CommandKind, ReasonCode, State};
@@ -14,12 +14,12 @@ use alight_uav::autopilot::wire::Encoder;
 use super::rig::LinkRig;
 use super::{BOTH, config};
 
-/// The channel that the switch is on.
+/// RC channel of the switch.
 const CHANNEL: u8 = 7;
 const MIDDLE: u16 = 1500;
 const HIGH: u16 = 2000;
 
-/// The remote control with its switch at this pulse, us.
+/// RC channels with the switch at this pulse width, us.
 fn channels(us: u16) -> Option<[u16; 18]> {
     let mut all = [1500; 18];
     all[usize::from(CHANNEL) - 1] = us;
@@ -67,14 +67,14 @@ fn ground_station_states_and_values() {
         assert_eq!(names, ["Tracking", "Descent", "Gave up"], "{firmware:?}");
         let severities: Vec<u8> = p.notes.iter().map(|(s, _)| *s).collect();
         assert_eq!(severities, [severity::INFO, severity::INFO, severity::WARNING]);
-        let of = |name: &str| {
+        let values = |name: &str| {
             p.values
                 .iter()
                 .filter(|(_, n, _)| n == name)
                 .map(|v| v.2)
                 .collect::<Vec<_>>()
         };
-        let (distances, ages) = (of(DISTANCE), of(AGE));
+        let (distances, ages) = (values(DISTANCE), values(AGE));
         // At 2 Hz.
         assert!(
             (5..=7).contains(&distances.len()) && distances.len() == ages.len(),
@@ -86,7 +86,7 @@ fn ground_station_states_and_values() {
             "{distances:?} at {height} m"
         );
         assert!(ages.iter().all(|a| (0.0..0.1).contains(a)), "{ages:?}");
-        // Without forecasts the age grows, and no distance is stated.
+        // Without forecasts their age increases, and no distance is reported.
         p.forecast = false;
         p.run(3.0);
         p.values.clear();
@@ -97,15 +97,16 @@ fn ground_station_states_and_values() {
     }
 }
 
-/// Order of a ground station to the companion.
+/// Order from a ground station to the companion computer.
 pub(super) fn order(number: u16) -> MavlinkMessage {
     MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 pub(super) const STATION: Address = Address::new(255, 190);
-/// The simulated vehicle's system.
+/// System id of the simulated vehicle.
 pub(super) const VEHICLE: u8 = 3;
 
-/// As shipped: an abort counts, whoever gives it; nothing else without a signature, and each is answered with the reason.
+/// Default configuration: an abort is accepted from every sender; other orders are rejected without a signature, and
+/// each is answered with the reason.
 #[test]
 fn orders_of_a_link_as_shipped() {
     for firmware in BOTH {
@@ -130,7 +131,7 @@ fn orders_of_a_link_as_shipped() {
     }
 }
 
-/// A rejected order is answered with a text that has the reason.
+/// A text with the reason answers a rejected order.
 #[test]
 fn rejections_state_their_reason() {
     for firmware in BOTH {
@@ -171,7 +172,7 @@ fn order_by_command_int() {
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
         assert_eq!(p.answered, [STATION; 2]);
         assert!(p.orders.iter().all(|c| c.kind == CommandKind::Land) && !p.orders.is_empty());
-        // Another component's, and everybody's.
+        // Addressed to another component, and to all.
         p.orders.clear();
         for component in [0, 154] {
             let to = Address::new(VEHICLE, component);
@@ -196,7 +197,7 @@ fn answers_to_another_station() {
             p.texts.iter().filter(|t| t.contains("denied")).count()
         };
         let own = Address::new(VEHICLE, 191);
-        // A firmware that does not state whose it is leaves both, or the component, open.
+        // A firmware that does not report its address leaves both ids, or the component, open.
         for to in [own, Address::default(), Address::new(VEHICLE, 0)] {
             assert_eq!(denied(to), 1, "{firmware:?} {to:?}");
         }
@@ -206,7 +207,7 @@ fn answers_to_another_station() {
     }
 }
 
-/// Orders of a link that is not signed count.
+/// Unsigned orders are accepted.
 pub(super) fn by_mavlink() -> NodeConfigs {
     NodeConfigs {
         autopilot: config(),
@@ -214,7 +215,7 @@ pub(super) fn by_mavlink() -> NodeConfigs {
     }
 }
 
-/// Aborted by a ground station, landed by the switch.
+/// An abort by a ground station, then a landing by the switch.
 #[test]
 fn abort_by_ground_station_and_landing_by_rc_switch() {
     let mut nodes = by_mavlink();
@@ -232,7 +233,7 @@ fn abort_by_ground_station_and_landing_by_rc_switch() {
         m.abort.is_some() && m.entered.code == ReasonCode::Operator,
         "{m:?}"
     );
-    // The autopilot is not to be asked again before the abort was taken and answered.
+    // The autopilot is not commanded again before the abort has been accepted and answered.
     assert!(!rig.until(2.0, |r| r.state(0) == State::Descent));
     turn(&mut rig, HIGH);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);

@@ -1,4 +1,4 @@
-//! The deck's place as the autopilot's home.
+//! The deck's position as the autopilot's home.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::State;
@@ -24,7 +24,7 @@ fn home_on_the_deck() {
         p.mission = State::Tracking;
         p.pilot = Some(hold);
         p.run(16.0);
-        // At rest: once, and no more within half a minute.
+        // At rest: once, and not again within half a minute.
         let times = |p: &LinkRig| -> Vec<f64> {
             let home = p.commands.iter().filter(|(_, c)| c.command == command::SET_HOME);
             home.map(|(t, _)| *t).collect()

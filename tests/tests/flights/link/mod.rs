@@ -1,5 +1,5 @@
-//! The link to an autopilot against the simulated one with the characters of PX4 and ArduCopter: every mode,
-//! denial, loss, takeover and disarm; and whole landings over it.
+//! Tests of the link with simulated autopilots that imitate PX4 and ArduCopter: every mode, denial, loss, take-over and
+//! disarm; and whole landings.
 
 mod arbitrary;
 mod battery;
@@ -27,7 +27,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, lead, press};
 
-/// On a link that is not signed, and takes orders nevertheless.
+/// A configuration that accepts unsigned orders.
 fn config() -> AutopilotLinkConfig {
     AutopilotLinkConfig {
         unsigned_orders: true,
@@ -37,7 +37,7 @@ fn config() -> AutopilotLinkConfig {
 
 #[test]
 fn odometry_rate_and_time_of_validity() {
-    // ArduCopter's telemetry gives 40 Hz.
+    // ArduCopter's telemetry sends at 40 Hz.
     for (firmware, positions, readings) in [(Firmware::Px4, 180, 90), (Firmware::ArduCopter, 76, 76)] {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(4.0);
@@ -53,7 +53,7 @@ fn odometry_rate_and_time_of_validity() {
         assert!(p.ranges.len() >= readings, "{firmware:?}: {}", p.ranges.len());
         for (arrived, o) in &p.odometry {
             let age = arrived - o.header.at.secs();
-            // The wire takes 6 ms, a step 5 ms; ArduCopter dates in whole milliseconds.
+            // The wire takes 6 ms, a step 5 ms; ArduCopter's stamps are whole milliseconds.
             assert!((0.004..0.014).contains(&age), "{firmware:?}: {age}");
         }
         assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
@@ -82,7 +82,10 @@ fn px4_offboard_after_streamed_set_points() {
     p.run(0.5);
     assert!(!p.choose(AutopilotMode::Offboard), "accepted too early");
     p.run(1.5);
-    assert!(p.choose(AutopilotMode::Offboard), "denied after the stream");
+    assert!(
+        p.choose(AutopilotMode::Offboard),
+        "denied although set-points are streamed"
+    );
     p.run(0.6);
     p.assert_commanding();
     let from = p.t_s;
@@ -97,7 +100,7 @@ fn set_points_before_offboard() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
-    // Far places and set-points of a mission that flies are not streamed.
+    // Set-points of a mission that flies to far places are not streamed.
     p.pilot = Some(press);
     p.run(1.0);
     p.pilot = Some(|d| SetPoint {
@@ -109,7 +112,7 @@ fn set_points_before_offboard() {
     p.mission = State::Approach;
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
-    // ArduCopter needs no stream.
+    // ArduCopter does not require a stream.
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
@@ -127,7 +130,7 @@ fn takeover_by_a_person() {
                 assert!(p.sent_since(p.t_s - 0.1) > 3);
                 p.linked.autopilot.choose(mode);
                 let at = p.t_s;
-                // The pilot goes on and on; so does the mission.
+                // The pilot and the mission continue.
                 p.run(20.0);
                 let last = p.silent_since();
                 assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
@@ -154,7 +157,7 @@ fn autopilot_failsafes() {
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
-        // A Hold or a Brake that the pilot chose while set-points came.
+        // A Hold or a Brake that the pilot chose while set-points arrived.
         assert!(p.states.iter().all(|s| !s.lapsed), "{firmware:?} {mode:?}");
     }
 }
@@ -174,7 +177,7 @@ fn silent_pilot_and_its_return() {
         }
     );
     assert!(p.state().lapsed);
-    // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
+    // The mode that the crew chose is still OFFBOARD: PX4 returns to it when the stream resumes.
     p.pilot = Some(hold);
     p.run(2.0);
     assert_eq!(p.mode(), AutopilotMode::Offboard);
@@ -192,12 +195,12 @@ fn link_without_heartbeats() {
         let at = p.t_s;
         p.run(4.0);
         assert_eq!(p.authority(), ControlAuthority::LinkLost);
-        // Odometry ends with the link: set-points end with it, long before the heartbeats' limit.
+        // When the link loses odometry, set-points end, long before the time limit of heartbeats.
         assert!(p.silent_since() - at <= 0.25, "{}", p.silent_since() - at);
         let reported = p.states.len();
         p.run(2.0);
         assert_eq!(p.states.len(), reported, "a state without a heartbeat");
-        // The mission waits again, as it does when the drone is not ours.
+        // The mission waits again, as it does when it does not command the drone.
         p.mission = State::Idle;
         p.linked.autopilot.silent = false;
         p.run(4.0);
@@ -220,8 +223,8 @@ fn link_with_a_restarted_autopilot() {
     }
 }
 
-/// An order to land arms nothing where that is not permitted, on the deck, or where no deck is known: the crew has not
-/// cleared it. Elsewhere it does in the link's mode, and once.
+/// An order to land does not arm the drone when that is not permitted, on the deck, or without a known deck, since the
+/// crew has not cleared it. Otherwise it arms once, in the link's mode.
 #[test]
 fn arming_when_configured() {
     for (firmware, may_arm, away_m, forecast, denied, expected) in [
@@ -249,7 +252,7 @@ fn arming_when_configured() {
             "{firmware:?}, {away_m} m, forecast: {forecast}"
         );
         assert_eq!(p.linked.autopilot.armed(), expected == 1);
-        // A person disarms: it is not armed again.
+        // A manual disarm: the drone is not armed again.
         p.linked.autopilot.arm(false);
         p.run(10.0);
         assert_eq!(sent(&p), expected, "{firmware:?}");
@@ -275,7 +278,7 @@ fn other_systems_on_the_link() {
         current_a: None,
     };
     for _ in 0..100 {
-        // A ground station, a camera of the same drone, another drone that is flown by hand.
+        // A ground station, a camera of the same drone, and another drone in manual flight.
         p.inject(Address::new(255, 190), &heartbeat(8, 6, 0));
         p.inject(Address::new(3, 100), &heartbeat(8, 30, 0));
         p.inject(Address::new(4, 1), &flown_by_hand);
@@ -294,13 +297,13 @@ fn other_systems_on_the_link() {
 #[test]
 fn odometry_about_the_autopilots_origin() {
     let origin = Datum::new(-16.8, 179.9993, 5.0);
-    // The autopilot reports heights above the sea, here so high above the ellipsoid.
+    // The autopilot reports heights above the sea, whose height above the ellipsoid is `by_model`.
     let [latitude, longitude] = [origin.latitude_deg, origin.longitude_deg].map(f64::to_radians);
     let by_model = geoid::undulation(latitude, longitude).height_m;
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = origin;
-        // One receiver gives both heights, the other does not: missing is not zero.
+        // One receiver reports both heights, the other does not: a missing height is not zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
         p.linked.autopilot.answer = Some(CommandResult::Denied);
         p.linked.autopilot.no_origin = true;
@@ -330,9 +333,9 @@ fn odometry_about_the_autopilots_origin() {
         p.mission = State::Hold;
         p.run(3.0);
         assert!(p.sent_since(p.t_s - 1.0) >= 50);
-        // Held in its place, not kilometres away.
+        // The drone holds its position, and is not kilometres away.
         assert!((p.truth().position.0 - before).norm() < 0.1);
-        // The estimator restarts elsewhere: the origin moves, and that is a jump for the other nodes.
+        // The estimator restarts elsewhere: the origin moves, which is a jump for the other nodes.
         let frames = p.frames();
         p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);

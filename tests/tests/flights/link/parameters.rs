@@ -20,9 +20,9 @@ fn ardu_copter_without_the_thrust_option() {
     p.choose(AutopilotMode::Offboard);
     p.run(2.0);
     assert!(p.sent.is_empty());
-    // The mission does not have the drone.
+    // The mission does not command the drone.
     assert_eq!(p.state().mode, AutopilotMode::Other);
-    // The person sets it.
+    // An operator sets the parameter.
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
     p.run(2.0);
     p.assert_commanding();
@@ -49,14 +49,14 @@ fn unsuitable_parameters_until_set() {
             "{:?}",
             p.texts
         );
-        // Who commands does not depend on it: a descent under way goes on.
+        // Control authority does not depend on it: a descent in progress continues.
         p.give_the_mode();
         p.run(1.0);
         p.assert_commanding();
         p.linked.autopilot.parameters.insert(name, good);
         p.run(1.5);
         assert_eq!(p.state().rejection, Reason::default(), "{firmware:?}");
-        // It was not saved.
+        // The parameter was not saved.
         p.linked.autopilot.parameters.insert(name, wrong);
         p.linked.autopilot.restart();
         p.run(5.0);

@@ -1,4 +1,4 @@
-//! Reports of one kind that stop coming.
+//! Tests in which one kind of report stops.
 
 use alight_shared::msg::LandedState;
 use alight_uav::autopilot::message::id;
@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::LinkRig;
 use super::{BOTH, config};
 
-/// BATTERY_STATUS stops at 57 %: that is no charge of now, and people learn it.
+/// BATTERY_STATUS stops at 57 %: the charge becomes unknown, and the operator is informed.
 #[test]
 fn battery_report_that_stops() {
     for firmware in BOTH {
@@ -24,14 +24,14 @@ fn battery_report_that_stops() {
         p.run(3.0);
         assert_eq!(p.state().battery, None, "{firmware:?}");
         let reported = |p: &LinkRig, what: &str| p.texts.iter().any(|t| t.contains(what));
-        assert!(reported(&p, "reports its battery no more"), "{:?}", p.texts);
+        assert!(reported(&p, "no longer reports its battery"), "{:?}", p.texts);
         p.linked.autopilot.muted.clear();
         p.run(3.0);
         assert!(p.state().battery.is_some() && reported(&p, "reports its battery again"));
     }
 }
 
-/// EXTENDED_SYS_STATE stops on the ground: in the air that is no opinion any more.
+/// EXTENDED_SYS_STATE stops on the ground: in the air the landed state is then unknown.
 #[test]
 fn landed_report_that_stops() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());

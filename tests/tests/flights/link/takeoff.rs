@@ -1,4 +1,4 @@
-//! The mode and the arming of a take-off, its denial, and the disarm of one that was stopped.
+//! Mode and arming of a take-off, its denial, and the disarm of a stopped take-off.
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use super::rig::{LinkRig, STEP, hover};
 use super::{BOTH, config};
 
-/// A pilot that stands on the deck.
+/// A pilot that keeps the drone on the deck.
 fn stand(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
@@ -16,7 +16,7 @@ fn stand(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// A disarmed drone on the deck, with a link that knows it.
+/// A disarmed drone on the deck, with a link that has found it.
 fn standing(firmware: Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);
@@ -30,7 +30,7 @@ fn standing(firmware: Firmware) -> LinkRig {
 fn mode_and_arming_of_a_take_off() {
     for firmware in BOTH {
         let mut p = standing(firmware);
-        // Before the countdown is over nothing is commanded.
+        // Nothing is commanded before the end of the countdown.
         let commands = [command::SET_MODE, command::ARM_DISARM];
         assert!(
             commands.iter().all(|c| p.commands_of(*c).is_empty()),
@@ -78,7 +78,7 @@ fn autopilot_that_does_not_arm() {
     }
 }
 
-/// Rotors that start turn before a heartbeat shows it, and that may be what they are stopped for.
+/// Rotors start before a heartbeat reports it, which may be the reason for the stop.
 #[test]
 fn take_off_stopped_as_the_autopilot_arms() {
     for firmware in BOTH {
@@ -100,7 +100,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
     }
 }
 
-/// Which of two autopilots is the drone's own is not guessed.
+/// The link does not guess which of two autopilots is the drone's.
 #[test]
 fn take_off_with_two_autopilots_on_the_link() {
     let mut p = standing(Firmware::Px4);
@@ -120,7 +120,7 @@ fn take_off_with_two_autopilots_on_the_link() {
     assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
 
-/// A person who chooses a mode meanwhile has the drone: it is neither taken back nor disarmed.
+/// A pilot who chooses a mode meanwhile has manual control: the link neither takes it back nor disarms.
 #[test]
 fn person_who_takes_the_drone_over_while_it_spins_up() {
     for firmware in BOTH {
@@ -140,7 +140,8 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
     }
 }
 
-/// The autopilot has lifted the drone for lack of set-points: none that lets it fall is passed on, and nothing disarms it.
+/// The autopilot has lifted the drone because set-points stopped: set-points that would let it fall are not passed on,
+/// and it is not disarmed.
 #[test]
 fn set_points_that_come_back_in_the_air() {
     for firmware in BOTH {
@@ -157,7 +158,8 @@ fn set_points_that_come_back_in_the_air() {
     }
 }
 
-/// A drone that has to turn back is taken from the autopilot's mission once in a flight: who chooses the mission again has it.
+/// A drone that must turn back is taken from the autopilot's mission once per flight; a pilot who chooses the mission
+/// again keeps it.
 #[test]
 fn mission_chosen_again_after_the_turn_back() {
     for firmware in BOTH {
@@ -176,7 +178,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
-        // Nor is it taken by a link that is restarted meanwhile.
+        // A link that is restarted meanwhile does not take it either.
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
@@ -184,7 +186,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// An arming that the pilot may have ended meanwhile is not begun again: by a link that is restarted, or after a disarm.
+/// An arming that the pilot may have ended meanwhile is not repeated by a restarted link, nor after a disarm.
 #[test]
 fn arming_that_a_person_may_have_ended() {
     for firmware in BOTH {

@@ -93,7 +93,7 @@ fn message_values_over_the_wire() {
         );
         assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
     }
-    // Names of named values have ten characters.
+    // Named values have names of up to ten characters.
     assert!(
         [DISTANCE, AGE, WIND[0], WIND[1]]
             .iter()

@@ -1,6 +1,6 @@
-//! Numbers of MAVLink: messages, severities, bits of an estimator's status, commands.
+//! Numbers of MAVLink: messages, severities, estimator status bits, commands.
 
-/// Numbers of messages whose rate is requested.
+/// Numbers of the messages whose rate Alight requests.
 pub mod id {
     pub const HEARTBEAT: u32 = 0;
     pub const SYS_STATUS: u32 = 1;
@@ -29,40 +29,35 @@ pub mod id {
 
 /// Severities of a text (`MAV_SEVERITY`).
 pub mod severity {
-    /// Something has to be done at once.
+    /// Immediate action is required.
     pub const CRITICAL: u8 = 2;
-    /// Something went wrong.
+    /// A failure.
     pub const WARNING: u8 = 4;
-    /// Unusual, and no error.
+    /// Unusual, but not an error.
     pub const NOTICE: u8 = 5;
-    /// Normal.
     pub const INFO: u8 = 6;
 }
 
-/// Bits of an estimator's status, the same of both firmwares.
+/// Bits of an estimator's status, common to both firmwares.
 pub mod estimator {
-    /// Attitude: tilt, in ArduPilot heading too.
+    /// Attitude: tilt, in ArduPilot also heading.
     pub const ATTITUDE: u16 = 1;
-    /// Velocity, north and east.
     pub const VELOCITY_HORIZ: u16 = 2;
-    /// Velocity down.
     pub const VELOCITY_VERT: u16 = 4;
-    /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only once tilt and heading are aligned.
+    /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only after tilt and heading are aligned.
     pub const POSITION_HORIZ_ABS: u16 = 16;
-    /// Height.
     pub const POSITION_VERT_ABS: u16 = 32;
-    /// The position is held where it is for want of a measurement.
+    /// The estimator has no position measurement and assumes a constant position.
     pub const CONSTANT_POSITION: u16 = 128;
 }
 
-/// Numbers of commands.
 pub mod command {
     /// `MAV_CMD_DO_SET_MODE`.
     pub const SET_MODE: u16 = 176;
     /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
     pub const SET_HOME: u16 = 179;
-    /// `MAV_CMD_MISSION_START`: from its beginning, with first and last item 0 (PX4 takes the first item from it; ArduCopter
-    /// begins again after a disarm).
+    /// `MAV_CMD_MISSION_START`: from the beginning, with first and last item 0 (PX4 takes the first item from it;
+    /// ArduCopter starts again after a disarm).
     pub const MISSION_START: u16 = 300;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;
@@ -70,18 +65,19 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
-    /// `MAV_CMD_NAV_LAND`: to the companion, land on the vessel.
+    /// `MAV_CMD_NAV_LAND`: sent to the companion, land on the vessel.
     pub const NAV_LAND: u16 = 21;
-    /// `MAV_CMD_NAV_TAKEOFF`: to the companion, take off from the deck.
+    /// `MAV_CMD_NAV_TAKEOFF`: sent to the companion, take off from the deck.
     pub const NAV_TAKEOFF: u16 = 22;
-    /// `MAV_CMD_USER_1`: of ours, land.
+    /// `MAV_CMD_USER_1`: Alight's command to land.
     pub const USER_1: u16 = 31010;
-    /// `MAV_CMD_USER_2`: of ours, abort.
+    /// `MAV_CMD_USER_2`: Alight's command to abort.
     pub const USER_2: u16 = 31011;
-    /// `MAV_CMD_USER_3`: of ours, hold.
+    /// `MAV_CMD_USER_3`: Alight's command to hold.
     pub const USER_3: u16 = 31012;
-    /// `MAV_CMD_USER_4`: of ours, a station: height, m; ahead and to starboard of the deck's centre, m; for how long, min.
+    /// `MAV_CMD_USER_4`: Alight's command for a station: height, m; ahead and to starboard of the deck's centre, m;
+    /// duration, min.
     pub const USER_4: u16 = 31013;
-    /// Second parameter of `ARM_DISARM`: the autopilot obeys in the air too.
+    /// Second parameter of `ARM_DISARM`: the autopilot disarms in the air too.
     pub const FORCE: f64 = 21196.0;
 }

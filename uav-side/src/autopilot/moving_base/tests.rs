@@ -11,13 +11,13 @@ use super::super::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use super::*;
 use crate::odometry::OdometryConfig;
 
-/// Bytes of a frame of RTCM 3 of so many bytes in all, which is sound.
+/// Valid RTCM 3 frame of `length` bytes in all.
 fn rtcm(length: usize) -> Vec<u8> {
-    // Message 1077.
+    // The message number is 1077.
     let payload = [0x43, 0x50].into_iter().chain((0..).map(|k: usize| k as u8));
     alight_shared::rtcm::frame(&payload.take(length - 6).collect::<Vec<_>>())
 }
-/// As the bridge publishes it: of vessel 5, with its antenna 2 m ahead of the deck's centre.
+/// Frame as the bridge publishes it: from vessel 5, with its antenna 2 m ahead of the deck's centre.
 fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
     RtcmFrames {
         header: Header::new(5, 0, 1, 1, Time::from_secs(at_s)),
@@ -26,7 +26,7 @@ fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
     }
 }
 
-/// A receiver of `GPS_RTCM_DATA` as MAVLink defines it: the whole frames.
+/// Receiver of `GPS_RTCM_DATA` as MAVLink defines it; it reassembles the frames.
 #[derive(Default)]
 struct Reader {
     sequence: u8,
@@ -59,14 +59,14 @@ impl Reader {
 }
 
 #[test]
-fn fragments_that_make_the_frame_again() {
+fn fragments_reassembled_to_the_frame() {
     let bytes: Vec<u8> = (0..2000).map(|k| (k % 251) as u8).collect();
     let mut reader = Reader::default();
     let lengths = [(6, 1), (180, 1), (181, 2), (360, 3), (540, 4), (720, 4)];
     for (k, (length, count)) in (30_u8..).zip(lengths) {
         let parts = fragments(&bytes[..length], k).unwrap();
         assert_eq!(parts.len(), count, "{length}");
-        // Through the bytes of a link, which leave out zeros at the end.
+        // The parts are encoded, which omits trailing zeros, and decoded.
         for part in &parts {
             let mut decoder = Decoder::default();
             let to = Address::new(1, 191);
@@ -80,7 +80,7 @@ fn fragments_that_make_the_frame_again() {
     assert_eq!(fragments(&bytes[..721], 0), None);
 }
 
-/// The relative place by a report of this time of week and place that arrives at `now_s`.
+/// Relative place from a report with this time of week and place that arrives at `now_s`.
 fn place(
     base: &mut MovingBase,
     now_s: f64,
@@ -105,7 +105,7 @@ fn place(
 fn place_dated_by_the_smallest_delay() {
     let mut base = MovingBase::default();
     let measured = Some([[1.0, 2.0, -3.0], [0.01; 3]]);
-    // A delay of 50 ms.
+    // The report is delayed by 50 ms.
     assert_eq!(place(&mut base, 99.85, 604_798.8, measured), None, "no frame yet");
     let taken = &mut AutopilotOut::default();
     base.take(
@@ -114,7 +114,7 @@ fn place_dated_by_the_smallest_delay() {
         RtcmTarget::Receiver,
         taken,
     );
-    // Measured at 100.0, 100.2 ... across the end of the week; on its way for 20 ms at least.
+    // The places are measured at 100.0 s, 100.2 s ..., across the end of the week, and delayed by at least 20 ms.
     let mut errors = Vec::new();
     for k in 0..40_i32 {
         let made_s = 100.0 + 0.2 * f64::from(k);
@@ -129,14 +129,14 @@ fn place_dated_by_the_smallest_delay() {
         );
     }
     assert!(errors[6..].iter().all(|e| *e < 2e-3), "{errors:?}");
-    // Only its state is known.
+    // Only the state of the solution is known.
     let p = place(&mut base, 108.02, 7.0, None).unwrap();
     assert_eq!((p.baseline_m, p.baseline_sd_m), ([0.0; 3], [MAX_SD_M; 3]));
-    // Where the vessel's antenna is is known no longer.
+    // The vessel's antenna position has expired.
     assert_eq!(place(&mut base, 110.02, 9.0, measured), None);
 }
 
-/// A relative place that waits for the radio, by the receiver's own time, which does not.
+/// The receiver's time message, which is not delayed, dates a relative place that is delayed by the radio.
 #[test]
 fn place_dated_by_the_receivers_own_time() {
     let (mut base, mut headers) = (MovingBase::default(), OutputHeaders::default());
@@ -170,7 +170,7 @@ fn place_dated_by_the_receivers_own_time() {
     }
 }
 
-/// A link that has received a PX4, and this of the vessel's receiver, at 1 s.
+/// Output at 1 s of a link that has received a PX4 and these frames of the vessel's receiver.
 fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
     let config = AutopilotLinkConfig {
         receiver: receiver.into(),
@@ -258,7 +258,7 @@ fn texts_of_the_relative_place_on_change() {
         (1.0, Some(float)),
         (2.0, Some(fixed)),
         (3.0, Some(fixed)),
-        // For a moment, and for longer.
+        // A short loss and a longer one.
         (4.0, Some(float)),
         (5.0, Some(fixed)),
         (8.0, Some(float)),

@@ -12,10 +12,9 @@ fn at(s: f64) -> DroneTime {
 }
 const STATION: Address = Address::new(255, 190);
 const REJECTED: CommandOutcome = Rejected(TemporarilyRejected, UNAWARE);
-/// The remote control does not bar orders, and those of the link count.
+/// The remote control does not block orders, and the link's orders are accepted.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
-/// A command that is given for the first time.
 fn new(command: u16) -> StationCommand {
     asked(command, Repetition::No)
 }
@@ -26,7 +25,6 @@ fn asked(number: u16, repetition: Repetition) -> StationCommand {
         repetition,
     }
 }
-/// Header of an order by the companion.
 fn given(sequence: u32, s: f64) -> Header<DroneClock> {
     Header::new(0, 1, 7, sequence, at(s))
 }
@@ -35,7 +33,7 @@ fn tracking(s: f64) -> MissionState {
     MissionState {
         header: Header::new(0, 1, 5, 1, at(s)),
         state: State::Tracking,
-        // The first of this boot.
+        // First order of this boot.
         order: Some([7, 1]),
         ..MissionState::default()
     }
@@ -53,7 +51,7 @@ fn station_orders_and_repetitions() {
     assert_eq!(answered(&mut orders, 9.9, land), Order(CommandKind::Land));
     assert_eq!(orders.give(LAND, STATION, given(1, 10.0)), None);
     assert_eq!(answered(&mut orders, 10.0, land), Answered(InProgress));
-    // An abort takes its place, and bars what is no abort.
+    // An abort replaces the order and blocks others.
     assert_eq!(answered(&mut orders, 10.1, abort), Order(CommandKind::Abort));
     let replaced = orders.give((abort, CommandKind::Abort), STATION, given(2, 10.1));
     assert_eq!(replaced.map(|a| (a.number, a.result)), Some((land, Other)));
@@ -74,7 +72,7 @@ fn station_orders_unaware_of_an_abort() {
         [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
         [REJECTED, ordered]
     );
-    // What repeats, or may repeat, what a station ordered before.
+    // Actual and possible repetitions of a former order.
     for again in [Repetition::Yes, Repetition::Perhaps] {
         assert_eq!(
             [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
@@ -98,14 +96,14 @@ fn station_order_whose_answer_was_lost() {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
-    // Whose answer was lost is answered again, and orders nothing.
+    // A repetition after a lost answer is answered again, without a new order.
     orders.give(LAND, STATION, given(1, 30.0));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
         again(&mut orders, 33.0, STATION, Repetition::Yes),
         Answered(Accepted)
     );
-    // Another's, one that is new, and one that may be.
+    // Another station, a new order, and a possible repetition.
     let other = Address::new(254, 190);
     for (from, repetition) in [
         (other, Repetition::Yes),
@@ -114,13 +112,13 @@ fn station_order_whose_answer_was_lost() {
     ] {
         assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
     }
-    // Unless it was stopped since.
+    // After the landing was stopped, the former answer is not reused.
     orders.stopped(at(34.0));
     assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
 }
 
 #[test]
-fn station_order_refused_and_given_again() {
+fn station_order_rejected_and_repeated() {
     let mut orders = StationOrders::default();
     orders.give(LAND, STATION, given(1, 10.0));
     let (_, answer) = orders.poll(at(16.0), None);
@@ -147,7 +145,7 @@ fn station_abort_after_a_landing_from_elsewhere() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
-    // Somebody else orders a landing meanwhile: no station is informed of it.
+    // Another operator orders a landing in between; the stations are not informed.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
@@ -191,7 +189,7 @@ fn station_order_answers() {
             published += usize::from(command.is_some());
             answers.extend(a);
         }
-        // It is answered each second.
+        // The order is answered each second.
         let answer = answers.pop().unwrap();
         let under_way = answers.iter().all(|a| a.result == InProgress);
         assert!(under_way && answers.len() == published.min(5), "{answers:?}");
@@ -201,12 +199,12 @@ fn station_order_answers() {
         result(Some(&mission(ReasonCode::NotFlying, Some([7, 1])))),
         (0, Accepted, String::new())
     );
-    let (published, refused, text) = result(Some(&mission(ReasonCode::Operator, None)));
-    assert_eq!((published, refused), (21, TemporarilyRejected));
-    assert!(text.starts_with("a landing was not taken: Idle"), "{text}");
+    let (published, rejections, text) = result(Some(&mission(ReasonCode::Operator, None)));
+    assert_eq!((published, rejections), (21, TemporarilyRejected));
+    assert!(text.starts_with("a landing was ignored: Idle"), "{text}");
     assert_eq!(
         result(None),
-        (21, Failed, "a landing was not taken: no mission reports".into())
+        (21, Failed, "a landing was ignored: no mission reports".into())
     );
 }
 
@@ -231,7 +229,7 @@ fn station_of_a_command() {
     };
     let none = f64::NAN;
     assert_eq!(ordered([none; 4]), Ok(CommandKind::Station(Station::USUAL)));
-    // What a console sends for parameters that are left out.
+    // A console sends 0 for omitted parameters.
     assert_eq!(ordered([0.0; 4]), Ok(CommandKind::Station(Station::USUAL)));
     assert_eq!(ordered([25.0, 0.0, 0.0, 5.0]), kept(25, 0, 20, 5));
     assert_eq!(ordered([0.0, 30.0, 0.0, 0.0]), kept(0, 30, 0, 10));
@@ -255,7 +253,7 @@ fn station_of_a_command() {
     }
 }
 
-/// On a link that is not signed an abort alone counts.
+/// An unsigned link accepts an abort only.
 #[test]
 fn orders_of_an_unsigned_link() {
     let mut orders = StationOrders::default();
@@ -292,7 +290,7 @@ fn station_in_place_of_another() {
     assert!(matches!(other, Order(kind) if kind != first), "{other:?}");
 }
 
-/// The mission acknowledges what it does not carry out, too.
+/// The mission also acknowledges orders that it does not carry out.
 #[test]
 fn station_order_that_the_mission_rejects() {
     let mut orders = StationOrders::default();
@@ -310,7 +308,7 @@ fn station_order_that_the_mission_rejects() {
     assert!(answer.text.unwrap().starts_with("no station from here: "));
 }
 
-/// After the touchdown an order to land is rejected, with the reason in full.
+/// After the touchdown an order to land is rejected, with the full reason.
 #[test]
 fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();

@@ -1,5 +1,3 @@
-//! Decoding of the dialect's messages.
-
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};
 
@@ -14,10 +12,10 @@ use super::extension::{
 };
 use super::{text, wide};
 
-/// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
+/// Standard gravity in `SCALED_IMU`, m/s² per mG.
 const MILLI_G: f64 = 9.806_65e-3;
 
-/// Decodes the part of a message that landing needs; extension fields are looked up in its payload.
+/// Decodes the messages that Alight uses; extension fields are read from the payload.
 pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<MavlinkMessage> {
     use m::MavMessage as M;
     Some(match message {
@@ -61,14 +59,14 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
             let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
             MavlinkMessage::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
-                // No rangefinder measures 0 m: it stands for no reading.
+                // 0 m marks an invalid reading; rangefinders cannot measure it.
                 range_m: if is_invalid {
                     0.0
                 } else {
                     metres(d.current_distance)
                 },
                 limits_m: [metres(d.min_distance), metres(d.max_distance)],
-                // cm²; 255 is unknown.
+                // cm²; 255: unknown.
                 variance: Some(d.covariance)
                     .filter(|c| !matches!(c, 0 | 255))
                     .map(|c| f64::from(c) * 1e-4),
@@ -110,7 +108,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
         M::PARAM_REQUEST_READ(d) => MavlinkMessage::ParameterRequest {
             to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
-            // -1: by name.
+            // -1: the parameter is requested by name.
             index: u16::try_from(d.param_index).ok(),
         },
         M::PARAM_SET(d) => MavlinkMessage::ParameterSet {
@@ -147,7 +145,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
         M::FOLLOW_TARGET(d) => MavlinkMessage::FollowTarget(PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
-            // Zeros stand for unknown.
+            // Zeros mean that the velocity is unknown.
             velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
@@ -275,7 +273,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
     })
 }
 
-/// A vessel as the autopilot's AIS receiver received it; speed and course where both are valid.
+/// Vessel from the autopilot's AIS receiver; velocity only if speed and course are valid.
 fn ais(d: &m::AIS_VESSEL_DATA) -> AisReport {
     let valid = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
     let (sin, cos) = (f64::from(d.COG) * 0.01).to_radians().sin_cos();
@@ -300,7 +298,8 @@ fn parameter(value: f32, kind: m::MavParamType) -> ParameterValue {
     }
 }
 
-/// Voltage of a pack, V, from its cells' in mV; a pack without cells reports in the first one's place, 65535: not measured.
+/// Voltage of a battery, V, from its cells' in mV. A battery without cell voltages reports the total as its first cell;
+/// 65535: not measured.
 fn volts(cells: &[u16]) -> Option<f64> {
     let known = cells.iter().filter(|v| !matches!(**v, 0 | u16::MAX));
     let sum: f64 = known.map(|v| f64::from(*v)).sum();
@@ -309,7 +308,7 @@ fn volts(cells: &[u16]) -> Option<f64> {
 
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
-    // Another frame of the position is not NED: a camera's odometry, for example.
+    // Other frames are not NED, e.g. in a camera's odometry.
     if d.frame_id != F::MAV_FRAME_LOCAL_NED {
         return None;
     }
@@ -319,7 +318,7 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
         _ => return None,
     };
     let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
-    // Upper triangles of 6 x 6, row by row. The first is no number when the covariance is unknown.
+    // Upper triangles of 6 x 6, row by row; the first element is NaN when the covariance is unknown.
     let known = p[0].is_finite() && v[0].is_finite();
     Some(OdometryReport {
         time_us: d.time_usec,

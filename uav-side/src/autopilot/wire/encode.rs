@@ -1,13 +1,10 @@
-//! Encoding into the dialect's messages.
-
 use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;
 
 use super::super::message::{MavlinkMessage, ParameterValue};
 use super::{chars, narrow};
 
-/// A message in the dialect; None for one whose payload is made byte by byte, or with a number that the
-/// dialect does not know.
+/// Message of the dialect; None when its payload is encoded byte by byte, or for a number unknown to the dialect.
 pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
     use m::MavMessage as M;
     Some(match message {
@@ -103,7 +100,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             current_a,
         } => M::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
             id: *number,
-            // mV of the whole pack in the place of its first cell, and cA.
+            // Voltage of the whole battery, mV, in place of its first cell, and current, cA.
             voltages: core::array::from_fn(|k| match voltage_v {
                 Some(v) if k == 0 => (v * 1e3).round() as u16,
                 Some(_) | None => u16::MAX,
@@ -140,7 +137,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
                 target_system: to.system,
                 target_component: to.component,
                 param_id: chars(name),
-                // -1: by name.
+                // -1: the parameter is requested by name.
                 param_index: index.and_then(|k| i16::try_from(k).ok()).unwrap_or(-1),
             })
         }
@@ -192,7 +189,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             M::COMMAND_INT(d)
         }
         MavlinkMessage::Position(p) => {
-            // Nothing is to be ignored; neither autopilot uses the time, which would be its own.
+            // All fields are used; neither autopilot uses the time, which would be the autopilot's.
             let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
             (d.target_system, d.target_component) = (p.to.system, p.to.component);
             d.coordinate_frame = m::MavFrame::MAV_FRAME_LOCAL_NED;
@@ -226,9 +223,9 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             d.data.get_mut(..data.len())?.copy_from_slice(data);
             M::GPS_RTCM_DATA(d)
         }
-        // The drone's own receiver's alone.
+        // Comes from the drone's own receiver and is never sent.
         MavlinkMessage::RelativePlace(_) => return None,
-        // Made byte by byte.
+        // Encoded byte by byte.
         MavlinkMessage::Odometry(_)
         | MavlinkMessage::Text { .. }
         | MavlinkMessage::CommandAck { .. }

@@ -1,4 +1,4 @@
-//! Messages with MAVLink 2's extension fields, and of other dialects, by their place in the payload.
+//! Messages with MAVLink 2 extension fields and messages of other dialects, encoded by offset.
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
@@ -8,10 +8,10 @@ use super::super::message::{
 };
 use super::chars;
 
-/// Name of the float array that holds the deck.
+/// Name of the float array for the deck.
 const DECK: &str = "deck";
 
-/// Little-endian fields in a row.
+/// Consecutive little-endian fields.
 #[derive(Default)]
 struct Row(Vec<u8>);
 
@@ -27,10 +27,10 @@ impl Row {
     }
 }
 
-/// Places of extension fields in their payloads.
+/// Offsets of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
 pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
-/// `signal_quality` of `DISTANCE_SENSOR`, and its value for a reading that is invalid; 0 is unknown.
+/// `signal_quality` of `DISTANCE_SENSOR`, and its value for an invalid reading; 0: unknown.
 pub(super) const DISTANCE_QUALITY_AT: usize = 38;
 pub(super) const DISTANCE_INVALID: u8 = 1;
 const ESTIMATOR_FLAGS_AT: usize = 40;
@@ -46,8 +46,8 @@ const MISSION_STATE_AT: usize = 4;
 /// `target_system` of `COMMAND_ACK`; the component follows.
 pub(super) const ACK_TO_AT: usize = 8;
 
-/// `LANDING_TARGET`: time, angles (not used), distance, size; number, frame; then the extension:
-/// place, attitude, kind (2: fiducial marker), place is valid.
+/// `LANDING_TARGET`: time, angles (unused), distance, size; number, frame; extension: position, attitude, type (2:
+/// fiducial marker), position valid.
 pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
     Row::default()
         .bytes(&t.time_us.to_le_bytes())
@@ -58,8 +58,8 @@ pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
         .bytes(&[2, 1])
         .0
 }
-/// `TARGET_RELATIVE`: time, place, its deviations, the heading's, attitudes of the target and of the sensor (none of its own);
-/// number, frame (2: `TARGET_OBS_FRAME_LOCAL_OFFSET_NED`), kind (2: fiducial marker).
+/// `TARGET_RELATIVE`: time, position, its deviations, the heading's deviation, attitudes of the target and of the
+/// sensor (none); number, frame (2: `TARGET_OBS_FRAME_LOCAL_OFFSET_NED`), type (2: fiducial marker).
 pub(super) fn target_relative(t: &TargetRelative) -> Vec<u8> {
     Row::default()
         .bytes(&t.time_us.to_le_bytes())
@@ -71,9 +71,10 @@ pub(super) fn target_relative(t: &TargetRelative) -> Vec<u8> {
         .bytes(&[0, 2, 2])
         .0
 }
-/// `TARGET_ABSOLUTE`: time, latitude, longitude, height above the sea, velocity, acceleration (not stated), attitude, rates (not
-/// stated), deviations of place, velocity and acceleration; number, what is stated (1: position, 2: velocity). The velocity is
-/// along the target's own axes by the definition, and north, east and down as PX4 takes it: the attitude makes the two one.
+/// `TARGET_ABSOLUTE`: time, latitude, longitude, height above the sea, velocity, acceleration (not stated), attitude,
+/// rates (not stated), deviations of position, velocity and acceleration; number, validity bits (1: position, 2:
+/// velocity). The velocity is along the target's axes in the definition, and in NED for PX4; the attitude is chosen so
+/// that both coincide.
 pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
     let degrees = |d: f64| ((d * 1e7).round() as i32).to_le_bytes();
     Row::default()
@@ -91,7 +92,7 @@ pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
         .bytes(&[0, 1 | 2])
         .0
 }
-/// One with a position in a frame that is known here.
+/// Landing target with a position in a known frame.
 fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
     let number = payload.u8(TARGET_FRAME_AT);
     let frame = TargetFrame::ALL.into_iter().find(|f| f.number() == number)?;
@@ -104,10 +105,10 @@ fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
         size_m: payload.float(TARGET_SIZE_AT),
     })
 }
-/// Characters of one `STATUSTEXT`.
+/// Length of one `STATUSTEXT`.
 const TEXT: usize = 50;
-/// `STATUSTEXT`s of a text: severity, characters; then the extension: number of the text (0: it is in this one alone), number of
-/// the part. A part that is not full is the last.
+/// `STATUSTEXT`s of a text: severity, characters; extension: text number (0: a single part), part number. A part that
+/// is not full is the last.
 pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>> {
     let number = if text.len() > TEXT { number } else { 0 };
     let full = text.as_bytes().chunks_exact(TEXT);
@@ -122,7 +123,7 @@ pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>
     };
     (0..=u8::MAX).zip(parts).map(part).collect()
 }
-/// `COMMAND_ACK`: command, result; then the extension: progress (255: not known), a second result, receiver.
+/// `COMMAND_ACK`: command, result; extension: progress (255: unknown), second result, receiver.
 pub(super) fn command_ack(command: u16, result: CommandResult, to: Address) -> Vec<u8> {
     let number = match result {
         CommandResult::Accepted => m::MavResult::MAV_RESULT_ACCEPTED,
@@ -143,7 +144,7 @@ pub(super) fn command_ack(command: u16, result: CommandResult, to: Address) -> V
         .bytes(&[number as u8, progress, 0, 0, 0, 0, to.system, to.component])
         .0
 }
-/// `DEBUG_FLOAT_ARRAY`: time, number, name; then the extension: 58 floats.
+/// `DEBUG_FLOAT_ARRAY`: time, number, name; extension: 58 floats.
 pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
     let name: CharArray<10> = chars(DECK);
     Row::default()
@@ -153,8 +154,8 @@ pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
         .floats(values.as_flattened())
         .0
 }
-/// `GPS_RAW_INT`: time, latitude, longitude, height, four fields not used, fix and satellites; then the extension: height
-/// above the ellipsoid.
+/// `GPS_RAW_INT`: time, latitude, longitude, height, four unused fields, fix and satellites; extension: height above
+/// the ellipsoid.
 pub(super) fn gnss_heights(sea_m: f64, ellipsoid_m: f64) -> Vec<u8> {
     let mm = |m: f64| ((m * 1e3).round() as i32).to_le_bytes();
     Row::default()
@@ -165,8 +166,7 @@ pub(super) fn gnss_heights(sea_m: f64, ellipsoid_m: f64) -> Vec<u8> {
         .bytes(&mm(ellipsoid_m))
         .0
 }
-/// `ODOMETRY`: time, position, attitude, velocity, rates, two covariances, frames; then the extension:
-/// reset counter.
+/// `ODOMETRY`: time, position, attitude, velocity, rates, two covariances, frames; extension: reset counter.
 pub(super) fn odometry(o: &OdometryReport) -> Vec<u8> {
     let mut covariances = [[f64::NAN; 21]; 2];
     if let Some([p, a, v]) = o.variances {
@@ -191,26 +191,26 @@ pub(super) fn odometry(o: &OdometryReport) -> Vec<u8> {
         .0
 }
 
-/// `ESTIMATOR_STATUS`: time, eight floats not used, flags.
+/// `ESTIMATOR_STATUS`: time, eight unused floats, flags.
 pub(super) fn estimator_status(flags: u16) -> Vec<u8> {
     let row = Row::default().bytes(&[0; 8]).floats(&[0.1; 8]);
     row.bytes(&flags.to_le_bytes()).0
 }
-/// `EKF_STATUS_REPORT`: five floats not used, flags.
+/// `EKF_STATUS_REPORT`: five unused floats, flags.
 pub(super) fn ekf_status(flags: u16) -> Vec<u8> {
     Row::default().floats(&[0.1; 5]).bytes(&flags.to_le_bytes()).0
 }
 
-/// `MISSION_CURRENT`: the item, not used; then the extension: items, state, mode (not used).
+/// `MISSION_CURRENT`: item (unused); extension: items, state, mode (unused).
 pub(super) fn mission_current(total: u16, state: u8) -> Vec<u8> {
     let row = Row::default().bytes(&[0; 2]).bytes(&total.to_le_bytes());
     row.bytes(&[state, 0]).0
 }
 
-/// Messages whose extension is their content, and ArduPilot's own.
+/// Decodes messages whose content is in the extension, and ArduPilot's own.
 pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<MavlinkMessage> {
     match number {
-        // By their places: a flag that the dialect does not know yet is no damage.
+        // Decoded by offset, so that a flag unknown to the dialect does not invalidate the message.
         id::ESTIMATOR_STATUS => Some(MavlinkMessage::EstimatorStatus {
             flags: payload.u16(ESTIMATOR_FLAGS_AT),
         }),
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
     use alight_shared::geodesy::Datum;
 
-    /// By the definitions of MAVLink's development dialect: places, and lengths.
+    /// Offsets and lengths of MAVLink's development dialect.
     #[test]
     fn targets_by_their_places() {
         let bytes = target_relative(&TargetRelative {

@@ -1,6 +1,6 @@
-//! The drone's mapping of MAVLink 2 frames: [`Encoder`] and [`Decoder`] turn [`MavlinkMessage`]s into frames and back,
-//! in both directions, so that a test or the simulated world can be the other end. Neither ever panics
-//! on what arrives; a frame that is damaged, unknown or out of this vocabulary is counted and passed over.
+//! MAVLink 2 frames of the drone: [`Encoder`] and [`Decoder`] convert [`MavlinkMessage`]s to frames and back, in both
+//! directions, so that a test or the simulation can be the other end. Neither panics on any input; damaged, unknown and
+//! unused frames are counted and skipped.
 
 mod decode;
 mod encode;
@@ -12,10 +12,9 @@ use alight_shared::mavlink::{
 
 use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
-/// Number of the last severity (`MAV_SEVERITY_DEBUG`).
 const MAX_SEVERITY: u8 = 7;
 
-/// Frames from a stream of bytes, however it is cut.
+/// Decodes frames from a stream of bytes that arrives in arbitrary parts.
 #[derive(Default)]
 pub struct Decoder {
     frames: FrameReader,
@@ -23,18 +22,17 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder of signed frames, where a key is set; an abort of a ground station counts whatever its clock shows.
+    /// Decoder that checks signatures if a key is set; a ground station's abort is accepted at any clock time.
     pub fn signed(signing: Option<Signing>) -> Decoder {
         Decoder {
             frames: FrameReader::signed(signing).whenever(is_abort),
             unknown: 0,
         }
     }
-    /// Takes bytes in.
     pub fn push(&mut self, bytes: &[u8]) {
         self.frames.push(bytes);
     }
-    /// The next frame of this vocabulary; None until more bytes are there.
+    /// Next frame that Alight uses; None until more bytes arrive.
     pub fn next_frame(&mut self) -> Option<MavlinkFrame> {
         loop {
             let raw = self.frames.next_frame()?;
@@ -50,11 +48,10 @@ impl Decoder {
             self.unknown += 1;
         }
     }
-    /// Frames passed over: not of this vocabulary, or with a value that the dialect does not know.
+    /// Number of skipped frames: unused, or with a value unknown to the dialect.
     pub fn ignored(&self) -> u64 {
         self.unknown + self.frames.unreadable()
     }
-    /// Frames by their signatures.
     pub fn signatures(&self) -> Signatures {
         self.frames.signatures()
     }
@@ -64,7 +61,7 @@ impl Decoder {
     }
 }
 
-/// Frames to the other end: numbered, and signed where a key is set.
+/// Encodes numbered frames, signed if a key is set.
 #[derive(Default)]
 pub struct Encoder {
     sequence: u8,
@@ -72,12 +69,11 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder of signed frames, where a key is set.
     pub fn signed(signing: Option<Signing>) -> Encoder {
         Encoder { sequence: 0, signing }
     }
-    /// The next frame's bytes; of a long text those of several. None for a message that only others send and for a number that
-    /// the dialect does not know.
+    /// Bytes of the next frame; of several frames for a long text. None for messages that only others send, and for
+    /// numbers unknown to the dialect.
     pub fn frame(&mut self, from: Address, message: &MavlinkMessage) -> Option<Vec<u8>> {
         let MavlinkMessage::Text { severity, text } = message else {
             return Some(self.next(from, outgoing(message)?));
@@ -100,7 +96,7 @@ impl Encoder {
     }
 }
 
-/// A `COMMAND_LONG` or `COMMAND_INT` that aborts: both have the command at the same place.
+/// Whether this is a `COMMAND_LONG` or `COMMAND_INT` that aborts; both have the command at the same offset.
 fn is_abort(id: u32, fields: Fields<'_>) -> bool {
     matches!(id, 75 | 76) && fields.u16(28) == super::message::command::USER_2
 }
@@ -115,7 +111,7 @@ fn outgoing(message: &MavlinkMessage) -> Option<Outgoing> {
             Outgoing::new(77, 143, extension::command_ack(*command, *result, *to))
         }
         MavlinkMessage::LandingTarget(t) => Outgoing::new(149, 200, extension::landing_target(t)),
-        // Of MAVLink's development dialect.
+        // MAVLink's development dialect.
         MavlinkMessage::TargetRelative(t) => Outgoing::new(511, 28, extension::target_relative(t)),
         MavlinkMessage::TargetAbsolute(t) => Outgoing::new(510, 245, extension::target_absolute(t)),
         MavlinkMessage::Deck { time_us, values } => {
@@ -145,7 +141,6 @@ fn narrow<const N: usize>(v: [f64; N]) -> [f32; N] {
 fn text<const N: usize>(t: &CharArray<N>) -> String {
     t.to_str().unwrap_or_default().to_owned()
 }
-/// As many bytes of `t` as fit.
 fn chars<const N: usize>(t: &str) -> CharArray<N> {
     let mut bytes = [0; N];
     bytes.iter_mut().zip(t.bytes()).for_each(|(b, c)| *b = c);
@@ -157,7 +152,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// DISTANCE_SENSOR with its extension, 1.5 m, downwards, of this quality.
+    /// DISTANCE_SENSOR with its extension: 1.5 m downwards, with this quality.
     fn distance(quality: u8) -> Vec<u8> {
         let mut payload = 7_u32.to_le_bytes().to_vec();
         payload.extend([10_u16, 1000, 150].into_iter().flat_map(u16::to_le_bytes));
@@ -172,7 +167,7 @@ mod tests {
         mavlink::encode(from, Outgoing::new(132, 85, payload), None)
     }
 
-    /// A ground station whose clock was ahead, and was set back.
+    /// A ground station whose clock is set back after it was ahead.
     #[test]
     fn abort_whatever_the_clock_shows() {
         use super::super::message::{CommandLong, command};
@@ -200,7 +195,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whole, however long: in parts with one number, each but the last full.
+        /// A long text arrives completely: in parts with one number, each but the last full.
         #[test]
         fn texts_in_parts(text in "[ -~]{0,220}") {
             let mut decoder = Decoder::default();
@@ -226,7 +221,7 @@ mod tests {
         };
         assert_eq!(numbers("short"), [[0; 3]]);
         assert_eq!(numbers(&"x".repeat(50)), [[0; 3]]);
-        // The empty one ends it.
+        // An empty part ends the text.
         assert_eq!(numbers(&"x".repeat(100)), [[7, 0, 0], [7, 0, 1], [7, 0, 2]]);
     }
 
@@ -238,7 +233,7 @@ mod tests {
             let Some(MavlinkMessage::Distance(d)) = decoder.next_frame().map(|f| f.message) else {
                 panic!("{quality}");
             };
-            // 0 m is no reading.
+            // 0 m marks an invalid reading.
             assert!((d.range_m - metres).abs() < 1e-9, "{quality}: {}", d.range_m);
         }
     }

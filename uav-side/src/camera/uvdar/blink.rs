@@ -1,18 +1,17 @@
-//! Identification of markers by their blinking codes (Walter et al. 2019, section IV): bright spots
-//! are followed from image to image, dark ones at the place where they should be, and the last
-//! images of each are compared with the markers' codes in every phase.
+//! Identification of markers by their blinking codes (Walter et al. 2019, section IV). Bright spots are tracked from
+//! image to image, dark ones at their predicted positions, and the last images of each are compared with the markers'
+//! codes in every phase.
 
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector2;
 
 use super::blobs::Blob;
 
-/// Images that a code has, and markers that there are, at most.
+/// Maximum length of a code, images, and maximum number of markers.
 pub const MAX_BITS: usize = 32;
-/// Spots that are followed at a time.
 const MAX_TRACKS: usize = 64;
 
-/// A marker's code: bits, the first one the lowest.
+/// Code of a marker: bits, the first in the lowest position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Code {
     bits: u32,
@@ -20,7 +19,7 @@ pub struct Code {
 }
 
 impl Code {
-    /// From a text of 0 and 1, 4 to 32 of them; None for any other.
+    /// Parses a text of 4 to 32 characters 0 and 1; None for any other.
     pub fn parse(text: &str) -> Option<Code> {
         let length = text.len();
         if !(4..=MAX_BITS).contains(&length) || !text.bytes().all(|b| b == b'0' || b == b'1') {
@@ -32,15 +31,15 @@ impl Code {
             .fold(0, |bits, (k, b)| bits | (u32::from(b == b'1') << k));
         Some(Code { bits, length })
     }
-    /// Whether the marker is lit in its `k`-th image.
+    /// Whether the marker is lit in image `k` of its code.
     pub fn lit(&self, k: u64) -> bool {
         (self.bits >> (k % self.length as u64)) & 1 == 1
     }
-    /// Length of the sequence, images.
+    /// Length of the code, images.
     pub fn images(&self) -> usize {
         self.length
     }
-    /// Longest time in the dark, images, across the code's end too.
+    /// Longest dark period of the repeated code, images.
     pub fn max_dark(&self) -> usize {
         let mut longest = 0;
         let mut dark = 0;
@@ -50,13 +49,14 @@ impl Code {
         }
         longest
     }
-    /// Fewest bits in which the last images, the newest lowest, differ from the code in any phase.
+    /// Minimum number of bits in which the last images, the newest in the lowest bit, differ from the code in any
+    /// phase.
     fn distance(&self, observed: u32) -> u32 {
         let mask = u32::MAX >> (32 - self.length as u32);
         (0..self.length)
             .map(|phase| {
                 let turned = (0..self.length).fold(0_u32, |bits, k| {
-                    // Backwards in time from the newest.
+                    // The bits run backwards in time from the newest image.
                     let at = (phase + self.length - k) % self.length;
                     bits | (((self.bits >> at) & 1) << k)
                 });
@@ -65,7 +65,7 @@ impl Code {
             .min()
             .unwrap_or(u32::MAX)
     }
-    /// Fewest bits in which two codes of the same length differ in any phase.
+    /// Minimum number of bits in which two codes of the same length differ in any phase.
     pub fn apart(&self, other: &Code) -> u32 {
         let backwards = (0..other.length).fold(0_u32, |bits, k| {
             bits | (((other.bits >> (other.length - 1 - k)) & 1) << k)
@@ -74,29 +74,25 @@ impl Code {
     }
 }
 
-/// A spot that is followed.
 #[derive(Clone, Debug)]
 struct Track {
     at: Vector2<f64>,
-    /// Pixels per second.
     velocity: Vector2<f64>,
     last: Time<DroneClock>,
-    /// Lit or dark in the last images, the newest in the lowest bit.
+    /// Whether the spot was lit in each of the last images, with the newest in the lowest bit.
     observed: u32,
     images: u32,
     dark: usize,
     lit_now: bool,
 }
 
-/// A spot that is a marker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IdentifiedMarker {
     pub marker: usize,
-    /// Place in the image, px.
+    /// Position in the image, px.
     pub at: Vector2<f64>,
 }
 
-/// Follows spots and knows the markers among them.
 #[derive(Clone, Debug)]
 pub struct BlinkTracker {
     codes: Vec<Code>,
@@ -109,8 +105,8 @@ pub struct BlinkTracker {
 }
 
 impl BlinkTracker {
-    /// A tracker of markers with these codes at an image every `period`; a spot moves at most `gate_px`
-    /// between images other than it did before.
+    /// Tracker of markers with these codes, with an image every `period`; a spot deviates from its predicted position
+    /// by at most `gate_px` between images.
     pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> BlinkTracker {
         BlinkTracker {
             max_dark: codes.iter().map(Code::max_dark).max().unwrap_or(0),
@@ -122,9 +118,9 @@ impl BlinkTracker {
             last: None,
         }
     }
-    /// Takes one image's spots; gives those that are markers.
+    /// Processes the spots of an image. Returns the spots that are identified as markers.
     pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
-        // Bits of lost images are not known: all tracks start afresh.
+        // Bits of lost images are unknown: all tracks start again.
         let gap = self
             .last
             .map_or(f64::INFINITY, |last| (at - last).secs() / self.period.secs());
@@ -155,7 +151,7 @@ impl BlinkTracker {
         }
         self.known()
     }
-    /// Gives each track the spot that is nearest to where it moves; which spots are taken.
+    /// Assigns to each track the spot nearest to its predicted position. Returns which spots are assigned.
     fn follow(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<bool> {
         let mut taken = vec![false; blobs.len()];
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
@@ -170,7 +166,6 @@ impl BlinkTracker {
                 }
             }
         }
-        // The nearest pairs first.
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
         for track in &mut self.tracks {
             track.lit_now = false;
@@ -187,7 +182,7 @@ impl BlinkTracker {
             *used = true;
             let age = (at - track.last).secs().max(1e-6);
             let velocity = (blob.at - track.at) / age;
-            // The first difference is the velocity, later ones are averaged.
+            // The first difference is the velocity; later ones are averaged.
             let gain = if track.images < 2 { 1.0 } else { 0.4 };
             track.velocity += (velocity - track.velocity) * gain;
             track.at = blob.at;
@@ -196,7 +191,7 @@ impl BlinkTracker {
         }
         taken
     }
-    /// Spots that are lit now and blink like one marker; a marker that two spots claim is left out.
+    /// Lit spots that match exactly one marker; a marker that two spots match is left out.
     fn known(&self) -> Vec<IdentifiedMarker> {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {
@@ -288,7 +283,7 @@ mod tests {
         let mut tracker = tracker();
         let mut identified = 0;
         for k in 0..48_u64 {
-            // One image in twelve shows nothing.
+            // One image in twelve is dark.
             let lit = code.lit(k) && k % 12 != 6;
             let blobs: Vec<Blob> = lit.then(|| blob(50.0, 60.0)).into_iter().collect();
             let known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);

@@ -1,35 +1,33 @@
-//! Bright spots of an image, with their places.
+//! Bright spots of an image and their positions.
 
 use nalgebra::Vector2;
 
 use crate::camera::image::GreyImage;
 
-/// Most spots of an image; the brightest count.
+/// Maximum number of spots in an image; the brightest ones are kept.
 pub const MAX_BLOBS: usize = 64;
 
-/// An image with more runs of bright pixels than this shows no spots but glare or noise: none is found.
+/// Maximum number of runs of bright pixels. An image with more shows glare or noise, and no spots are returned.
 const MAX_RUNS: usize = 4000;
 
-/// A bright spot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blob {
-    /// Centre of its light above the threshold, px.
+    /// Centroid of the light above the threshold, px.
     pub at: Vector2<f64>,
-    /// That light, grey levels times pixels.
+    /// Light above the threshold, grey levels times pixels.
     pub light: f64,
 }
 
-/// Limits of a spot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlobLimits {
-    /// Minimum grey level of its middle.
+    /// Minimum grey level of a spot's pixels.
     pub threshold: u8,
-    /// Most pixels above the threshold: a marker is small, the sun and its image are not.
+    /// Maximum number of pixels above the threshold: markers are small, the sun and its reflections are not.
     pub max_pixels: usize,
 }
 
-/// Spots of the image: pixels above the threshold that touch, in rows from the top. Bounded: a row's runs
-/// are joined with those of the row above, and an image with too many spots gives the brightest.
+/// Spots of the image: connected pixels above the threshold, row by row from the top. A row's runs are joined with
+/// those of the row above, and only the brightest spots are kept, so that time and memory are bounded.
 pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
     let mut open: Vec<(usize, usize, usize)> = Vec::new();
     let mut groups = Groups::default();
@@ -54,7 +52,7 @@ pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
             runs.push((start, end, group));
             from = end;
         }
-        // Runs of both rows from the left; those that touch are one spot.
+        // Runs of both rows from the left; touching runs belong to one spot.
         let mut above = open.iter().peekable();
         for (start, end, group) in &runs {
             while let Some((_, right, _)) = above.peek()
@@ -81,7 +79,6 @@ struct Sum {
     pixels: usize,
 }
 
-/// Disjoint sets of runs.
 #[derive(Default)]
 struct Groups {
     parent: Vec<usize>,
@@ -114,7 +111,7 @@ impl Groups {
         if a == b {
             return;
         }
-        // The later run's root hangs below the earlier one's, whose sum takes it in.
+        // The later run's root becomes a child of the earlier one's, which takes over its sum.
         let (low, high) = (a.min(b), a.max(b));
         let add = self.sums.get(high).copied().unwrap_or_default();
         if let (Some(parent), Some(sum)) = (self.parent.get_mut(high), self.sums.get_mut(low)) {
@@ -162,7 +159,7 @@ mod tests {
 
     #[test]
     fn blob_centre() {
-        // A "U", whose arms meet in the last row only, and a pixel that touches by a corner.
+        // A "U", whose legs meet in the last row only, and a pixel that touches it at a corner.
         let u = [
             (10, 10, 150),
             (12, 10, 150),
@@ -177,7 +174,7 @@ mod tests {
         assert_eq!(blobs.len(), 1, "{blobs:?}");
         let two = find(&image(&[(5, 5, 200), (6, 5, 150), (40, 30, 255)]), &SPOT);
         assert_eq!(two.len(), 2);
-        // 101 and 51 of light: the place is a third of the way.
+        // With light of 101 and 51 the centroid is at a third of the distance.
         let left = two.iter().find(|b| b.at.x < 20.0).unwrap();
         assert!((left.at.x - (5.0 + 51.0 / 152.0)).abs() < 1e-9 && (left.at.y - 5.0).abs() < 1e-9);
     }

@@ -1,31 +1,30 @@
-//! A wide lens: the angle from the optical axis gives the distance from the image's centre (equidistant
-//! projection with the polynomial of Kannala and Brandt 2006, as OpenCV's fisheye model writes it).
+//! Wide lens: the angle from the optical axis determines the distance from the image's centre (equidistant projection
+//! with the polynomial of Kannala and Brandt 2006, as in OpenCV's fisheye model).
 
 use alight_shared::config;
 use nalgebra::{Vector2, Vector3};
 
 use crate::camera::image::check_image;
 
-/// Bound on the steps of Newton's method.
 const MAX_STEPS: usize = 20;
 
 config! {
-    /// A wide lens with its image.
+    /// Wide lens with its image size.
     ///
-    /// Defaults: 180 deg on 640 x 480 px, the circle as high as the image.
+    /// Defaults: 180 deg on 640 x 480 px, with a circle as high as the image.
     #[derive(Copy)]
     pub struct Fisheye {
         /// Width of the image, px.
         pub width_px: u32 = 640;
         /// Height of the image, px.
         pub height_px: u32 = 480;
-        /// Scale in the image's two directions, px/rad.
+        /// Scale along the image's two axes, px/rad.
         pub focal_px: [f64; 2] = [152.0, 152.0];
         /// Principal point, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
         pub distortion: [f64; 4] = [0.0; 4], in -2.0..=2.0;
-        /// Full cone that the lens sees, deg.
+        /// Full angle of the lens's cone, deg.
         pub cone_deg: f64 = 180.0, in 10.0..=240.0;
     }
     check |this, at| {
@@ -41,13 +40,12 @@ config! {
             grows,
             "distortion",
             format!("{:?}", this.distortion),
-            "coefficients by which the angle in the image grows with the true one over the whole cone",
+            "coefficients with which the angle in the image increases with the true angle over the cone",
         )?;
     }
 }
 
 impl Fisheye {
-    /// The angle in the image, and its derivative.
     fn distorted_angle(&self, angle: f64) -> (f64, f64) {
         let [k1, k2, k3, k4] = self.distortion;
         let a2 = angle * angle;
@@ -99,7 +97,6 @@ impl Fisheye {
         };
         Some(across.push(cos))
     }
-    /// Size of a pixel, rad.
     pub fn pixel_rad(&self) -> f64 {
         2.0 / (self.focal_px[0] + self.focal_px[1])
     }

@@ -1,6 +1,5 @@
-//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"):
-//! bright spots of a wide, dark image, identified by their blinking codes, give the deck's position from further away than
-//! the tag.
+//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"): bright spots in
+//! a wide, dark image, identified by their blinking codes, give the deck's position from further away than the tag.
 //!
 //! Read in this order: [`blobs`], [`blink`], [`fisheye`], [`pose`].
 
@@ -24,15 +23,14 @@ use blobs::BlobLimits;
 pub use fisheye::Fisheye;
 use pose::{MarkerBearing, PosePrior, solve};
 
-/// Most markers of a deck.
 pub const MAX_MARKERS: usize = 16;
-/// The attitude of a fix is used for this long, s.
+/// Time after a fix for which its attitude is used, s.
 const ATTITUDE_MEMORY_S: f64 = 0.5;
-/// Fewest bits in which two codes have to differ.
+/// Minimum number of bits in which two codes differ.
 const MIN_CODE_DISTANCE: u32 = 3;
 
 config! {
-    /// The ultraviolet camera and the deck's markers.
+    /// Settings of the ultraviolet camera and of the deck's markers.
     pub struct UvdarSettings {
         /// Lens of the camera.
         pub lens: Fisheye;
@@ -44,7 +42,7 @@ config! {
         pub rate_hz: f64 = 20.0, in 1.0..=200.0;
         /// Minimum grey level of a marker.
         pub threshold: u8 = 80, in 5.0..=255.0;
-        /// Most pixels of a marker.
+        /// Maximum number of pixels of a marker.
         pub max_pixels: u16 = 200, in 1.0..=1e4;
         /// Markers in the deck's frame, m.
         /// Chosen: the corners of the deck.
@@ -54,22 +52,21 @@ config! {
                 [-1.25, 0.85, 0.0],
                 [-1.25, -0.85, 0.0],
             ];
-        /// Their codes, one bit an image, 1 lit.
-        /// Chosen: twelve bits, never dark for more than two, any two codes four bits apart in any
-        /// phase.
+        /// Codes of the markers, one bit per image, 1 lit.
+        /// Chosen: twelve bits, dark for at most two, any two codes four bits apart in any phase.
         pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
                 .to_vec();
-        /// Wrong bits that are tolerated.
+        /// Number of tolerated wrong bits.
         pub wrong_bits: u32 = 1, in 0.0..=3.0;
         /// Maximum deviation of a spot from its predicted position between images, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
         /// Standard deviation of a spot's position, each coordinate, px.
-        /// Chosen: three times what rendered images give.
+        /// Chosen: three times that of rendered images.
         pub spot_sd_px: f64 = 0.15, in 0.01..=10.0;
-        /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
+        /// Standard deviation of the deck's tilt relative to the drone, each axis, deg.
         pub tilt_sd_deg: f64 = 12.0, in 0.5..=60.0;
-        /// Largest sum of squared residuals.
+        /// Maximum sum of squared residuals.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
     check |this, at| {
@@ -97,55 +94,48 @@ config! {
 }
 
 impl UvdarSettings {
-    /// The codes, of those that are some.
     pub fn parsed(&self) -> Vec<Code> {
         self.codes.iter().filter_map(|c| Code::parse(c)).collect()
     }
-    /// Rotation of the belly camera from the ultraviolet one: about the common x axis.
+    /// Rotation to the belly camera from the ultraviolet one, about the common x axis.
     pub fn belly_from_uv(&self) -> UnitQuaternion<f64> {
         let turn = core::f64::consts::FRAC_PI_2 - self.tilt_down_deg.to_radians();
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn)
     }
 }
 
-/// Counts of images by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UvdarCounts {
     pub images: u64,
-    /// Images that gave a position.
     pub fixes: u64,
     /// Spots identified as markers.
     pub markers: u64,
-    /// Images with one known marker only: a direction without a distance.
+    /// Images with a single identified marker: a direction without a distance.
     pub single: u64,
     /// Images whose markers fit no position, or several.
     pub misfit: u64,
-    /// Images of another size than the lens's.
+    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 
-/// The node of the ultraviolet camera.
 pub struct UvdarNode {
     settings: UvdarSettings,
     tracker: BlinkTracker,
     belly_from_uv: UnitQuaternion<f64>,
     known: PosePrior,
     exposures: Exposures,
-    /// The attitude of the newest fix, camera from deck.
+    /// Attitude of the newest fix, from the deck to the camera.
     last_attitude: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
-    /// Images by result.
     pub counts: UvdarCounts,
 }
 
-/// Detections of the node.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct UvdarOut {
-    /// Positions of the deck.
     pub fixes: Vec<UvdarFix>,
 }
 
 wiring! {
-    /// Topics that the ultraviolet camera's node writes; it reads images alone.
+    /// Topics that the ultraviolet camera's node writes; it reads images only.
     UvdarPorts of UvdarNode: CameraIn => UvdarOut {
         reads {}
         edge { frames, exposed }
@@ -155,7 +145,6 @@ wiring! {
 }
 
 impl UvdarNode {
-    /// A node that detects the markers in `settings`.
     pub fn new(settings: &UvdarSettings, identity: CameraIdentity) -> UvdarNode {
         let period = Span::from_secs(1.0 / settings.rate_hz);
         let belly_from_uv = settings.belly_from_uv();
@@ -173,7 +162,7 @@ impl UvdarNode {
             counts: UvdarCounts::default(),
         }
     }
-    /// The deck's position by one image, which follows those before it.
+    /// Position of the deck from an image and those before it.
     pub fn detect(&mut self, at: Time<DroneClock>, image: &GreyImage) -> Option<UvdarFix> {
         self.counts.images += 1;
         let s = &self.settings;

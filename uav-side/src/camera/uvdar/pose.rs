@@ -1,17 +1,16 @@
-//! Pose of the deck from the directions of known markers: least squares on the sphere.
+//! Pose of the deck from the directions of known markers, by least squares on the sphere.
 //!
-//! Unknown are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's
-//! axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes,
-//! over the bearing's standard deviation. Two further residuals are the deck's tilt, with the standard
-//! deviation of deck and drone together: they pick the right one of the two tilts that a small square allows,
-//! and make two markers enough. Two markers alone have two solutions, a deck's width apart; then the one that
-//! continues the attitude of the image before is taken, or none.
+//! The unknowns are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's axes
+//! lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes, over the
+//! bearing's standard deviation. Two further residuals are the deck's tilt over the standard deviation of deck and
+//! drone together: they select the right one of the two tilts that a small square permits, and make two markers
+//! sufficient. Two markers alone have two solutions, a deck's width apart; then the one that continues the previous
+//! image's attitude is chosen, if it is unique.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
 use crate::camera::refine::{CameraPose, NormalEquations, RefinementLimits, refine};
 
-/// Headings that are tried as a start.
 const STARTS: usize = 8;
 const LIMITS: RefinementLimits = RefinementLimits {
     steps: 25,
@@ -21,52 +20,45 @@ const LIMITS: RefinementLimits = RefinementLimits {
     absolute_gain: 1e-12,
     step: 0.0,
 };
-/// A solution whose sum of squared residuals is larger by less than this (3 standard deviations) is a rival.
+/// Difference of the sums of squared residuals below which another solution is a rival: 3 standard deviations.
 const RIVAL: f64 = 9.0;
-/// Solutions nearer to each other than this fraction of the distance are one.
+/// Distance between solutions, as a fraction of the range, below which they are the same.
 const SAME_FRACTION: f64 = 0.02;
-/// A deck goes on from the one before when it has turned by less than this, rad, and each rival by more
-/// than that many times as much.
+/// Maximum rotation, rad, from the previous attitude to a solution that continues it, and the factor by which the
+/// rotation to each rival must be larger.
 const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
-/// A marker and its direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerBearing {
-    /// Place of the marker in the deck's axes, m.
+    /// Position of the marker in the deck's axes, m.
     pub marker: Vector3<f64>,
-    /// Direction of the marker in the camera's axes, a unit vector.
     pub direction: Vector3<f64>,
 }
 
-/// Knowledge in addition to the directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.
     pub bearing_sd: f64,
     /// Down in the camera's axes for a level drone, a unit vector.
     pub down: Vector3<f64>,
-    /// Standard deviation of the deck's normal against it, each of two axes, rad.
+    /// Standard deviation of the deck's normal relative to `down`, each of two axes, rad.
     pub tilt_sd: f64,
 }
 
-/// The deck as the markers show it.
 #[derive(Clone, Copy, Debug)]
 pub struct MarkerPose {
-    /// Centre of the deck in the camera's axes, m.
     pub position: Vector3<f64>,
-    /// Covariance of the same, m².
+    /// Covariance of the position, m².
     pub covariance: Matrix3<f64>,
-    /// Rotation camera from deck.
+    /// Rotation from the deck to the camera.
     pub attitude: UnitQuaternion<f64>,
-    /// Sum of squared residuals.
     pub misfit: f64,
 }
 
-/// A pose and its cost.
 type Solution = (CameraPose, f64);
 
-/// Two unit vectors across `v`.
+/// Two orthogonal unit vectors perpendicular to `v`.
 fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
     let other = if v.x.abs() < 0.7 {
         Vector3::x()
@@ -78,8 +70,7 @@ fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
     Some(Matrix2x3::from_rows(&[a.transpose(), b.transpose()]))
 }
 
-/// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the
-/// camera's axes).
+/// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the camera's axes).
 fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> Option<NormalEquations> {
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
     let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
@@ -107,7 +98,7 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
         }
         let unit = p / range;
         let plane = across(&one.direction)?;
-        // One behind the camera's measured direction would be a mirror solution.
+        // A point opposite to the measured direction would be a mirror solution.
         if !(unit.dot(&one.direction) > 0.0) {
             return None;
         }
@@ -130,8 +121,8 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// The solution, of several that fit alike with the best first, that goes on from the attitude `last`; None
-/// when none does, or more than one.
+/// The one of `rivals`, equally good solutions with the best first, that continues the attitude `last`; None unless
+/// exactly one does.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
         return Some(alone);
@@ -148,8 +139,8 @@ fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Opt
     (*smallest < CONTINUITY_RAD && *next > RIVAL_TURNS * smallest).then_some(found)
 }
 
-/// Solves from two markers or more; None when nothing fits, or when several places fit alike and not just one
-/// of them goes on from the attitude `last`.
+/// Solves from two markers or more. None when nothing fits, or when several positions fit equally and not exactly one
+/// continues the attitude `last`.
 pub fn solve(
     bearings: &[MarkerBearing],
     known: &PosePrior,
@@ -176,7 +167,7 @@ pub fn solve(
         let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
         let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
         let attitude = turn * level;
-        // At a slant, markers are nearer than their distance from each other implies.
+        // In an oblique view markers are nearer than their angular distance implies.
         for fraction in [1.0, 0.5] {
             let start = CameraPose {
                 position: direction * (range * fraction).clamp(0.5, 500.0) - attitude * centre,
@@ -253,16 +244,16 @@ mod tests {
             let t = Vector3::new(side, up, 1.0).normalize() * range;
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
             let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
-            // From afar the rectangle's shape hardly depends on its tilt, and two positions may fit alike: then the
-            // attitude of a moment before selects one.
+            // From afar the rectangle's shape hardly depends on its tilt, and two positions may fit equally; the
+            // previous attitude then selects one.
             let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
             let pose = solve(&bearings(t, r, 4), &known, None).or_else(followed).unwrap();
-            // A tilted deck is drawn towards level, by less than the stated uncertainty.
+            // A tilted deck is biased towards level, by less than the stated uncertainty.
             let e = pose.position - t;
             let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
             prop_assert!(off < 3.0, "{off}: {} {t}", pose.position);
             prop_assert!(pose.misfit < 1.0);
-            // Two are enough for one who knows how the deck lay a moment ago.
+            // Two markers are sufficient when the previous attitude is known.
             let before = UnitQuaternion::from_euler_angles(0.02, -0.02, 0.03) * r;
             if let Some(two) = solve(&bearings(t, r, 2), &known, Some(&before)) {
                 prop_assert!(two.covariance.trace() > pose.covariance.trace());

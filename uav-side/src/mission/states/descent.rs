@@ -1,4 +1,4 @@
-//! Descent and flare: conditions under which a landing goes on, and those that break it off.
+//! Descent and flare: conditions under which a landing continues or is broken off.
 
 use alight_shared::msg::ReasonCode::{
     Descending, DescendingTo, Deviated, FlareHeight, Flaring, Matched, Matching, Missed, NoPlan, Swings,
@@ -12,13 +12,13 @@ use super::super::situation::{Deck, Situation};
 use super::{MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
 use crate::mission_config::MissionConfig;
 
-/// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
+/// Reason to break off a landing that is not committed: another drone owns the deck, or the helm announces a turn.
 fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
     let turns = s.course == Course::Turning && urgency <= 0.0;
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// What forbids the flare at the decision clearance.
+/// Reason not to begin the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
@@ -30,15 +30,15 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     ])
 }
 
-/// A descent leaves the cone above the deck that is so wide at no clearance, m, and this much wider per metre.
+/// Cone of a descent: its radius at the deck, m, and the radius' increase per metre of clearance.
 const CONE_M: f64 = 1.0;
 const CONE_SLOPE: f64 = 0.3;
-/// Going up and coming down again takes so long, s, and ends in a harmful contact so seldom: a landing goes on that is less
-/// likely than it had to be by what both cost.
+/// Duration of a new attempt, s, and its probability of a harmful contact: a landing is broken off only if its
+/// probability falls short of the required one by more than the cost of both.
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
-/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
+/// Reason if a condition of a landing in progress is violated; `blind_s`: maximum time without vision.
 fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
@@ -52,17 +52,18 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
-/// An autopilot that keeps the attitude tilts less than this beyond what is commanded, rad: 10 deg; landings reach 2.
+/// Tilt beyond the commanded one above which the autopilot has lost the attitude, rad: 10 deg; the excess reaches 2 deg
+/// in landings.
 const MAX_TILT_EXCESS_RAD: f64 = 0.175;
-/// Below this clearance the deck may tilt a drone that touches it, m: the forecast's error.
+/// Clearance below which the deck may tilt a drone by touching it, m: the forecast's error.
 const MAY_TOUCH_M: f64 = 0.3;
 
-/// The attitude is being lost: more thrust, as a climb takes, gives the rotors their torque back.
+/// Reason if the attitude is being lost: a climb's higher thrust restores the rotors' torque.
 fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
     exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
 }
 
-/// Descent: until the flare; an unmet condition of the flare pauses it at the decision clearance.
+/// Descends until the flare, with a pause at the decision clearance while a condition of the flare is not met.
 pub(super) fn descent(
     violated: Option<DroneTime>,
     paused: Option<DroneTime>,
@@ -80,7 +81,7 @@ pub(super) fn descent(
     let violation = violation(deck, urgency, s, c, c.descent_vision_s);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
-    // Below the commit clearance going on is safer than breaking off, while the deck is below.
+    // Below the commit clearance continuing is safer than breaking off, as long as the deck is below.
     if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
         return PhaseTransition::BreakOff(why);
     }
@@ -110,10 +111,12 @@ pub(super) fn descent(
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
 }
 
-/// No further above the lowest plan than this it follows the deck there, m: what is left of the heave.
+/// Distance above the lowest plan within which the drone follows the deck, m: the part of the heave that it does not
+/// follow.
 const MATCHED_WITHIN_M: f64 = 0.5;
 
-/// The end of a descent that does not land: with the deck at the lowest plan since `matched`, then up.
+/// End of a descent that does not land: the drone has followed the deck at the lowest plan since `matched`, and then
+/// climbs.
 fn matching(
     lowest_m: f64,
     violated: Option<DroneTime>,
@@ -140,8 +143,8 @@ fn matching(
     MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
 
-/// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
-/// committed.
+/// Continues the flare until touchdown. It is broken off if the deck is missed or lost, and for soft reasons until it
+/// is committed.
 pub(super) fn flare(
     committed: bool,
     violated: Option<DroneTime>,
@@ -152,7 +155,7 @@ pub(super) fn flare(
     let Some(deck) = s.fresh_deck() else {
         return PhaseTransition::BreakOff(s.no_deck());
     };
-    // The deck may fall away again: half a metre above the commit clearance there is time to judge.
+    // The deck may fall away again: half a metre above the commit clearance there is time to decide.
     let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
     let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
         exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
@@ -171,5 +174,5 @@ pub(super) fn flare(
     MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
 }
 
-/// A condition has to be violated for so long before a landing is broken off, s: several messages.
+/// Duration of a violation after which a landing is broken off, s: several messages.
 const VIOLATION_S: f64 = 0.3;

@@ -1,4 +1,4 @@
-//! Bounds of references and plans: the water, the deck's lowest clearance, volumes around the deck.
+//! Bounds of references and plans: the water, the lowest clearance over the deck, volumes around the deck.
 
 use alight_shared::msg::DeckStage;
 use nalgebra::Vector3;
@@ -10,13 +10,14 @@ use super::{PlanReference, ReferenceGenerator};
 use crate::contingency::NEAR_DECK_M;
 use crate::surroundings::{Passage, margin_m};
 
-/// The reference rests on the lowest clearance, the bound of the plan lies lower by this, m: they do not pull at each other.
+/// Distance of the plan's bound below the lowest clearance of the reference, m: the bound must not affect a plan that
+/// follows the reference.
 const UNDERCUT_M: f64 = 0.2;
-/// The minimum altitude does not bind inside the deck's outline widened by this, m.
+/// Widening of the deck's outline within which the minimum altitude does not apply, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;
 
 impl ReferenceGenerator {
-    /// Decides where the plan passes the volumes.
+    /// Chooses the side on which the plan passes each volume.
     pub(super) fn pass(
         &self,
         view: &View,
@@ -35,7 +36,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// No reference below the minimum altitude where it is not over the deck, nor below the top of a volume there.
+    /// Raises references to the minimum altitude away from the deck, and above the top of a volume.
     pub(in crate::planner) fn keep_above(&self, reference: &PlanReference, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
             let ceiling = self.ceiling(reference, k, r[0], r[1]);
@@ -46,7 +47,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Keeps references clear of the volumes that the plan passes on a side, and the plan's places.
+    /// Moves references out of the volumes that the plan passes sideways, and bounds the plan's positions.
     pub(in crate::planner) fn keep_out(&self, reference: &PlanReference, problem: &mut Problem) {
         problem.sides.clear();
         if reference.passages.is_empty() {
@@ -54,7 +55,8 @@ impl ReferenceGenerator {
         }
         let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
         for (stage, (r, deck)) in stages.enumerate() {
-            // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
+            // Leaving one volume may lead into another. Two passes suffice for two volumes; for a third one only its
+            // soft bound remains.
             let passages = reference.passages.iter();
             let from = problem.sides.len();
             let sides = passages.filter_map(|p| p.side(deck));
@@ -77,7 +79,8 @@ impl ReferenceGenerator {
         self.keep_above(reference, problem);
     }
 
-    /// Soft upper bound of z at a place: over volumes that the plan passes above, over the water outside the deck.
+    /// Soft upper bound of z at a place: above the volumes that the plan passes over, and above the water away from the
+    /// deck.
     pub fn ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
         let water_z = self.water_ceiling(reference, stage, x, y);
         let Some(deck) = reference.deck.get(stage + 1) else {
@@ -87,7 +90,7 @@ impl ReferenceGenerator {
         tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
     }
 
-    /// The lowest clearance over the deck's plane near the deck, nothing where a plan may touch: `n (p - c) - l = h` solved
+    /// Bound of z by the lowest clearance near the deck, [`NO_CEILING`] if a plan may touch: `n (p - c) - l = h` solved
     /// for the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
     fn deck_ceiling(&self, reference: &PlanReference, deck: &DeckStage, x: f64, y: f64) -> f64 {
         let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
@@ -100,7 +103,7 @@ impl ReferenceGenerator {
         deck.position[2] + height / n.z.min(-0.3)
     }
 
-    /// The minimum altitude over the water, nothing over the deck.
+    /// Bound of z by the minimum altitude over the water, [`NO_CEILING`] over the deck.
     fn water_ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
         if let Some(d) = reference.deck.get(stage + 1) {
             let (s, c) = d.euler[2].sin_cos();

@@ -1,16 +1,13 @@
-//! The rendezvous planner, `alight`: position, velocity and attitude meet the deck at an instant
-//! of its choice.
+//! The rendezvous planner, `alight`: position, velocity and attitude match the deck's at a chosen time.
 //!
-//! What differs from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
-//! - the instant of contact is chosen within the forecast ([`touchdown_time`]);
-//! - the height is flown against time left, fast down to just above the deck and softly onto it
-//!   ([`profile`]);
-//! - a stage's weights depend on the height that the drone will have *there*, `g = exp(-(h/h0)²)`:
-//!   attitude, velocity and place matter where the contact is, for as short as possible, because a
-//!   matched tilt accelerates sideways;
-//! - tilt is planned as the horizontal acceleration that it causes at the planned vertical one and
-//!   in the wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`. An aligned drone is blown along, so
-//!   what the wind does over the alignment is part of the plan.
+//! Differences from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
+//! - The touchdown time is chosen within the forecast ([`touchdown_time`]).
+//! - The height is a function of the time left: fast down to just above the deck, then softly onto it ([`profile`]).
+//! - The weights of a stage depend on the drone's height *at that stage*, `g = exp(-(h/h0)²)`: attitude, velocity and
+//!   position matter at the contact, and only briefly, because a matched tilt accelerates sideways.
+//! - Tilt is planned as the horizontal acceleration that it causes at the planned vertical acceleration and in the
+//!   wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`. The wind accelerates an aligned drone, so the plan includes the
+//!   wind's effect during the alignment.
 
 pub mod config;
 pub mod profile;
@@ -35,16 +32,16 @@ use profile::{Height, Profile};
 use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
-/// Closer than this to a deck that it is to touch the wind is not learnt: a contact is no wind, m.
+/// Clearance below which the wind is not estimated in a landing, m: contact forces are not wind.
 const FREE_M: f64 = 0.5;
-/// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
-/// a little.
+/// Distance from the deck's centre up to which its plane is followed, m: slightly more than half the width of the
+/// default deck.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
-/// Time constant with which the plans of a landing yield to the place and velocity that the drone has, s: what the pilot
-/// has not closed by then the plan takes for given and meets the deck from there. Longer than the pilot's loop, that two
-/// loops do not close the same gap; shorter than the second from the full descent to the contact.
+/// Time constant with which the plans of a landing approach the drone's position and velocity, s: the plan accepts the
+/// gap that the pilot has not closed by then and meets the deck from there. It is longer than the pilot's loop, so that
+/// two loops do not close the same gap, and shorter than the one second from full descent to contact.
 const YIELDS_S: f64 = 0.3;
-/// The law of `alight`: references and weights of a landing, and the wind that they allow for.
+/// Law of `alight`: references and weights of a landing, and the wind that they allow for.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
     config: RendezvousConfig,
@@ -53,42 +50,41 @@ pub struct Rendezvous {
     touchdown_time: TouchdownTime,
     push: LateralDisturbance,
     feet: f64,
-    /// From the middle of the feet to each, m.
+    /// Distance from the feet's centre to each foot, m.
     half_span: f64,
 }
 
-/// The whole way down.
 #[derive(Clone, Copy, Debug)]
 struct DescentPlan {
-    /// Time to contact now, s; infinite when no contact is permitted.
+    /// Time to contact now, s; infinite while no contact is permitted.
     left: f64,
-    /// Not higher than this: where the drone is, m.
+    /// Upper bound of the height: the drone's present height, m.
     ceiling: f64,
-    /// Not lower than this while no contact is permitted, m.
+    /// Lower bound of the height while no contact is permitted, m.
     floor: f64,
-    /// Where the feet meet the deck, from its centre, NED, m.
+    /// Planned position of the feet on the deck, from its centre, NED, m.
     lateral_offset: Vector2<f64>,
     /// Mean height of the deck, NED z, m.
     mean_z: f64,
-    /// The wind that the drone is blown along with, m/s².
+    /// Wind that accelerates the drone during the alignment, m/s².
     wind: Vector2<f64>,
-    /// What is met is not the deck but a plane this far above it along its normal, m.
+    /// Height of the target plane above the deck, along its normal, m.
     lifted_m: f64,
-    /// So much lower than their middle is the lowest of the feet of a drone that tilts against the wind, m.
+    /// Distance of the lowest foot below the feet's centre for a drone that tilts against the wind, m.
     lowered_m: f64,
-    /// Where the feet are to meet the deck, from its centre, NED, m.
+    /// Target of the feet on the deck, from its centre, NED, m.
     meets: Vector2<f64>,
 }
 
 impl DescentPlan {
-    /// The plane is met, and not touched.
+    /// Whether the descent ends above the deck, without contact.
     fn stops_above(&self) -> bool {
         self.lifted_m > 0.0
     }
 }
 
 impl Law for Rendezvous {
-    /// Learns the disturbance, unless the drone is near enough to the deck to touch it.
+    /// Updates the disturbance, unless the drone is close enough to the deck to touch it.
     fn observe(
         &mut self,
         drone: Option<&DroneState>,
@@ -149,7 +145,6 @@ impl Law for Rendezvous {
 }
 
 impl Rendezvous {
-    /// A law without a choice yet.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
         Rendezvous {
             config: config.rendezvous,
@@ -162,7 +157,8 @@ impl Rendezvous {
         }
     }
 
-    /// Replaces references and weights of place, tilt and height; gives the time to contact (s), if one is planned.
+    /// Replaces references and weights of position, tilt and height; returns the time to contact (s), if one is
+    /// planned.
     fn write_references(
         &mut self,
         now: Time<DroneClock>,
@@ -173,8 +169,8 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
-        // below it than the centre says, and would stay above the deck that much longer.
+        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg it has 0.1 m more clearance than at
+        // the centre, and would stay above the deck for longer.
         let normal = here.normal();
         let lateral_offset = self.lateral_offset(&start, here, &normal);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
@@ -182,7 +178,7 @@ impl Rendezvous {
         let push = self.push.at(contact, &Vector3::from(here.velocity).xy());
         let wind = wind_during_alignment(&push);
         let mean_z = reference.mean_z;
-        // Height over the surface that the profile follows at this height.
+        // Height over the surface that the profile follows.
         let over =
             |fraction: f64| mean_z + fraction * (here.position[2] - mean_z) + (contact - here.position[2]);
         let clearance = over(self.heave_fraction(contact - start[state::DOWN])) - start[state::DOWN];
@@ -194,7 +190,7 @@ impl Rendezvous {
         let (left, floor) = if permitted {
             let min_time = self.profile.min_time(clearance, begin.sinking);
             let left = self.profile.left(clearance);
-            // Low over the deck the tag is out of view: waiting there drifts off.
+            // Low over the deck the tag is out of view, and a drone that waits drifts away.
             let flare = mission.state == Mode::Flare;
             let c = &self.config.touchdown_time;
             let window_s = if flare || lifted_m > 0.0 { 0.0 } else { c.window_s };
@@ -240,7 +236,7 @@ impl Rendezvous {
         permitted.then_some(left)
     }
 
-    /// Fraction of the deck's heave that the reference follows at a height over it: smooth between two
+    /// Fraction of the deck's heave that the reference follows at a height over it, 0 to 1: a smooth step between two
     /// heights.
     fn heave_fraction(&self, clearance: f64) -> f64 {
         let c = &self.config.profile;
@@ -248,16 +244,16 @@ impl Rendezvous {
         s * s * (3.0 - 2.0 * s)
     }
 
-    /// Horizontal place of an aligned drone's feet relative to the deck's centre (NED, m), not further
-    /// than the deck reaches.
+    /// Horizontal position of an aligned drone's feet relative to the deck's centre (NED, m), limited to the deck's
+    /// extent.
     fn lateral_offset(&self, state: &ModelState, deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
         o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
     }
 
-    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `lateral_offset` its
-    /// centre, m: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the
-    /// feet's distance `l`; `lifted_m` higher along the normal.
+    /// NED z of the centre of mass of an aligned drone that stands on the deck at `lateral_offset` from its centre, m:
+    /// `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the feet's distance `l`;
+    /// `lifted_m` higher along the normal.
     fn contact_z(
         &self,
         deck: &DeckStage,
@@ -269,7 +265,7 @@ impl Rendezvous {
         deck.position[2] + (n.xy().dot(lateral_offset) - lifted_m) / up + self.feet * n.z
     }
 
-    /// The height that the profile has `time` from now, where it can be followed.
+    /// Height of the profile `time` from now, limited to what the drone can follow.
     fn wanted(&self, time: f64, way: &DescentPlan) -> Height {
         let wanted = if way.stops_above() && way.left < time {
             Height {
@@ -293,8 +289,8 @@ impl Rendezvous {
         wanted
     }
 
-    /// How low the drone can be `time` after `h` at bounded acceleration: a reference that falls
-    /// faster leaves the rotors too little thrust to hold the place.
+    /// Lowest height reachable `time` after `h` at bounded acceleration: with a reference that falls faster the rotors
+    /// have too little thrust to hold the position.
     fn lowest(&self, h: &Height, time: f64) -> Height {
         let c = &self.config.profile;
         let max = (c.sink_mps + c.hurry_mps).max(h.sinking);
@@ -338,7 +334,7 @@ impl Rendezvous {
             - h.clearance;
         r[8] = fraction * deck.velocity[2] + h.sinking;
 
-        // After the contact nothing has to be met any more.
+        // After the contact the drone does not have to match the deck any more.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
         let clearance = match c.distance {
             FaaDistance::PerStage => h.clearance,
@@ -353,22 +349,22 @@ impl Rendezvous {
             q[3 + i] = c.tilt.at(g);
             q[9 + i] = c.rates.at(g);
         }
-        // Near the contact the reference is the tilt of the deck and the wind's acceleration; far from it little
+        // Near the contact the reference is the deck's tilt plus the wind's acceleration; far from it a small
         // acceleration. a = (-g theta, g phi).
         let contact = c.tilt.contact * g / c.tilt.at(g).max(1e-9);
         let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
         r[4] = -meant.x;
-        // Above the deck its height alone is matched.
+        // A descent that ends above the deck matches only the deck's height.
         let g = if way.stops_above() { (-height).exp() } else { g };
         q[2] = c.vertical.at(g);
         q[8] = c.vertical_velocity.at(g);
     }
 }
 
-/// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
-/// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
-/// (NED, m/s²). Gives its upward axis in NED and the factor by which rates of tilt grow.
+/// Attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal acceleration per g, of which
+/// `wind` (m/s²) contributes a part; `down` is the vertical acceleration (NED, m/s²). Returns its upward axis in NED
+/// and the factor on the rates of tilt.
 pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (Vector3<f64>, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (

@@ -1,16 +1,15 @@
-//! The descent profile, backwards from the contact: soft at the end, braked before, fast above.
+//! Descent profile, backwards from the contact: soft at the end, braked before, fast above.
 
 use super::config::ProfileConfig;
 
-/// Height over the deck and speed of sinking against the time that is left.
+/// Height over the deck and sink rate against the time left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     config: ProfileConfig,
-    /// Time to go at which braking begins, s.
+    /// Time left until contact at which braking begins, s.
     braking_from: f64,
 }
 
-/// A point of the way down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Height {
     /// Foot plane above the deck, m.
@@ -20,7 +19,6 @@ pub struct Height {
 }
 
 impl Profile {
-    /// The profile of a configuration.
     pub fn new(config: &ProfileConfig) -> Self {
         let braking = (config.sink_mps - config.touch_mps).max(0.0) / config.braking_mps2;
         Profile {
@@ -29,8 +27,8 @@ impl Profile {
         }
     }
 
-    /// `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full
-    /// speed. After it on into the deck and gently to rest, so that the contact is pressed home.
+    /// Height `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full speed. After
+    /// the contact it continues below the deck's plane with an exponential decay, which keeps pressure on the contact.
     pub fn at(&self, left: f64) -> Height {
         let c = &self.config;
         if left < 0.0 {
@@ -50,7 +48,7 @@ impl Profile {
         }
     }
 
-    /// The time that is left at `clearance`, s; the inverse of [`Profile::at`].
+    /// Time left at `clearance`, s; the inverse of [`Profile::at`].
     pub fn left(&self, clearance: f64) -> f64 {
         let c = &self.config;
         if clearance < 0.0 {
@@ -70,8 +68,8 @@ impl Profile {
         c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
     }
 
-    /// The shortest time from `clearance`, sinking at `speed` now, s: the profile's, and what getting
-    /// up to its speed costs at its own deceleration.
+    /// Shortest time to contact from `clearance` at the present sink rate `speed`, s: the profile's time plus the time
+    /// lost while accelerating to the profile's speed.
     pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);
         let wanted = self.at(left).sinking;

@@ -1,14 +1,15 @@
-//! What pushes the drone sideways on its way down: measured where it is, and predicted where it will be.
+//! Lateral disturbance during the descent: measured at the drone, predicted along its path.
 //!
-//! Wind falls off towards the water by the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a drone that it
-//! blows along meets less of it. Both change the drag `d = -k |u| u` of the way `u = v - w` through the air, to first order
+//! Wind decreases towards the water by the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a drone that
+//! drifts with the wind has less airspeed. Both change the drag `d = -k |u| u` of the airspeed `u = v - w`, to first
+//! order
 //!
 //! ```text
 //! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)),    S = |d0| / |u0| (1 + u0 u0' / |u0|²)
 //! ```
 //!
-//! In 10 m/s from 7 m above a deck that is a third of the push, which puts a drone 4 cm upwind of its place where the plan
-//! takes it for constant.
+//! In 10 m/s of wind this is a third of the disturbance from 7 m above a deck; a plan with a constant disturbance ends
+//! 4 cm upwind.
 
 use alight_shared::landing::LINEAR_MPS;
 use alight_shared::msg::DroneState;
@@ -18,25 +19,25 @@ use crate::odometry::DISTURBANCE_S;
 
 /// Roughness length of the open sea, m.
 const ROUGHNESS_M: f64 = 2e-4;
-/// No height above the water counts as less, m.
+/// Smallest height above the water, m.
 const LOWEST_M: f64 = 0.5;
 
-/// The push now, and how it changes.
+/// Lateral disturbance and the conditions under which it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LateralDisturbance {
     /// NED, m/s².
     measured: Vector2<f64>,
-    /// Velocity and height (NED z) of the drone for which it is, m/s, m.
+    /// Velocity (NED, m/s) and height (NED z, m) of the drone at the measurement.
     velocity: Vector2<f64>,
     z: f64,
-    /// The true wind there, towards NED, m/s; None while it is not known.
+    /// True wind at the drone, towards NED, m/s; None while unknown.
     wind: Option<Vector2<f64>>,
     /// NED z of the water, m; None before the first landing.
     water_z: Option<f64>,
 }
 
 impl LateralDisturbance {
-    /// New odometry; in `free` flight its disturbance is that of the mean of the last moments.
+    /// Processes new odometry; in `free` flight the disturbance is averaged over [`DISTURBANCE_S`].
     pub(super) fn measure(&mut self, d: &DroneState, free: bool) {
         self.wind = d.wind.map(Vector2::from);
         if !free {
@@ -46,15 +47,14 @@ impl LateralDisturbance {
         self.velocity = d.velocity().xy();
         self.z = d.position[2] - DISTURBANCE_S * d.velocity[2];
     }
-    /// NED z of the water, m.
     pub(super) fn know_water(&mut self, z: f64) {
         self.water_z = Some(z);
     }
-    /// Where the drone is, m/s².
+    /// Disturbance at the drone, NED, m/s².
     pub(super) fn measured(&self) -> Vector2<f64> {
         self.measured
     }
-    /// Of a drone at the height `z` (NED, m) that moves at `velocity` (NED, m/s), m/s².
+    /// Disturbance of a drone at the height `z` (NED, m) with the velocity `velocity` (NED, m/s), m/s².
     pub(super) fn at(&self, z: f64, velocity: &Vector2<f64>) -> Vector2<f64> {
         let (Some(wind), Some(water_z)) = (self.wind, self.water_z) else {
             return self.measured;
@@ -66,7 +66,7 @@ impl LateralDisturbance {
             (Matrix2::identity() + way * way.transpose() / (speed * speed)) * (self.measured.norm() / speed);
         let changed = wind * (above(z) / above(self.z) - 1.0) - (velocity - self.velocity);
         let change = slope * changed;
-        // The first order holds for a part of it.
+        // The first-order approximation is valid for a limited change.
         self.measured + change.cap_magnitude(0.5 * self.measured.norm())
     }
 }
@@ -78,7 +78,7 @@ mod tests {
     fn drag(u: &Vector2<f64>) -> Vector2<f64> {
         -u * (0.028 * u.norm())
     }
-    /// Measured at 8 m above the water, moving at `v`.
+    /// Disturbance measured 8 m above the water by a drone that moves at `v`.
     fn push(wind: Vector2<f64>, v: Vector2<f64>) -> LateralDisturbance {
         let mut push = LateralDisturbance::default();
         let d = DroneState {
@@ -99,7 +99,7 @@ mod tests {
         let at_deck = wind * ((1.6_f64 / 2e-4).ln() / (8.0_f64 / 2e-4).ln());
         let found = push(wind, Vector2::zeros()).at(-1.6, &Vector2::zeros());
         assert!((found - drag(&-at_deck)).norm() < 0.1, "{found}");
-        // Blown along at 0.5 m/s.
+        // The drone drifts with the wind at 0.5 m/s.
         let v = Vector2::new(0.5, 0.0);
         let found = push(wind, Vector2::zeros()).at(-8.0, &v);
         assert!((found - drag(&(v - wind))).norm() < 0.03, "{found}");

@@ -1,5 +1,5 @@
-//! Touchdown time: the instant within reach at which the deck is about level, turns slowly and
-//! accelerates as a drone aligned with it would.
+//! Touchdown time: the reachable time at which the deck is nearly level, rotates slowly and accelerates like an aligned
+//! drone.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, DeckStage};
@@ -9,13 +9,13 @@ use nalgebra::{Vector2, Vector3};
 use super::config::TouchdownTimeConfig;
 use crate::flatness::aligned_acceleration;
 
-/// Candidates are this far apart, s.
+/// Spacing of the candidates, s.
 const GRID_S: f64 = 0.1;
-/// Most candidates: a window of 4 s.
+/// Maximum number of candidates: a window of 4 s.
 const MAX_CANDIDATES: usize = 41;
 
-/// What touching this deck in `wind` (its horizontal acceleration, m/s²) is expected to cost, besides waiting for it:
-/// `E[x²] = E[x]² + var x` of each quantity, so that an instant of which little is known counts as an average one.
+/// Expected cost of touching this deck in `wind` (its horizontal acceleration, m/s²), without the cost of waiting:
+/// `E[x²] = E[x]² + var x` of each quantity, so that a time that is poorly predicted has the average cost.
 pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
@@ -27,7 +27,7 @@ pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeCon
     let tilt = n.x.hypot(n.y).min(1.0).asin().powi(2) + tilt_var;
     let [roll, pitch, _] = deck.euler_rates;
     let rate = roll * roll + pitch * pitch + variance(&deck.euler_rates_sd[..2]);
-    // Half of the deviations of a velocity are upwards.
+    // Half of a velocity's deviations are upwards.
     let rising = (-deck.velocity[2]).max(0.0).powi(2) + 0.5 * variance(&deck.velocity_sd[2..]);
     let over = |square: f64, scale: f64| square / (scale * scale);
     over(mismatch, c.mismatch_mps2)
@@ -37,20 +37,19 @@ pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeCon
                 + over(rising, c.rising_mps))
 }
 
-/// The chosen instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TouchdownTime {
     at: Option<Time<DroneClock>>,
 }
 
 impl TouchdownTime {
-    /// Forgets the choice.
     pub fn forget(&mut self) {
         self.at = None;
     }
 
-    /// Time until the contact (s), chosen anew while it is far. `min_time` is the earliest possible,
-    /// `left` the profile's time for the present height; in a `flare` there is no waiting.
+    /// Time until the contact (s). Each call chooses it again until [`TouchdownTimeConfig::freeze_s`] before the
+    /// contact. `min_time` is the earliest possible, `left` the profile's time at the present height; in a `flare` the
+    /// drone does not wait.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
@@ -63,7 +62,7 @@ impl TouchdownTime {
     ) -> f64 {
         let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
         let price = |t: Time<DroneClock>| {
-            // Beyond the forecast every instant is like its end.
+            // Every time beyond the forecast has the cost of the forecast's end.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
             Some(expected_cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
@@ -90,7 +89,7 @@ impl TouchdownTime {
                 }
             }
         }
-        // Late: a little faster than the profile, not at any speed.
+        // A late drone descends only slightly faster than the profile.
         let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
         chosen = chosen.max(soonest);
         if flare {
@@ -128,17 +127,17 @@ mod tests {
         };
         let f = rocking(0.0);
         let mut i = TouchdownTime::default();
-        // Level at pi / 1.3 = 2.42 s.
+        // The deck is level at pi / 1.3 = 2.42 s.
         let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((t - 2.42).abs() < 0.1, "{t}");
-        // Frozen: the same instant although the sea now looks otherwise.
+        // The choice is final: it stays the same although the forecast has changed.
         let now = Time::from_secs(1.5);
         let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
-        // Late by half a second: put off, less the hurry.
+        // A drone that is late by half a second: the contact is postponed, by less because of the hurry.
         let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
-        // Early, low over the deck: not waited for.
+        // A drone that is early, low over the deck, does not wait.
         let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
         assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
     }
@@ -158,7 +157,7 @@ mod tests {
         let c = TouchdownTimeConfig::default();
         let ahead = |spread: f64| {
             let f = forecast(header(0, Time::EPOCH), |t| {
-                // What is known fades into the mean, and the spread about it grows.
+                // The forecast decays to the mean, and its spread increases.
                 let known = (-t / 2.0).exp();
                 DeckStage {
                     euler: [0.15 * known, 0.0, 0.0],
@@ -174,7 +173,7 @@ mod tests {
 
     #[test]
     fn touchdown_cost_of_acceleration_down_the_slope() {
-        // Water slopes as it accelerates: a = g tan(tilt).
+        // The slope of the water corresponds to its acceleration: a = g tan(tilt).
         let mut d = DeckStage {
             euler: [0.1, 0.0, 0.0],
             ..DeckStage::default()
@@ -188,7 +187,7 @@ mod tests {
         let stuck = expected_cost(&d, &STILL, &c);
         d.acceleration = [a.x, a.y, 0.0];
         assert!(expected_cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
-        // So does a level deck in wind that accelerates as the wind pushes.
+        // A level deck in wind accelerates an aligned drone as well.
         let level = DeckStage {
             acceleration: [0.8, 0.0, 0.0],
             ..DeckStage::default()

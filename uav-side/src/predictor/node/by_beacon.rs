@@ -22,7 +22,6 @@ impl Predictor {
             (Some(z), _) => z,
             (None, sea_m) => sea_m? + self.track.newest()?.datum_offset[2] + self.config.deck.centre_m[2],
         };
-        let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
         let elsewhere = (self.elsewhere).filter(|(at, _)| (now - *at).secs() < self.config.fresh_s);
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
@@ -33,7 +32,7 @@ impl Predictor {
             source: Source::None,
             radio_age_s,
             vision_age_s,
-            tag_age_s: age(self.tag_at),
+            tag_age_s: self.age_s(now, &[Tag]),
             beacon: Some([known.sd_m, known.age_s]),
             relative: self.relative.state(now),
             decks_in_sight: self.decks.undecided(now),

@@ -7,7 +7,7 @@ use alight_shared::vessel_model::YAW;
 
 use super::super::observation;
 use super::super::placement::placed;
-use super::Predictor;
+use super::{Estimate, Predictor};
 
 impl Predictor {
     pub(super) fn wave(
@@ -45,9 +45,9 @@ impl Predictor {
         }
         let o = observation::estimate(e, self.clock_sd_s);
         self.decks.report(&o, observation::deck_height(e));
+        let newest = self.fused_at(&[Estimate]);
         self.fuse(&o)?;
-        if self.radio_at.is_none_or(|t| e.header.at > t) {
-            self.radio_at = Some(e.header.at);
+        if newest.is_none_or(|t| e.header.at > t) {
             self.radio_sequence = Some(known);
             self.waves.set_lever_arm(e.deck_centre(), e.eta[YAW]);
             self.stated = observation::stated(e);

@@ -14,7 +14,7 @@ impl Predictor {
             let admitted = detected.and_then(|o| {
                 let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
                 self.not_elsewhere(now, axes.as_ref(), &o)?;
-                self.vision(now, &o, false)
+                self.vision(now, &o)
             });
             self.count(admitted);
         }
@@ -77,7 +77,7 @@ impl Predictor {
         match k.map(|k| self.decks.verdict(k, &compared, radio)) {
             Some(Verdict::Own) => {
                 self.compare_relative(&o);
-                self.vision(now, &o, true)
+                self.vision(now, &o)
             }
             Some(Verdict::Other | Verdict::Several(_)) | None => Err(RejectionReason::Outlier),
         }
@@ -87,17 +87,8 @@ impl Predictor {
         &mut self,
         now: Time<DroneClock>,
         observation: &DeckObservation,
-        is_tag: bool,
     ) -> Result<(), RejectionReason> {
-        let at = observation.at;
         self.fuse_next_to_relative(now, observation)?;
-        let newer = |t: &mut Option<Time<DroneClock>>| {
-            *t = Some(t.map_or(at, |old| old.max(at)));
-        };
-        newer(&mut self.vision_at);
-        if is_tag {
-            newer(&mut self.tag_at);
-        }
         if let ([Some((north, _)), Some((east, _)), ..], Some(drone), Some(beacon)) =
             (observation.value, self.track.newest(), &mut self.beacon)
         {
@@ -107,7 +98,7 @@ impl Predictor {
     }
     /// The radio still places the vessel: until it is known by its tags alone.
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
-        self.radio_at.is_some_and(|t| (now - t).secs() <= SILENT_S)
+        self.age_s(now, &[Estimate]) <= SILENT_S
     }
     /// Whether a detection is where the vessel is, as far as radio and beacon place it.
     pub(super) fn not_elsewhere(
@@ -133,16 +124,16 @@ impl Predictor {
         axes: Option<&[Axis; AXES]>,
         o: &DeckObservation,
     ) -> Option<[f64; 2]> {
-        let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
+        let followed = self.age_s(now, &CAMERA) < self.config.fresh_s;
         if let Some(apart) = axes.and_then(|axes| self.apart_from_relative(axes, o)) {
             return Some(apart);
         }
         if !self.is_received(now) {
-            let beacon = self.known_by_beacon(now).filter(|_| !fresh(self.vision_at))?;
+            let beacon = self.known_by_beacon(now).filter(|_| !followed)?;
             return beacon.apart(o).filter(|[apart, limit]| !(apart <= limit));
         }
         let filter = self.filter.as_ref()?;
-        filter.elsewhere(&self.waves, axes?, o, fresh(self.vision_at))
+        filter.elsewhere(&self.waves, axes?, o, followed)
     }
 
     /// The place by vision less the place by radio, and the most that it may be, m: of the deck, or of tags that are not

@@ -1,4 +1,4 @@
-//! Arbitrary input: counted, and the forecast stays sound.
+//! Arbitrary input is counted, and the forecast stays valid.
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 use super::world::{Setup, SimulatedVessel, run, time};
 
-/// Any number, absurd ones included.
+/// Any number, including implausible ones.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -10.0..10.0f64,

@@ -1,4 +1,4 @@
-//! The filter of one axis and the geometry of vision, against closed forms.
+//! Compares the filter of one axis and the vision geometry with closed forms.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
@@ -54,7 +54,7 @@ fn axis_covariance_and_update() {
     let (_, spread) = a.project(MeasurementRow::Vision);
     a.update(MeasurementRow::Vision, 0.05, 1e-4);
     let (value, left) = a.project(MeasurementRow::Vision);
-    // Of a scalar: (1/P + 1/R)^-1, and the weighted mean.
+    // In the scalar case the result is (1/P + 1/R)^-1 and the weighted mean.
     let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
     assert!((left / expected - 1.0).abs() < 1e-9);
     assert!((value - 0.05 * expected / 1e-4).abs() < 1e-9);
@@ -89,7 +89,7 @@ fn tag_and_rangefinder_observations() {
     assert!((roll - 0.1).abs() < 1e-6 && (pitch + 0.15).abs() < 1e-6);
     assert!((o.value[5].unwrap().0 - 0.6).abs() < 1e-6);
 
-    // The beam from the rangefinder meets the deck's plane.
+    // Intersection of the rangefinder's beam with the deck's plane.
     let beam = drone.attitude * Vector3::z();
     let start = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m);
     let normal = deck * Vector3::z();
@@ -107,7 +107,6 @@ fn tag_and_rangefinder_observations() {
     };
     let o = observation::range(&sample, &drone, &plane, &c).unwrap();
     assert!((o.value[2].unwrap().0 - centre.z).abs() < 1e-6);
-    // Outside the deck there is no observation.
     let away = Plane {
         centre: centre + Vector3::new(0.0, 1.5, 0.0),
         ..plane
@@ -153,17 +152,17 @@ fn filter_of_a_turning_vessel() {
     for k in 1..300 {
         filter.fuse(&waves, &at(f64::from(k) * 0.033));
     }
-    // when nothing more is reported for half a second,
+    // when reports stop for half a second,
     let now = 299.0 * 0.033;
     let before = filter.at(&waves, Time::from_secs(now));
     let after = filter.at(&waves, Time::from_secs(now + 0.5));
-    // then the mean velocity has turned and kept its size,
+    // then the mean velocity has turned and kept its magnitude,
     let heading = |s: &alight_uav::predictor::filter::FilterState| s[1].x[RATE].atan2(s[0].x[RATE]);
     let speed = |s: &alight_uav::predictor::filter::FilterState| s[1].x[RATE].hypot(s[0].x[RATE]);
     let turned = alight_shared::frames::wrap_angle(heading(&after) - heading(&before));
     assert!((0.08..0.17).contains(&turned), "{turned}");
     assert!((speed(&after) / speed(&before) - 1.0).abs() < 0.02);
-    // it is less certain than on a vessel at rest, but only while the radio is received.
+    // and it is less certain than on a vessel at rest, but only while the radio is received.
     let walk = |f: &Filter, s| f.noise(s)[0].rate_walk;
     let still = AxisNoise::all(&config)[0].rate_walk;
     assert!(walk(&filter, &after) > 4.0 * still);
@@ -171,7 +170,7 @@ fn filter_of_a_turning_vessel() {
     assert_eq!(walk(&filter, &after), still);
 }
 
-/// The newer modes differ by twice the waves, of half a metre each; the deck has not moved.
+/// New modes with opposite phases, half a metre each; the deck itself has not moved.
 #[test]
 fn newer_modes_with_vision() {
     let config = PredictorConfig::default();
@@ -197,7 +196,7 @@ fn newer_modes_with_vision() {
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);
-    // A message that is valid from the middle of these observations on, with the opposite content.
+    // A message valid from the middle of these observations on, with the opposite content.
     let mut newer = world::waves(&vessel, 2, 1.1);
     for mode in newer.modes.iter_mut() {
         mode.shape = mode.shape.map(|c| c.map(|x| -x));
@@ -209,7 +208,7 @@ fn newer_modes_with_vision() {
     }
 }
 
-/// The vessel's modes take the bank's place also where they predict nothing of a calm; a vessel that names none leaves it.
+/// The vessel's modes replace the bank also when they predict nothing, in calm water; a vessel without modes keeps it.
 #[test]
 fn modes_without_confidence() {
     let mut waves = Waves::new(&PredictorConfig::default());

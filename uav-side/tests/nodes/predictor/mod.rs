@@ -1,5 +1,5 @@
-//! The predictor against a deck made of sinusoids: given a motion, messages as vessel and camera
-//! would send them, then its forecast for now and for a second ahead.
+//! Predictor against a deck of sinusoids: for a given motion it receives the messages of vessel and camera, and its
+//! forecast is checked for now and for a second ahead.
 
 mod arbitrary;
 mod kernels;
@@ -21,9 +21,9 @@ fn forecast_by_radio_and_vision() {
     let near = over_seeds(&v, &set, 60.0, 30.0, 0.2);
     let far = over_seeds(&v, &set, 60.0, 30.0, 1.0);
     near.assert_below(0.06, 0.045, 0.7);
-    // Part of it is the drift to come of the drone's own odometry.
+    // The error includes the future drift of the drone's own odometry.
     far.assert_below(0.10, 0.07, 1.0);
-    // The covariance is consistent, and not absurdly cautious.
+    // The covariance is consistent and not too large.
     near.assert_consistent([0.1, 2.0], [0.1, 2.0]);
     far.assert_consistent([0.1, 2.0], [0.0, f64::INFINITY]);
 }
@@ -48,7 +48,7 @@ fn frame_offset_by_vision() {
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
 }
 
-/// In waves, with an odometry that drifts: the relative place alone does what the tags do.
+/// In waves and with drifting odometry, the relative place alone can replace the tags.
 #[test]
 fn frame_offset_by_relative_place() {
     let v = SimulatedVessel::moderate();
@@ -85,10 +85,10 @@ fn apparent_slope_ten_seconds_ahead() {
             }
         }
         let rms = f64::sqrt(squares / n);
-        // The mission leaves 0.15 between what it permits and what holds by friction.
+        // The mission keeps a margin of 0.15 below the friction limit.
         assert!(rms < 0.05, "sway {sway}: wrong by {rms}");
     }
-    // A deck that is carried along by the water has no apparent slope, however it tilts.
+    // A deck that is carried by the water has no apparent slope at any tilt.
     assert!(
         steepest[0] > 0.15 && steepest[1] < 0.4 * steepest[0],
         "{steepest:?}"
@@ -122,8 +122,8 @@ fn forecast_in_silence() {
         .assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
-/// The rangefinder against the camera is judged while the camera sees the deck: without it, as on the way back from a station, a
-/// height that has drifted since contradicts nothing.
+/// Rangefinder and camera are compared while the camera detects the deck. Without a detection, e.g. on the way back
+/// from a station, a drifted height is no contradiction.
 #[test]
 fn rangefinder_without_a_camera() {
     let v = SimulatedVessel::moderate();
@@ -160,7 +160,7 @@ fn successor_too_near_to_see_the_deck() {
             restart: Some((30.2, remembers)),
             ..Default::default()
         };
-        // From the first forecast on: one that lies off the deck ends a landing.
+        // Every forecast is checked from the first one on, because a wrong one would end a landing.
         let after = |remembers| run(&v, &set(remembers), 31.0).accuracy(&v, 30.2..31.0, 0.2);
         let (kept, lost) = (after(true), after(false));
         assert!(kept.horizontal < 0.3 && kept.vertical < 0.2, "{kept:?}");
@@ -214,7 +214,7 @@ fn modes_of_a_silent_vessel_by_vision() {
             sample.forecast.predicted_slopes.len()
         };
         assert_eq!((slopes(50.0), slopes(70.0)), (0, PREDICTED_SLOPES));
-        // Two seconds ahead, where a bank of oscillators knows little.
+        // The forecast is compared two seconds ahead, where a bank of oscillators predicts little.
         before += r.accuracy(&v, 30.0..60.0, 2.0).vertical;
         after += r.accuracy(&v, 65.0..88.0, 2.0).vertical;
     }
@@ -224,7 +224,8 @@ fn modes_of_a_silent_vessel_by_vision() {
 #[test]
 fn forecast_with_a_clock_error_within_its_sd() {
     let v = SimulatedVessel::moderate();
-    // 100 ms of asymmetry: an offset that is 50 ms wrong, for which the bridge states 58 ms.
+    // With 100 ms of asymmetry the clock offset is wrong by 50 ms, and the bridge reports a standard deviation of 58
+    // ms.
     let set = Setup {
         clock_error: 0.05,
         clock_sd: 0.058,
@@ -252,6 +253,6 @@ fn forecast_with_reordered_messages() {
         b.horizontal < a.horizontal + 0.03 && b.tilt < a.tilt + 0.005,
         "{a:?} {b:?}"
     );
-    // Those that were under way when the filter began are older than it.
+    // Messages sent before the filter began are older than it.
     assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }

@@ -1,4 +1,4 @@
-//! The predictor with a relative place by moving base: a fix that is right, a false one, and a float solution.
+//! Predictor with a relative place by moving base: a correct fix, a false one, and a float solution.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::DroneGeometry;
@@ -12,18 +12,16 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::world::time;
 
-/// A vessel at anchor that heads north, whose radio places it 2 m off, and a drone that hovers above its deck with an odometry that
-/// drifts.
+/// A vessel at anchor that heads north, which the radio places 2 m off, and a drone that hovers above its deck with
+/// drifting odometry.
 struct Bench {
     predictor: Predictor,
     tick: u32,
     solution: Option<CarrierSolution>,
-    /// Error of the baseline, m.
     error: Vector3<f64>,
-    /// The camera detects the tags.
     vision: bool,
     forecast: DeckForecast,
-    /// Drift of the odometry until now, m.
+    /// Drift of the odometry so far, m.
     drift: Vector3<f64>,
 }
 
@@ -101,7 +99,7 @@ impl Bench {
             self.forecast = forecast;
         }
     }
-    /// Distance of the deck's centre by the forecast, in the drone's frame, from where it is, m.
+    /// Distance of the forecast deck from its true position, in the drone's frame, m.
     fn off_m(&self) -> f64 {
         let [stage, ..] = &self.forecast.stages[..] else {
             panic!("no stage");
@@ -123,7 +121,7 @@ fn false_fix_before_the_tags() {
     assert!(b.off_m() < 0.05, "{}", b.off_m());
     let s = b.state();
     assert!((s.contradicted_m.unwrap() - 0.5).abs() < 0.1, "{s:?}");
-    // It stays out until it has been solved again.
+    // It stays rejected until it has been solved again.
     b.vision = false;
     b.run(3.0);
     assert!(

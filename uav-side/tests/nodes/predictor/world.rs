@@ -1,4 +1,4 @@
-//! A deck made of sinusoids, and the messages that a vessel and a camera would send of it.
+//! A deck of sinusoids, and the messages of a vessel and a camera.
 
 use std::ops::Range;
 use std::rc::Rc;
@@ -22,7 +22,7 @@ pub fn time(s: f64) -> Time<DroneClock> {
     Time::from_secs(s)
 }
 
-/// One sinusoid: amplitude of the surface (m), frequency (rad/s), direction (rad), phase (rad).
+/// Sinusoid: amplitude of the surface (m), frequency (rad/s), direction (rad), phase (rad).
 #[derive(Clone, Copy)]
 pub struct Wave {
     pub amplitude: f64,
@@ -31,11 +31,11 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// A vessel that follows the surface: heave, orbital motion, slope. With a mean velocity north.
+/// Vessel that follows the surface, with heave, orbital motion and slope, and a mean velocity north.
 #[derive(Clone)]
 pub struct SimulatedVessel {
     pub waves: Vec<Wave>,
-    /// Share of the water's sideways motion that it follows.
+    /// Fraction of the water's horizontal motion that it follows.
     pub sway: f64,
     pub speed: f64,
     pub heading: f64,
@@ -90,8 +90,8 @@ impl SimulatedVessel {
         let (a, b) = (self.rates(t - h), self.rates(t + h));
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
-    /// The apparent slope over the second about `t`: tan of the angle
-    /// between the deck's normal and the mean specific force.
+    /// Apparent slope over the second about `t`: tan of the angle between the deck's normal and the mean specific
+    /// force.
     pub fn apparent_slope(&self, t: f64) -> f64 {
         let h = 1e-2;
         let force = |t: f64| {
@@ -102,7 +102,6 @@ impl SimulatedVessel {
         let f: Vector3<f64> = (0..=20).map(|k| force(t - 0.5 + 0.05 * f64::from(k))).sum();
         f.xy().norm() / -f.z
     }
-    /// Deck centre and its attitude.
     pub fn deck(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let (p, e) = self.eta(t);
         (
@@ -112,7 +111,7 @@ impl SimulatedVessel {
     }
 }
 
-/// A slow error.
+/// First-order Markov error.
 pub struct Markov {
     pub value: Vector3<f64>,
     pub sd: f64,
@@ -136,25 +135,23 @@ pub fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::from_fn(|_, _| StandardNormal.sample(rng))
 }
 
-/// Parts that are switched on.
 #[derive(Clone, Copy)]
 pub struct Setup {
     pub seed: u64,
-    /// Radio is there before this time, s.
+    /// Time until which the radio is available, s.
     pub radio_until: f64,
-    /// Vision is there from this time to that, s.
+    /// Time span with vision, s.
     pub vision: (f64, f64),
-    /// Extra age of what the radio claims, s.
+    /// Error of the radio's time stamps, s.
     pub clock_error: f64,
     pub clock_sd: f64,
-    /// Radio latency: minimum and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
-    /// The rangefinder reads from this time on, s.
+    /// Time from which the rangefinder reads, s.
     pub ranges_from: f64,
-    /// The relative place is there from this time to that, s.
+    /// Time span with a relative place, s.
     pub relative: (f64, f64),
-    /// A new process at this time (s), with or without what the one before it left.
+    /// Time of a process restart, s, and whether the predecessor's checkpoint is kept.
     pub restart: Option<(f64, bool)>,
 }
 impl Default for Setup {
@@ -174,16 +171,16 @@ impl Default for Setup {
     }
 }
 
-/// One forecast with the truth, as the drone's frame sees it at `now`.
+/// A forecast with the truth in the drone's frame at `now`.
 pub struct Sample {
     pub now: f64,
     pub forecast: DeckForecast,
-    /// Error of the drone's smooth odometry, every 10 ms of the run and a little longer: a place that
-    /// is off, moved by an error of velocity.
+    /// Error of the drone's smoothed odometry, every 10 ms of the run and a little longer: an initial offset that
+    /// drifts with a velocity error.
     pub frames: Rc<Vec<Vector3<f64>>>,
 }
 impl Sample {
-    /// Errors of position and of Euler angles `ahead` seconds from now, with the stage.
+    /// Errors of position and Euler angles `ahead` seconds from now, and the forecast's stage.
     pub fn error(&self, v: &SimulatedVessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
         let s = self.forecast.at(time(self.now + ahead)).unwrap();
         let (p, e) = v.deck(self.now + ahead);
@@ -209,7 +206,6 @@ fn input(message: impl FnOnce(&mut PredictorIn)) -> PredictorIn {
     i
 }
 
-/// Drift of the drone's frame, every 10 ms, m.
 fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
     let mut drift = Markov::new(rng, 0.05, 3.0);
     let mut frame = normal3(rng);
@@ -221,7 +217,7 @@ fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The vessel's estimate with these errors: of its frame, of place and angles, and of their rates.
+/// Vessel estimate with these errors: of its frame, of position and angles, and of their rates.
 fn estimate(
     v: &SimulatedVessel,
     header: Header<DroneClock>,
@@ -252,7 +248,6 @@ fn estimate(
     }
 }
 
-/// The state of a drone that hovers.
 fn odometry(
     header: Header<DroneClock>,
     position: Vector3<f64>,
@@ -268,7 +263,7 @@ fn odometry(
     }
 }
 
-/// The tag's pose by the camera of a drone with this place and attitude.
+/// Tag pose by the camera of a drone with this position and attitude.
 fn tag(
     rng: &mut ChaCha8Rng,
     header: Header<DroneClock>,
@@ -295,7 +290,7 @@ fn tag(
     }
 }
 
-/// The rangefinder's reading on a drone with this place and attitude.
+/// Rangefinder reading of a drone with this position and attitude.
 fn range(
     header: Header<DroneClock>,
     (centre, e): (Vector3<f64>, Vector3<f64>),
@@ -311,7 +306,7 @@ fn range(
     }
 }
 
-/// The place of a drone with this place and attitude relative to an antenna forward of the deck and above it.
+/// Position of a drone with this position and attitude relative to an antenna forward of the deck and above it.
 fn relative(
     rng: &mut ChaCha8Rng,
     header: Header<DroneClock>,
@@ -331,7 +326,7 @@ fn relative(
     }
 }
 
-/// Adds a message that has arrived; state streams keep the newest.
+/// Adds an arrived message; state streams keep the newest.
 fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
     if let Some(e) = m.estimate
         && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
@@ -349,7 +344,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     let mut predictor = Predictor::new(&PredictorConfig::default(), 1);
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
     let frames = Rc::new(drifting_frames(&mut rng, seconds + 3.0));
-    // The vessel's filtered errors.
+    // Filtered errors of the vessel.
     let mut position_error = Markov::new(&mut rng, 0.08, 1.0);
     let mut velocity_error = Markov::new(&mut rng, 0.08, 0.5);
     let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
@@ -406,10 +401,10 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
         }
         if let Some((_, remembers)) = set.restart.filter(|(at, _)| k == (at * 100.0) as u32) {
             predictor = Predictor::new(&PredictorConfig::default(), 2).as_successor();
-            // Boot 0: its keeper has nothing.
+            // With boot number 0 the supervisor holds no checkpoint.
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
-        // Its keeper publishes it at 50 Hz.
+        // The supervisor publishes it at 50 Hz.
         arrived.checkpoint = given.filter(|_| k % 2 == 0);
         let out = predictor.step(time(now), &arrived);
         kept = out.checkpoint.or(kept);
@@ -425,7 +420,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     Run { samples, predictor }
 }
 
-/// The wave model: the modes of these waves, identified to a tenth of a per cent.
+/// Wave model with the modes of these waves, identified to 0.1 %.
 pub fn waves(v: &SimulatedVessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     let (s, c) = v.heading.sin_cos();
     let mode = |w: &Wave| {
@@ -456,7 +451,7 @@ pub fn waves(v: &SimulatedVessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     }
 }
 
-/// A prediction with deviations that grow with the horizon.
+/// Prediction with deviations that increase with the horizon.
 pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     let stage = |h: u8| PredictedStage {
         sd: [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005]
@@ -471,8 +466,8 @@ pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     }
 }
 
-/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised
-/// squared error per degree of freedom of position and of roll and pitch.
+/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised squared error per
+/// degree of freedom of position and of roll and pitch.
 #[derive(Debug, Default)]
 pub struct Accuracy {
     pub horizontal: f64,
@@ -514,13 +509,12 @@ impl Accuracy {
     }
 }
 impl Run {
-    /// Accuracy of the samples between two times, s.
     pub fn accuracy(&self, v: &SimulatedVessel, between: Range<f64>, ahead: f64) -> Accuracy {
         let samples = self.samples.iter().filter(|s| between.contains(&s.now));
         Accuracy::of(v, samples, ahead)
     }
 }
-/// The accuracy over several seeds from `from` s on.
+/// Accuracy over several seeds, from `from` s on.
 pub fn over_seeds(v: &SimulatedVessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
     let runs = [0, 1, 2, 3, 4].map(|seed| run(v, &Setup { seed, ..*set }, seconds));
     let samples = runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from);

@@ -1,8 +1,9 @@
-//! The crew's clearances for take-offs, and their ends: a clearance is only as recent as the last look at the drone.
+//! Take-off clearances of the crew, and the conditions that end them.
 //!
-//! Time ends each. So does anything that shows somebody at the deck since: the deck closed by order, switch or hatch, a weight that
-//! came to it or was taken off it ([`crate::deck::DeckConfig::occupancy_sensor`]), a battery that was changed, a computer of the drone that was
-//! restarted. Whoever ended it is asked again.
+//! The crew clears a take-off after looking at the drone. The clearance ends after a time, and at any sign that
+//! somebody has been at the deck since: the deck was closed by order, switch or hatch, a weight was put on or removed
+//! ([`crate::deck::DeckConfig::occupancy_sensor`]), a battery was changed, or a drone's computer was restarted. A new
+//! clearance is then needed.
 
 use core::fmt;
 
@@ -14,21 +15,18 @@ use super::{DeckArbiter, Drone, Reading};
 use crate::deck::MAX_DRONES;
 use crate::deck::checkpoint::Claim;
 
-/// A gauge recovers by less than this after a flight, and a charger is no faster than this: 0 to 1, and 1/s. A battery whose
-/// charge rises by more was changed.
+/// Maximum recovery of a gauge after a flight, 0 to 1, and maximum rate of a charger, 1/s. A larger increase means that
+/// the battery was changed.
 const RECOVERS: f64 = 0.15;
 const CHARGES_PER_S: f64 = 0.002;
 
-/// Why a clearance has ended that was not used and not taken back.
+/// Reason why a clearance ended without being used or withdrawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ClearanceEnd {
-    /// It was given too long ago.
     Time,
-    /// The drone's battery was changed.
     Battery,
-    /// The drone's computer was restarted.
     Computer,
-    /// The sensor shows that the drone was lifted.
+    /// The deck sensor shows that the drone was lifted.
     Lifted,
 }
 
@@ -43,17 +41,15 @@ impl fmt::Display for ClearanceEnd {
     }
 }
 
-/// The crew's clearance that a drone may take off.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clearance {
     drone: u32,
     until: Time<VesselClock>,
-    /// For each of its take-offs until then; None: for one.
+    /// End of a standing clearance; None: the clearance is for one take-off.
     watch: Option<Time<VesselClock>>,
 }
 
 impl Clearance {
-    /// For one take-off.
     pub(super) fn once(drone: u32, now: Time<VesselClock>) -> Clearance {
         Clearance {
             drone,
@@ -61,7 +57,7 @@ impl Clearance {
             watch: None,
         }
     }
-    /// For each, for as long as whoever gave it watches.
+    /// Standing clearance for all take-offs during a watch.
     pub(super) fn standing(drone: u32, now: Time<VesselClock>) -> Clearance {
         let watch = now + Span::from_secs(TAKE_OFF_WATCH_S);
         Clearance {
@@ -70,7 +66,7 @@ impl Clearance {
             watch: Some(watch),
         }
     }
-    /// Between two states of its drone a take-off ended that uses it up.
+    /// Whether this change of state ends a take-off that uses the clearance up.
     fn ends(&self, before: State, now: State) -> bool {
         match self.watch {
             None => ends_take_off(before, now),
@@ -79,19 +75,19 @@ impl Clearance {
     }
 }
 
-/// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the clearance for the first.
-/// One whose countdown is stopped by a check goes on.
+/// Whether a take-off ended between these two states, so that the clearance does not permit a second one while somebody
+/// walks up to the drone. A countdown that a check interrupts does not end the take-off.
 fn ends_take_off(before: State, now: State) -> bool {
     before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
 }
-/// Between these two states of a drone its take-off was stopped on the deck: the crew may walk up to it, and a standing clearance
-/// is to be given again.
+/// Whether a take-off was stopped on the deck between these two states: the crew may walk up to the drone, and a
+/// standing clearance must be given again.
 fn stops_take_off(before: State, now: State) -> bool {
     let counted = matches!(before, State::Countdown | State::SpinUp) && !now.is_take_off();
     counted || now == State::StandDown && before != now
 }
 
-/// The most charge that a drone which stands on the deck has without the crew, since a status.
+/// Maximum expected charge of a drone that stands on the deck untouched, since a status.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StandingCharge {
     at: Time<VesselClock>,
@@ -99,7 +95,7 @@ pub(super) struct StandingCharge {
 }
 
 impl StandingCharge {
-    /// With this status of a drone that stands there, and whether its battery was changed.
+    /// Adds a status of a drone on the deck. Also returns whether its battery was changed.
     pub(super) fn with(
         before: Option<StandingCharge>,
         now: Time<VesselClock>,
@@ -119,21 +115,18 @@ impl StandingCharge {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clearances {
     given: Vec<Clearance>,
-    /// The drone that it is published for.
     leaves: Option<u32>,
-    /// Clearances that have ended since the last call.
     ended: Vec<(u32, ClearanceEnd)>,
 }
 
 impl Clearances {
-    /// A new one replaces the former for its drone.
+    /// Adds a clearance, which replaces the previous one of its drone.
     pub(super) fn give(&mut self, clearance: Clearance) {
         self.given.retain(|c| c.drone != clearance.drone);
         if self.given.len() < MAX_DRONES {
             self.given.push(clearance);
         }
     }
-    /// The drone's state has changed.
     pub(super) fn follow(&mut self, drone: u32, before: State, now: State) {
         self.given.retain(|c| c.drone != drone || !c.ends(before, now));
     }
@@ -148,13 +141,13 @@ impl Clearances {
         let clears = self.given.iter().find(|c| Some(c.drone) == named);
         let clears = clears.map(|c| c.drone);
         if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
-            // It has left: a clearance that does not stand was for one take-off.
+            // The drone has left the deck: a clearance for one take-off is used up.
             self.given.retain(|c| c.drone != left || c.watch.is_some());
         }
         self.leaves = clears;
         clears.is_some()
     }
-    /// A standing one lasts for `stands` of each stay of its drone on the deck.
+    /// Limits each standing clearance to the duration `stands` per stay of its drone on the deck.
     fn bound(&mut self, now: Time<VesselClock>, stands: Span, on_deck: impl Fn(u32) -> bool) {
         for c in &mut self.given {
             let Some(watch) = c.watch else { continue };
@@ -169,11 +162,11 @@ impl Clearances {
 }
 
 impl DeckArbiter {
-    /// The clearances that have ended since this was asked, and why: neither used nor taken back.
+    /// Clearances that ended since the last call without being used or withdrawn, with reasons.
     pub(crate) fn ended_clearances(&mut self) -> Vec<(u32, ClearanceEnd)> {
         core::mem::take(&mut self.cleared.ended)
     }
-    /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
+    /// Whether the deck's owner stands on the deck and may take off with a clearance given since it arrived.
     pub(super) fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
         if self.closed(now).is_some() {
             self.cleared.given.clear();
@@ -181,7 +174,8 @@ impl DeckArbiter {
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
         let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
         let named = owner.map(|d| d.header.drone);
-        // A watched hatch or weight shows who comes; without either the clearance is the only evidence.
+        // A hatch switch or weight sensor shows that somebody comes near. Without either, the clearance is the only
+        // evidence.
         let watched = !self.config.occupancy_sensor.is_empty() || !self.config.crew_switch.is_empty();
         let limit_s = if watched {
             TAKE_OFF_WATCH_S
@@ -195,7 +189,7 @@ impl DeckArbiter {
         self.cleared.bound(now, Span::from_secs(limit_s), on_deck);
         self.cleared.clears(now, named)
     }
-    /// A status of a drone that stood on the deck before, too: whether somebody has been at it meanwhile.
+    /// Checks the status of a drone that remains on the deck for signs that somebody has been at the drone.
     pub(super) fn watch_standing(&mut self, status: &DroneStatus, restarted: bool, changed: bool) {
         let why = match (changed, restarted) {
             (true, _) => ClearanceEnd::Battery,
@@ -204,7 +198,8 @@ impl DeckArbiter {
         };
         self.cleared.end(why, |c| c.drone == status.header.drone);
     }
-    /// A new level of the sensor: what stands there was lifted, unless its rotors may have done that.
+    /// Ends the clearance of a drone that was lifted according to a new sensor level, unless its own rotors may have
+    /// lifted it.
     pub(super) fn watch_sensor(&mut self, before: Option<Reading>, occupied: Option<bool>) {
         let fell = before.is_some_and(|r| r.level) && occupied == Some(false);
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && d.state != State::SpinUp;

@@ -19,11 +19,10 @@ struct Rig {
 }
 
 impl Rig {
-    /// Four seconds after the arbiter's start.
+    /// Rig four seconds after the arbiter's start.
     fn new() -> Rig {
         Rig::of(&DeckConfig::default(), DeckInputs::default())
     }
-    /// A rig with these levels of the digital inputs.
     fn of(config: &DeckConfig, inputs: DeckInputs) -> Rig {
         let mut rig = Rig {
             arbiter: DeckArbiter::new(config, 1, 1),
@@ -34,7 +33,7 @@ impl Rig {
         rig.run(&[], 4.0);
         rig
     }
-    /// The owner after the drones have reported these states at 2 Hz for `secs`.
+    /// Owner after the drones have reported these states at 2 Hz for `secs` seconds.
     fn run(&mut self, states: &[(u32, State)], secs: f64) -> u32 {
         for _ in 0..(secs / 0.5).ceil() as u32 {
             self.t_s += 0.5;
@@ -44,7 +43,7 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
-    /// One step with these statuses; the newest grant, if one is due.
+    /// Performs a step with these statuses. Returns the grant, if one is due.
     fn step(&mut self, statuses: Vec<DroneStatus>) -> Option<DeckGrant<VesselClock>> {
         let input = ArbiterIn {
             statuses,
@@ -53,7 +52,7 @@ impl Rig {
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input).grant
     }
-    /// An order of the crew for the deck; the grant that follows.
+    /// Applies a crew order. Returns the next grant.
     fn order(&mut self, order: DeckOrder) -> DeckGrant<VesselClock> {
         self.t_s += 0.5;
         let input = ArbiterIn {
@@ -64,13 +63,12 @@ impl Rig {
         let out = self.arbiter.step(Time::from_secs(self.t_s), &input);
         out.grant.unwrap()
     }
-    /// Why the deck is closed now; the grants then name no drone.
+    /// Reason why the deck is closed; checks that the grants then name no drone.
     fn closed(&self) -> Option<Closure> {
         let closed = self.arbiter.closed(Time::from_secs(self.t_s));
         assert_eq!(closed.is_some(), self.arbiter.published == DECK_CLOSED);
         closed
     }
-    /// Restarts the vessel with this checkpoint.
     fn restart(&mut self, checkpoint: Option<DeckCheckpoint>) {
         self.t_s += 0.5;
         self.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
@@ -100,11 +98,11 @@ impl Rig {
             ..DroneStatus::default()
         }
     }
-    /// The owner after a drone in this state has reported once from so far from the deck, while another waits.
+    /// Owner after a drone in this state has reported once at this distance from the deck, while another waits.
     fn run_at(&mut self, (id, state): (u32, State), distance_m: f32) -> u32 {
         self.run_as(self.flying_as((id, state), distance_m), 1)
     }
-    /// The owner after so many of these statuses, at 2 Hz, while another drone waits.
+    /// Owner after `times` repetitions of this status at 2 Hz, while another drone waits.
     fn run_as(&mut self, status: DroneStatus, times: u32) -> u32 {
         for _ in 0..times {
             self.t_s += 0.5;
@@ -115,7 +113,7 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
-    /// The first drone has been in these states, each for so long, s.
+    /// Rig after the first drone has been in each of these states for the given time, s.
     fn after(states: &[(State, f64)]) -> Rig {
         let mut rig = Rig::new();
         for &(state, secs) in states {
@@ -123,11 +121,10 @@ impl Rig {
         }
         rig
     }
-    /// The first drone has landed, and is silent or not.
     fn with_a_landed_drone() -> Rig {
         Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)])
     }
-    /// A status of the first drone, in the air at this distance.
+    /// Status of the first drone in the air at this distance.
     fn flying(&self, distance_m: f32) -> DroneStatus {
         self.flying_as((1, State::Idle), distance_m)
     }
@@ -165,7 +162,7 @@ fn low_battery_behind_a_silent_owner() {
     }
     assert!(waits(&mut rig, 1, Some(0.0)).is_some(), "an empty one");
     assert!(waits(&mut rig, 600, Some(0.22)).is_some() && rig.arbiter.owner() == Some(1));
-    // The owner is received again, and stays for a while.
+    // The owner is received again and remains in descent.
     rig.run(&[(1, State::Descent)], 0.5);
     assert_eq!(waits(&mut rig, 1, Some(0.22)), None);
     rig.run(&[(3, State::Approach)], 600.0);
@@ -184,9 +181,9 @@ fn grant_of_the_first_request() {
         let both = [(1, state), (2, State::Approach)];
         assert_eq!(rig.run(&both, 5.0), 1, "{state:?}");
     }
-    // Switched off on the deck: however long.
+    // A drone that is switched off on the deck owns the deck for any length of time.
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
-    // Until it has left, not before.
+    // The deck is released only when this drone has left.
     for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 1)] {
         assert_eq!(
             rig.run_at((1, State::GaveUp), distance_m),
@@ -214,7 +211,7 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
             matches!(last, State::Descent | State::Flare),
             "{last:?}"
         );
-        // A person looks.
+        // The crew looks at the deck and opens it.
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 0.5), 2, "{last:?}");
     }
@@ -243,7 +240,7 @@ fn deck_opened_under_a_silent_descent() {
         State::Flare,
     ] {
         let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (last, 2.0)]);
-        // For as long as a landing takes it may come down without reporting, however often the crew opens the deck.
+        // A drone may descend silently for as long as a landing takes, however often the crew opens the deck.
         for silent_s in [2.5, 10.0, 58.0] {
             let now_s = 106.5 + silent_s;
             rig.run(&waiting, now_s - 0.5 - rig.t_s);
@@ -254,36 +251,36 @@ fn deck_opened_under_a_silent_descent() {
             assert_eq!(unheard[0].drone, 1);
             assert!((unheard[0].silent_s + unheard[0].remaining_s - 60.0).abs() < 1e-9);
         }
-        // The crew sees where it is. An order that names another drone does not concern it.
+        // The crew sees where the drone is. An order for another drone does not affect it.
         let mut informed = rig.clone();
         informed.order(DeckOrder::Clear(3));
         assert_eq!(informed.run(&waiting, 0.5), 1, "{last:?}");
         informed.order(DeckOrder::Clear(1));
         assert_eq!(informed.run(&waiting, 4.0), 2, "{last:?}");
-        // Or whatever it had begun has ended.
+        // Without an order that names the drone, the deck is released once its manoeuvre has ended.
         rig.run(&waiting, 3.0);
         assert_eq!(rig.arbiter.unheard(Time::from_secs(rig.t_s)).count(), 0);
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
     }
-    // One that reports from the deck is not argued away.
+    // An order does not override a drone that reports from the deck.
     let mut rig = Rig::with_a_landed_drone();
     rig.order(DeckOrder::Clear(1));
     assert_eq!(rig.run(&[(1, State::Landed), waiting[0]], 4.0), 1);
 }
 
 #[test]
-fn unheard_owner_that_gives_way() {
+fn silent_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::after(&[(State::Approach, 0.5)]);
-        // The deck was closed meanwhile: both wait, and the owner for too long.
+        // Both drones wait, and the owner waits for too long without descending.
         let both = [(1, State::Approach), (2, State::Approach)];
         let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
         assert!(waited.is_some());
         rig.run(&both, last_s);
         let after = rig.run(&[(2, State::Approach)], 600.0);
         if last_s > topics::DECK.stale_after.secs() {
-            assert_eq!(after, 2, "{last_s} s: it knows");
+            assert_eq!(after, 2, "{last_s} s: it knows that it gave way");
         } else {
             assert_eq!(after, 0, "{last_s} s");
             assert_eq!(rig.run(&both, 1.0), 2, "it reports from beyond");
@@ -297,14 +294,14 @@ fn waiting_places() {
     let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
     rig.run(&crowd, 1.0);
     let places = |rig: &Rig| -> Vec<u32> {
-        let holder = |k| rig.arbiter.drones.iter().find(|d| d.place == Some(k));
+        let occupant = |k| rig.arbiter.drones.iter().find(|d| d.place == Some(k));
         (0..PLACES)
-            .map(|k| holder(k).map_or(0, |d| d.header.drone))
+            .map(|k| occupant(k).map_or(0, |d| d.header.drone))
             .collect()
     };
     let mut held: Vec<u32> = (1..=PLACES as u32).collect();
-    assert_eq!(places(&rig), held, "the last two have none");
-    // Through silence and a restart of the vessel.
+    assert_eq!(places(&rig), held, "no place is left for the last two");
+    // Drones keep their places during silence and a restart of the vessel.
     rig.run(&crowd[3..], 600.0);
     rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&crowd[3..], 600.0);
@@ -319,7 +316,7 @@ fn waiting_places() {
     rig.run(&crowd[8..], 0.5);
     held[4] = PLACES as u32 + 1;
     assert_eq!(places(&rig), held);
-    // The crew frees the deck, not the air around it: the second waited there.
+    // The crew clears the deck, but not the air around it, where the second drone waited.
     rig.run(&[(2, State::Landed)], 1.0);
     rig.run(&crowd[8..], 60.0);
     rig.order(DeckOrder::Open);
@@ -335,18 +332,18 @@ fn deck_closed_until_the_crew_opens_it() {
     let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
-    // Also through a restart.
+    // The deck stays closed during a restart.
     rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
     assert_eq!(rig.run(&waiting, 0.5), 2);
-    // Whoever reports from the deck stands there, whatever the crew's order.
+    // A drone that reports from the deck stands there, whatever the crew orders.
     rig.run(&[(2, State::Landed)], 5.0);
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
 
-/// Two drones are ordered to one station: it is that of the first, also while that one is silent, until its time is over.
+/// Two drones are ordered to one station: the station belongs to the first, even while silent, until its time is over.
 #[test]
 fn station_of_two_drones() {
     let mut rig = Rig::new();
@@ -365,14 +362,14 @@ fn station_of_two_drones() {
         let statuses = kept.iter().map(|(id, height_m)| keeps(rig, *id, *height_m));
         let statuses = statuses.collect();
         let grant = rig.step(statuses).unwrap();
-        let of = |id| {
+        let station_of = |id| {
             grant
                 .places
                 .iter()
                 .position(|d| *d == id)
                 .map_or(0, |k| grant.stations[k])
         };
-        [of(1), of(2)]
+        [station_of(1), station_of(2)]
     };
     assert_eq!(step(&mut rig, &[(2, 30)]), [0, 30]);
     assert_eq!(step(&mut rig, &[(1, 31), (2, 30)]), [0, 30]);

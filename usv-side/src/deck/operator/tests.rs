@@ -17,7 +17,6 @@ fn given(message: OperatorCommand<VesselClock>) -> Arrival<VesselClock, Operator
         message,
     }
 }
-/// A relay to drone 3.
 fn relay_of(boot: u32) -> OperatorRelay {
     let mut relay = OperatorRelay::new(1, boot);
     relay.admit([3]);
@@ -32,7 +31,7 @@ fn status(state: State, waiting: ReasonCode) -> DroneStatus {
     }
 }
 
-/// A status of a mission that has received the newest repetition.
+/// Status of a mission that has received the relay's newest repetition.
 fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
     Some(DroneStatus {
         abort: Some([relay.boot, relay.sequence]),
@@ -40,7 +39,7 @@ fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
     })
 }
 
-/// The relay of the vessel's next process at `t_s`, with what this one leaves, and what it sends at once.
+/// Relay of the vessel's next process at `t_s` with the state of this one, and its first output.
 fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
     let mut relay = relay_of(before.boot + 1);
     let input = OperatorIn {
@@ -51,7 +50,6 @@ fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
     (relay, out)
 }
 
-/// Steps the relay with at most one command and one status.
 fn step(
     relay: &mut OperatorRelay,
     t_s: f64,
@@ -80,7 +78,7 @@ fn relayed_command_until_acknowledged() {
         .map(|k| step(&mut relay, f64::from(k) * 0.1, None, idle).1.len())
         .sum();
     assert_eq!(sent, 3);
-    // It climbs for another order, as far as is known.
+    // The drone climbs, apparently because of another order.
     let climbing = status(State::GetAltitude, ReasonCode::TooFar);
     assert_eq!(step(&mut relay, 3.0, None, Some(climbing)).1, [CommandKind::Land]);
     let climbing = Some(DroneStatus {
@@ -92,7 +90,7 @@ fn relayed_command_until_acknowledged() {
     assert_eq!(relay.rejected().total(), 0);
 }
 
-/// Receipts for operators in a step: boot, sequence and progress.
+/// Receipts sent to operators in a step: boot, sequence and progress.
 fn receipts(
     relay: &mut OperatorRelay,
     t_s: f64,
@@ -121,45 +119,45 @@ fn receipts(
 fn receipts_of_a_command_in_every_progress() {
     use CommandProgress::{Forbidden, GivenUp, Pending, Replaced, Taken, Unknown};
     let mut relay = relay_of(9);
-    let of = |sequence, kind| Some(command(sequence, 3, kind));
+    let command_of = |sequence, kind| Some(command(sequence, 3, kind));
     let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
-    // A drone that gave up before is no answer to an abort.
-    let abort = of(1, CommandKind::Abort);
+    // A drone that gave up before the abort does not acknowledge it.
+    let abort = command_of(1, CommandKind::Abort);
     assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
-    // Each repetition by the terminal is answered.
+    // Each repetition by the terminal gets a reply.
     assert_eq!(receipts(&mut relay, 1.5, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(
-        receipts(&mut relay, 1.6, of(2, CommandKind::Land), None),
+        receipts(&mut relay, 1.6, command_of(2, CommandKind::Land), None),
         [(5, 2, Forbidden)]
     );
     let over = echo(&relay);
     assert_eq!(receipts(&mut relay, 2.0, None, over), [(5, 1, Taken)]);
     assert_eq!(receipts(&mut relay, 2.5, abort, None), [(5, 1, Taken)]);
     assert_eq!(
-        receipts(&mut relay, 4.0, of(3, CommandKind::Land), None),
+        receipts(&mut relay, 4.0, command_of(3, CommandKind::Land), None),
         [(5, 3, Pending)]
     );
-    let hold = of(4, CommandKind::Hold);
+    let hold = command_of(4, CommandKind::Hold);
     assert_eq!(
         receipts(&mut relay, 4.5, hold, None),
         [(5, 3, Replaced), (5, 4, Pending)]
     );
     assert_eq!(receipts(&mut relay, 14.6, None, None), [(5, 4, GivenUp)]);
-    // An abort that is pending stays so through a restart; of the others the next process knows no more.
+    // A pending abort survives a restart; other commands are lost.
     assert_eq!(
-        receipts(&mut relay, 15.0, of(5, CommandKind::Abort), None),
+        receipts(&mut relay, 15.0, command_of(5, CommandKind::Abort), None),
         [(5, 5, Pending)]
     );
     let (mut relay, _) = restarted(&relay, 16.0);
     assert_eq!(
-        receipts(&mut relay, 16.5, of(5, CommandKind::Abort), None),
+        receipts(&mut relay, 16.5, command_of(5, CommandKind::Abort), None),
         [(5, 5, Pending)]
     );
     assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
-    // What the drone acknowledges and rejects is not repeated.
+    // A command that the drone acknowledges and rejects is not repeated.
     let mut relay = relay_of(9);
-    let ready = of(1, CommandKind::Ready);
+    let ready = command_of(1, CommandKind::Ready);
     assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
     let rejected = DroneStatus {
         order: Some([relay.boot, relay.sequence]),
@@ -167,7 +165,7 @@ fn receipts_of_a_command_in_every_progress() {
         ..status(State::Landed, ReasonCode::NotReady)
     };
     assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
-    // So is an abort that the drone receives and does not carry out, unless a newer order is what it rejects.
+    // The same applies to an abort that the drone receives but does not carry out, unless it rejects a newer order.
     for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
         let mut relay = relay_of(9);
         receipts(&mut relay, 1.0, abort, None);
@@ -185,23 +183,23 @@ fn receipts_of_a_command_in_every_progress() {
 
 #[test]
 fn landing_ordered_unaware_of_an_abort() {
-    let of = |boot: u32, sequence: u32, kind: CommandKind| {
+    let command_of = |boot: u32, sequence: u32, kind: CommandKind| {
         let mut c = command(sequence, 3, kind);
         c.header.boot = boot;
         Some(c)
     };
     let mut relay = relay_of(9);
-    let before = of(6, 1, CommandKind::Land);
+    let before = command_of(6, 1, CommandKind::Land);
     assert!(step(&mut relay, 1.0, before, None).0);
-    assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
-    let meanwhile = of(7, 1, CommandKind::Land);
+    assert!(step(&mut relay, 2.0, command_of(5, 1, CommandKind::Abort), None).0);
+    let meanwhile = command_of(7, 1, CommandKind::Land);
     assert!(!step(&mut relay, 2.1, meanwhile, None).0);
     let over = echo(&relay);
     assert!(step(&mut relay, 2.4, None, over).1.is_empty());
-    let just_after = of(8, 1, CommandKind::Land);
+    let just_after = command_of(8, 1, CommandKind::Land);
     assert!(!step(&mut relay, 2.9, just_after, None).0);
     assert_eq!(relay.rejected().total(), 2);
-    // Their terminals repeat them, also to the vessel's next process.
+    // Terminals repeat their commands, also to the vessel's next process.
     for k in 0..24 {
         if k == 12 {
             relay = restarted(&relay, 8.9).0;
@@ -211,7 +209,7 @@ fn landing_ordered_unaware_of_an_abort() {
             assert!(!accepted && sent.is_empty(), "{repeated:?}");
         }
     }
-    assert!(step(&mut relay, 15.0, of(7, 2, CommandKind::Land), None).0);
+    assert!(step(&mut relay, 15.0, command_of(7, 2, CommandKind::Land), None).0);
     assert!(!step(&mut relay, 15.5, meanwhile, None).0);
 }
 
@@ -243,7 +241,7 @@ fn relayed_abort_after_a_restart() {
         .sum();
     assert_eq!(sent, 1199, "ten minutes without a radio");
     assert_eq!(relay.unacknowledged().collect::<Vec<_>>(), [3]);
-    // The vessel's process is restarted, then once more with its computer, whose clock begins at zero.
+    // The vessel's process restarts, then its computer, whose clock begins at zero.
     for (t_s, given_s) in [(700.0, 1.0), (0.5, 0.5)] {
         let (mut relay, out) = restarted(&relay, t_s);
         assert_eq!(out.commands.len(), 1);
@@ -257,7 +255,7 @@ fn relayed_abort_after_a_restart() {
     }
 }
 
-/// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not show.
+/// A climbing drone changes to hold in any case, so its state does not show whether it was stopped.
 #[test]
 fn hold_while_the_drone_climbs_out() {
     let mut relay = relay_of(9);
@@ -289,7 +287,7 @@ fn relayed_command_time() {
     assert_eq!(given, [(at, 1), (at, 2), (at, 3), (at, 4)]);
 }
 
-/// A terminal repeats its landing while the vessel's process is restarted, and the pilot aborts it on the drone.
+/// A terminal repeats its landing while the vessel's process restarts, and the pilot aborts it on the drone.
 #[test]
 fn relayed_command_time_after_a_restart() {
     let mut relay = relay_of(9);
@@ -303,7 +301,7 @@ fn relayed_command_time_after_a_restart() {
         .sum();
     assert_eq!(sent, 15, "10 s after it was given");
     assert!(step(&mut relay, 14.0, Some(command(2, 3, CommandKind::Land)), None).0);
-    // A restarted computer does not know any more when it was given: no landing goes on from there.
+    // A restarted computer has lost the command's time, so it starts no landing.
     let (mut relay, out) = restarted(&relay, 0.5);
     assert!(out.commands.is_empty());
     assert!(!step(&mut relay, 1.0, Some(command(2, 3, CommandKind::Land)), None).0);
@@ -319,12 +317,12 @@ fn replaced_command() {
         step(&mut relay, 1.2, Some(hold), None),
         (true, vec![CommandKind::Hold])
     );
-    // The first operator's terminal repeats its own.
+    // The first operator's terminal repeats its command.
     assert!(!step(&mut relay, 1.5, Some(land), None).0);
     assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
 }
 
-/// A wait, ms, and the order that another operator gives after it, for a drone that is admitted or not.
+/// Delay, ms, and a subsequent order of another operator for an admitted or another drone.
 fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)> {
     let kind = prop_oneof![3 => Just(CommandKind::Abort), 1 => Just(CommandKind::Land), 1 => Just(CommandKind::Hold)];
     let drone = prop_oneof![1 => Just(3_u32), 99 => 1_u32..200];
@@ -333,7 +331,8 @@ fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)>
 }
 
 proptest! {
-    /// Whatever others have sent, also under its own boot and sequence, and with restarts.
+    /// An abort is relayed after any commands of others, including commands with its own boot and sequence, and after
+    /// restarts.
     #[test]
     fn abort_after_any_orders_of_others(
         orders in prop::collection::vec(other_command(), 0..400),

@@ -1,4 +1,4 @@
-//! Tables to measurements, of many kinds.
+//! Conversion of many kinds of tables to measurements.
 
 use super::*;
 
@@ -66,7 +66,7 @@ fn csv_bad_rows_and_headers() {
     }
 }
 
-/// Attitude, rates, heave, place and velocity, each on rows of its own.
+/// Attitude, rates, heave, position and velocity, each on separate rows.
 fn bus() -> String {
     let mut rows = Vec::new();
     for k in 0..600 {

@@ -30,6 +30,8 @@ const DIFFERENT_WINDOWS: u32 = 12;
 const ENOUGH: u32 = 3;
 /// Standard deviations by which two devices may differ.
 const SIGMAS: f64 = 3.0;
+/// Fraction of the range's part in a difference that counts for its mean.
+const MEAN_OF_RANGE: f64 = 0.2;
 /// Metres of a degree of latitude.
 const DEGREE_M: f64 = 111_120.0;
 /// Devices that a remark lists.
@@ -37,9 +39,12 @@ const MAX_LISTED: usize = 8;
 
 /// Number of groups.
 pub(super) const GROUPS: usize = 8;
-/// The groups of angular rates, of positions and of velocities.
+/// The groups of headings, rates of turn, angular rates, attitudes, positions and velocities.
+pub(in crate::sensors) const HEADINGS: usize = 0;
+pub(in crate::sensors) const TURNS: usize = 1;
+pub(in crate::sensors) const TILTS: usize = 3;
 pub(super) const RATES: usize = 2;
-pub(super) const PLACES: usize = 6;
+pub(in crate::sensors) const PLACES: usize = 6;
 pub(super) const VELOCITIES: usize = 7;
 
 /// Difference of two values.
@@ -147,11 +152,11 @@ const LIMITS: [GroupLimits; GROUPS] = {
 
 /// Names of the network's devices by their number: that under which they send, and another that they claimed.
 #[derive(Clone, Debug, Default)]
-pub(super) struct DeviceNames(BTreeMap<u32, [String; 2]>);
+pub(in crate::sensors) struct DeviceNames(BTreeMap<u32, [String; 2]>);
 
 impl DeviceNames {
     /// Names a device. The caller bounds their number.
-    pub(super) fn insert(&mut self, device: u32, names: [&str; 2]) {
+    pub(in crate::sensors) fn insert(&mut self, device: u32, names: [&str; 2]) {
         let printed = |name: &str| {
             name.chars()
                 .filter(|c| !c.is_control())
@@ -167,7 +172,7 @@ impl DeviceNames {
             None => device.to_string() == name,
         }
     }
-    fn shown(&self, device: u32) -> String {
+    pub(super) fn shown(&self, device: u32) -> String {
         match self.0.get(&device) {
             Some([name, claimed]) if claimed.is_empty() => name.clone(),
             Some([name, claimed]) => format!("{name} ({claimed})"),
@@ -178,12 +183,12 @@ impl DeviceNames {
 
 /// A value that a device gave, for the evidence.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct DeviceSample {
+pub(in crate::sensors) struct DeviceSample {
     /// SI; of a position latitude and longitude, deg.
-    pub(super) value: [f64; 2],
+    pub(in crate::sensors) value: [f64; 2],
     /// Standard deviation where the device states none, and its own, SI.
-    pub(super) sd: f64,
-    pub(super) stated_sd: Option<f64>,
+    pub(in crate::sensors) sd: f64,
+    pub(in crate::sensors) stated_sd: Option<f64>,
 }
 
 /// Values of a device within a window.
@@ -197,9 +202,10 @@ struct DeviceWindow {
     /// The largest.
     sd: f64,
     stated_sd: Option<f64>,
-    /// Values that were compared with the device in use, and the sum of the squares of their differences.
+    /// Values that were compared with the device in use, the sum of the squares of their differences, and their sums.
     compared: u32,
     squares: f64,
+    sums: [f64; 2],
 }
 
 impl DeviceWindow {
@@ -213,6 +219,7 @@ impl DeviceWindow {
             stated_sd: None,
             compared: 0,
             squares: 0.0,
+            sums: [0.0; 2],
         }
     }
     fn add(&mut self, metric: Metric, sample: &DeviceSample, used: Option<[f64; 2]>) {
@@ -229,6 +236,7 @@ impl DeviceWindow {
             let [x, y] = metric.difference(sample.value, used);
             self.compared = self.compared.saturating_add(1);
             self.squares += x * x + y * y;
+            self.sums = [self.sums[0] + x, self.sums[1] + y];
         }
     }
     fn range(&self) -> f64 {
@@ -276,7 +284,7 @@ impl GroupDevice {
 
 /// Devices of a group.
 #[derive(Clone, Debug, Default)]
-pub(super) struct DeviceGroup {
+pub(in crate::sensors) struct DeviceGroup {
     /// The device that is kept to, and when it gave something last, ns.
     kept: Option<(u32, i64)>,
     /// The one that stands in, likewise.
@@ -393,10 +401,13 @@ impl DeviceGroup {
             };
             let compared = of_used.zip(d.window).filter(|(_, w)| w.compared >= ENOUGH);
             let different = compared.and_then(|((of, used), own)| {
-                let rms = (own.squares / f64::from(own.compared)).sqrt();
-                let range = own.range().max(used.range());
-                let allowed = limits.floor + SIGMAS * (own.sd() + used.sd()) + limits.of_range * range;
-                (rms > allowed).then_some((of, rms))
+                let n = f64::from(own.compared);
+                let (rms, mean) = ((own.squares / n).sqrt(), own.sums[0].hypot(own.sums[1]) / n);
+                let range = limits.of_range * own.range().max(used.range());
+                let allowed = limits.floor + SIGMAS * (own.sd() + used.sd());
+                // Different times change the mean of a window of waves less.
+                let differ = rms > allowed + range || mean > allowed + MEAN_OF_RANGE * range;
+                differ.then_some((of, rms))
             });
             d.differs = match (different, d.differs) {
                 (Some((of, rms)), (before, windows, sum)) if of == before => {

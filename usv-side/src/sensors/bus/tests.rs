@@ -1,5 +1,6 @@
 use super::*;
 use crate::sensors::Mount;
+use crate::sensors::config::BusDevices;
 
 #[test]
 fn devices_of_a_group_that_fall_silent_and_return() {

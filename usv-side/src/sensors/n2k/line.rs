@@ -3,7 +3,8 @@
 //! ```text
 //! 17:33:21.141 R 09F80115 A0 7D E6 18 C0 05 FB D5             Yacht Devices RAW: a CAN frame
 //! (1436509052.249713) can0 09F80115#A07DE618C005FBD5          candump -L: the same
-//!  (1436509052.249713)  can0  09F80115   [8]  A0 7D E6 18     candump -ta, with or without the time
+//!  (1436509052.249713)  can0  09F80115   [8]  A0 7D E6 18     candump -ta, with or without the time; -tA with a date; -tz from
+//!                                                             zero; -x with the direction and flags behind the interface
 //! A173321.107 23FF7 1F513 012F3070002F30709F                  Actisense N2K ASCII: a whole message
 //! 2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00   canboat's plain format: either
 //! ```
@@ -24,6 +25,8 @@ pub(super) enum N2kStamp {
     OfDay(i64),
     /// Since 1970.
     Unix(i64),
+    /// Since the first line, or since the one before.
+    Relative(i64),
     /// Not stated.
     None,
 }
@@ -48,18 +51,18 @@ impl N2kLine {
         if text.split(',').count() > 6 {
             return plain(text);
         }
-        let fields: Vec<&str> = text.split_whitespace().take(FRAME + 5).collect();
-        let (first, rest) = fields.split_first()?;
-        if let Some(seconds) = first.strip_prefix('(') {
-            let at_ns = unix_ns(seconds.strip_suffix(')')?)?;
-            // candump counts from 1970, or (-td, -tz) from another line.
-            let at = if at_ns < EPOCH_NS {
-                N2kStamp::None
-            } else {
-                N2kStamp::Unix(at_ns)
+        if let Some((stamp, rest)) = text.strip_prefix('(').and_then(|t| t.split_once(')')) {
+            let at = match unix_ns(stamp) {
+                // candump counts from 1970, or (-td, -tz) from another line.
+                Some(at_ns) if at_ns < EPOCH_NS => N2kStamp::Relative(at_ns),
+                Some(at_ns) => N2kStamp::Unix(at_ns),
+                None => N2kStamp::Unix(utc_ns(stamp)?),
             };
-            return candump(at, rest);
+            let fields: Vec<&str> = rest.split_whitespace().take(FRAME + 6).collect();
+            return candump(at, &fields);
         }
+        let fields: Vec<&str> = text.split_whitespace().take(FRAME + 6).collect();
+        let (first, rest) = fields.split_first()?;
         if first.starts_with('A') && fields.len() == 4 {
             return actisense(&fields);
         }
@@ -100,6 +103,11 @@ fn frame(at: N2kStamp, id: &str, data: &[&str]) -> Option<N2kLine> {
 /// Interface, then identifier and bytes, in either of its two ways.
 fn candump(at: N2kStamp, fields: &[&str]) -> Option<N2kLine> {
     let (_, rest) = fields.split_first()?;
+    // Direction and flags.
+    let rest = match rest {
+        ["RX" | "TX", _, _, rest @ ..] => rest,
+        rest => rest,
+    };
     let (id, rest) = rest.split_first()?;
     let Some((id, data)) = id.split_once('#') else {
         let (length, data) = rest.split_first()?;
@@ -184,7 +192,18 @@ mod tests {
                 N2kStamp::Unix(1_436_509_052_250_000_000),
             ),
             ("can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5", N2kStamp::None),
-            ("(000.001234) can0 09F80115#A07DE618C005FBD5", N2kStamp::None),
+            (
+                "(000.001234) can0 09F80115#A07DE618C005FBD5",
+                N2kStamp::Relative(1_234_000),
+            ),
+            (
+                " (2016-04-09 16:41:09.078000)  can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5",
+                N2kStamp::Unix(1_460_220_069_078_000_000),
+            ),
+            (
+                " (1436509052.250000)  can0  RX - -  09F80115   [8]  A0 7D E6 18 C0 05 FB D5",
+                N2kStamp::Unix(1_436_509_052_250_000_000),
+            ),
         ] {
             let line = N2kLine::parse(text).unwrap();
             assert_eq!(

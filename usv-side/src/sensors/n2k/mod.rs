@@ -13,6 +13,7 @@ use super::bus::{SensorBus, name_text};
 use super::clock::DAY_NS;
 use super::config::MAX_ADDRESS;
 use super::nmea::account::{Account, Why};
+use super::nmea::foreign::JSON;
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 
@@ -42,8 +43,15 @@ pub struct N2kDecoder {
     /// When the bytes that are pushed arrive, ns; None in a recording.
     now_ns: Option<i64>,
     open: Vec<Open>,
+    /// Newest time that is counted from the begin of a recording, ns.
+    relative: Option<i64>,
     bus: SensorBus,
     timeless: Vec<Measurement>,
+}
+
+/// Whether a text is a line of NMEA 2000.
+pub(super) fn is_line(text: &str) -> bool {
+    N2kLine::parse(text).is_some()
 }
 
 impl N2kDecoder {
@@ -56,6 +64,7 @@ impl N2kDecoder {
             day: Rollover::default(),
             now_ns: None,
             open: Vec::with_capacity(OPEN),
+            relative: None,
             bus: SensorBus::new(mounting),
             timeless: Vec::new(),
         }
@@ -64,6 +73,9 @@ impl N2kDecoder {
     fn take(&mut self, text: &[u8], out: &mut Vec<SourceMeasurement>) {
         let parsed = core::str::from_utf8(text).ok().and_then(N2kLine::parse);
         let Some(line) = parsed else {
+            if text.trim_ascii_start().starts_with(b"{") {
+                self.account.leave_out("canboat-JSON", Why::Foreign(JSON));
+            }
             self.decoded.corrupted += 1;
             return;
         };
@@ -75,7 +87,17 @@ impl N2kDecoder {
         let (at_ns, is_stamped) = match line.at {
             N2kStamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
             N2kStamp::Unix(at) => (at, true),
-            N2kStamp::None => (self.now_ns.unwrap_or_default(), false),
+            // In a recording a time from its begin is one; those from the line before go back and forth.
+            N2kStamp::Relative(at)
+                if self.now_ns.is_none() && self.relative.is_none_or(|last| at >= last) =>
+            {
+                self.relative = Some(at);
+                (at, true)
+            }
+            N2kStamp::Relative(_) | N2kStamp::None => {
+                self.relative = self.relative.map(|_| i64::MAX);
+                (self.now_ns.unwrap_or_default(), false)
+            }
         };
         let (pgn, source) = (line.pgn, line.source);
         let data = if is_long && !line.whole {

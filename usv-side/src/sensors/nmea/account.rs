@@ -1,5 +1,6 @@
 //! Sentences of a source that were left out, with the reasons as text.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::sensors::Remark;
@@ -17,26 +18,44 @@ const HABIT: f64 = 0.2;
 /// Standard deviation of a position that its receiver calls unsafe (the navigational status U of version 4.1), m (ours).
 pub(super) const UNSAFE_SD: f64 = 10.0;
 
+/// The text on kinds that have an attitude or a heading.
+pub(crate) const ANGLES: &str =
+    "attitude or heading in a kind that is not read; HDT, PASHR, PSXN, PRDID, HPR, XDR are";
+
 /// Why a sound sentence gave no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::sensors) enum Why {
-    NotRead,
-    Empty,
-    Spare,
-    Invalid,
-    NoFix,
     Simulated,
+    NoFix,
+    /// Its quality, as in GGA.
+    Quality(u8),
     Magnetic,
+    /// Number of its fields, and of those that are known of its kind.
+    Fields(u8, u8),
+    Range,
+    Length,
+    Invalid,
+    FixedBase,
+    OtherClock,
+    /// Another format among the sentences, and the remedy.
+    Foreign(&'static str),
+    Spare,
     Cached,
     HeldUp,
-    Length,
-    FixedBase,
+    Empty,
+    Angles,
+    NotRead,
 }
 
 impl Why {
-    const fn text(self) -> &'static str {
-        match self {
+    fn text(self) -> Cow<'static, str> {
+        let text = match self {
+            Why::Quality(q) => return format!("of quality {q}, which is not known").into(),
+            Why::Fields(n, known) => {
+                return format!("{n} fields, {known} are known: a decimal comma?").into();
+            }
             Why::NotRead => "a kind that is not read",
+            Why::Angles => ANGLES,
             Why::Empty => "empty",
             Why::Spare => "a better one is there",
             Why::Invalid => "marked as invalid",
@@ -47,12 +66,29 @@ impl Why {
             Why::HeldUp => "held up on the way, and without a time of its own",
             Why::Length => "of another length than is known of them",
             Why::FixedBase => "of a base that does not move: a direction to it, and no heading",
-        }
+            Why::Range => "a heading outside of 0 to 360 deg",
+            Why::OtherClock => "of another clock than the other times",
+            Why::Foreign(_) => "another format",
+        };
+        text.into()
     }
     /// Remedy, where it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
-            Why::NotRead | Why::Empty | Why::Spare | Why::Cached | Why::HeldUp | Why::FixedBase => None,
+            Why::NotRead
+            | Why::Angles
+            | Why::Empty
+            | Why::Spare
+            | Why::Cached
+            | Why::HeldUp
+            | Why::FixedBase => None,
+            Why::Foreign(remedy) => Some(remedy),
+            Why::Quality(_) => {
+                Some("set the receiver to the qualities of NMEA 0183 (0 to 8), or report this one")
+            }
+            Why::Fields(..) => Some("set the program that sends it to decimal points (its locale)"),
+            Why::Range => Some("set the instrument to headings of 0 to 360 deg"),
+            Why::OtherClock => Some("set the clock of that instrument to UTC, or switch its sentence off"),
             Why::Invalid => {
                 Some("the sensor itself does not trust it: see to its alignment and its antennas")
             }
@@ -106,6 +142,12 @@ impl Account {
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
     }
+    /// Something of another format was left out.
+    pub(in crate::sensors) fn has_foreign(&self) -> bool {
+        self.left_out
+            .keys()
+            .any(|(why, _)| matches!(why, Why::Foreign(_)))
+    }
     /// Notes a valid heading of two antennas; one of a float carrier solution is left out.
     pub(in crate::sensors) fn antennas(&mut self, is_float: bool) {
         let [float, all] = &mut self.antennas;
@@ -125,21 +167,9 @@ impl Account {
     }
     pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
         let mut all = Vec::from_iter(self.float());
-        for why in [
-            Why::Simulated,
-            Why::NoFix,
-            Why::Magnetic,
-            Why::Length,
-            Why::Invalid,
-            Why::FixedBase,
-            Why::Spare,
-            Why::Cached,
-            Why::HeldUp,
-            Why::Empty,
-            Why::NotRead,
-        ] {
-            all.extend(self.left_out(why));
-        }
+        let mut each: Vec<Why> = self.left_out.keys().map(|(why, _)| *why).collect();
+        each.dedup();
+        all.extend(each.into_iter().filter_map(|why| self.left_out(why)));
         all.extend(self.repeated_stamps());
         if self.unsafe_positions > 0 {
             all.push(Remark::fault(

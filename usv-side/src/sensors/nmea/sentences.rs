@@ -2,19 +2,18 @@
 
 use alight_shared::geodesy::{Datum, KNOT_MPS};
 use alight_shared::msg::NOT_MEASURED_SD;
-use nmea_kit::NmeaFrame;
 use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg, Xdr};
 
 use super::account::{UNSAFE_SD, Why};
-use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
+use super::{HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasurement, TILTS, TURNS, Untimed};
 
 /// Below it a velocity needs no course, m/s.
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity in tenths of a knot, m/s (ours).
 pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
 /// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
-/// within a minute; slow error is the filter's height bias).
-const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
+/// within a minute; slow error is the filter's height bias). NovAtel has 9 for SBAS, which is 2 in the standard.
+const POSITION_SD: [(u8, f64); 6] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1), (9, 0.3)];
 /// Standard deviation of a position by dead reckoning, m.
 const DEAD_RECKONING_SD: f64 = 5.0;
 /// Qualities of GGA: dead reckoning, input by hand, simulated.
@@ -25,25 +24,6 @@ const SIMULATED: u8 = 8;
 const MINUTE_M: f64 = 1852.0;
 /// Standard deviation of a magnetic compass, rad: its deviation on a boat (2 deg, ours).
 pub(in crate::sensors) const MAGNETIC_SD: f64 = 0.035;
-/// Minimum number of fields of a sentence without a checksum: what is cut off is shorter.
-const FIELDS: [(&str, usize); 9] = [
-    ("GGA", 14),
-    ("GNS", 12),
-    ("RMC", 11),
-    ("GLL", 6),
-    ("VTG", 8),
-    ("HDT", 2),
-    ("HDG", 5),
-    ("ROT", 2),
-    ("ZDA", 6),
-];
-
-/// A sentence without a checksum has all its fields, as far as that is known of its kind.
-pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
-    let minimum = FIELDS.iter().find(|(kind, _)| *kind == frame.sentence_type);
-    minimum.is_none_or(|(_, count)| frame.fields.len() >= *count)
-}
-
 /// Quality as in GGA by the mode letters of GNS, RMC, GLL and VTG; the best of several constellations, unless one is
 /// simulated.
 fn quality_of(modes: &str) -> u8 {
@@ -80,7 +60,7 @@ pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
         DEAD_RECKONING => Ok(DEAD_RECKONING_SD),
         known => {
             let of = POSITION_SD.iter().find(|q| q.0 == known);
-            of.map(|q| q.1).ok_or(Why::NoFix)
+            of.map(|q| q.1).ok_or(Why::Quality(known))
         }
     }
 }
@@ -101,6 +81,14 @@ fn resolution(coordinate: Option<&&str>) -> f64 {
 }
 fn rad(degrees: Option<f32>) -> Option<f64> {
     degrees.map(|d| f64::from(d).to_radians())
+}
+/// A heading, rad, or the reason for its absence.
+fn in_turn(degrees: Option<f32>) -> Result<f64, Why> {
+    let degrees = degrees.ok_or(Why::Empty)?;
+    match (0.0..=360.0).contains(&degrees) {
+        true => Ok(f64::from(degrees).to_radians()),
+        false => Err(Why::Range),
+    }
 }
 fn number(fields: &[&str], at: usize) -> Option<f64> {
     fields.get(at)?.parse::<f64>().ok().filter(|v| v.is_finite())
@@ -145,7 +133,7 @@ impl NmeaDecoder {
         if let Some(e) = self.epoch.as_mut() {
             e.levelled = true;
         }
-        let sd = match sd.and_then(|sd| place.map(|p| (p, sd)).ok_or(Why::Empty)) {
+        let sd = match self.usable(address, place, sd) {
             Ok((place, sd)) => {
                 let position = self.position(place, sd, altitude, separation);
                 if let Some(e) = self.epoch.as_mut() {
@@ -166,6 +154,20 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
+    /// The place of a sentence and its standard deviation, m, where its device is not another than the chosen one.
+    fn usable(
+        &mut self,
+        address: &str,
+        place: Option<Datum>,
+        sd: Result<f64, Why>,
+    ) -> Result<(Datum, f64), Why> {
+        let (sd, place) = (sd?, place.ok_or(Why::Empty)?);
+        let value = [place.latitude_deg, place.longitude_deg];
+        match self.is_used(PLACES, address, (value, sd), false) {
+            true => Ok((place, sd)),
+            false => Err(Why::Spare),
+        }
+    }
     fn position(
         &mut self,
         place: Datum,
@@ -176,7 +178,9 @@ impl NmeaDecoder {
         let Some(altitude) = altitude else {
             return without_height(place, sd);
         };
-        let (separation, height_spread) = self.heights.separation(&place, separation.map(f64::from));
+        let (separation, height_spread) =
+            self.heights
+                .separation(&place, altitude.into(), separation.map(f64::from));
         Position {
             datum: Datum {
                 height_m: f64::from(altitude) + separation,
@@ -192,9 +196,7 @@ impl NmeaDecoder {
         let sd = accuracy(quality).map(|sd| sd_at(quality, sd, None, fields.get(2)));
         let sd = self.by_status(sd, s.nav_status);
         let place = position(s.lat, s.ns, s.lon, s.ew);
-        if let Some(variation) = variation(s.mag_var, s.mag_var_ew) {
-            self.variation = Some(variation);
-        }
+        self.state_variation(address, variation(s.mag_var, s.mag_var_ew));
         let velocity = velocity(s.sog, s.cog);
         if self.open(address, s.time.as_deref(), out).is_none() {
             return;
@@ -220,7 +222,7 @@ impl NmeaDecoder {
         sd: Result<f64, Why>,
         out: &mut Vec<SourceMeasurement>,
     ) {
-        match sd.and_then(|sd| place.map(|p| (p, sd)).ok_or(Why::Empty)) {
+        match self.usable(address, place, sd) {
             Ok((place, sd)) => {
                 if let Some(e) = self.epoch.as_mut().filter(|e| !e.refused) {
                     e.position.get_or_insert_with(|| without_height(place, sd));
@@ -257,20 +259,19 @@ impl NmeaDecoder {
         verdict: Result<(), Why>,
         out: &mut Vec<SourceMeasurement>,
     ) {
-        match (degrees.filter(|d| (0.0..=360.0).contains(d)), verdict) {
-            (Some(d), Ok(())) => {
-                self.without_true = 0;
-                let sd = self.mounting.heading_sd();
-                self.untimed(Untimed::Heading(f64::from(d).to_radians(), sd), out);
-            }
-            (Some(_), Err(why)) => self.leave_out(address, why),
-            (None, _) => self.leave_out(address, Why::Empty),
+        match (in_turn(degrees), verdict) {
+            (Ok(heading), Ok(())) => match self.is_true_used(address, heading) {
+                true => {
+                    let sd = self.mounting.heading_sd();
+                    self.untimed(Untimed::Heading(heading, sd), out);
+                }
+                false => self.leave_out(address, Why::Spare),
+            },
+            (Ok(_), Err(why)) | (Err(why), _) => self.leave_out(address, why),
         }
     }
     pub(super) fn hdg(&mut self, address: &str, s: &Hdg, out: &mut Vec<SourceMeasurement>) {
-        if let Some(variation) = variation(s.variation, s.variation_ew) {
-            self.variation = Some(variation);
-        }
+        self.state_variation(address, variation(s.variation, s.variation_ew));
         let deviation = variation(s.deviation, s.deviation_ew);
         self.magnetic(address, s.heading_mag, deviation, out);
     }
@@ -282,24 +283,34 @@ impl NmeaDecoder {
         deviation: Option<f64>,
         out: &mut Vec<SourceMeasurement>,
     ) {
-        let Some(shown) = rad(degrees.filter(|d| (0.0..=360.0).contains(d))) else {
-            return self.leave_out(address, Why::Empty);
+        let shown = match in_turn(degrees) {
+            Ok(shown) => shown,
+            Err(why) => return self.leave_out(address, why),
         };
-        if self.without_true < MAX_SPARE {
+        let device = self.device(address);
+        let variation = self.variation.of(Some(device), &self.devices);
+        let sd = self.mounting.heading_sd().max(MAGNETIC_SD);
+        let heading = variation.map(|v| shown + deviation.unwrap_or_default() + v);
+        let is_spare = heading.is_some_and(|h| !self.is_used(HEADINGS, address, ([h, 0.0], sd), false));
+        if self.without_true < MAX_SPARE && !self.devices.is_chosen(HEADINGS, device) {
             self.without_true += 1;
             return self.leave_out(address, Why::Spare);
         }
-        let Some(variation) = self.variation else {
+        let Some(heading) = heading else {
             return self.leave_out(address, Why::Magnetic);
         };
-        let sd = self.mounting.heading_sd().max(MAGNETIC_SD);
-        let heading = shown + deviation.unwrap_or_default() + variation;
+        if is_spare {
+            return self.leave_out(address, Why::Spare);
+        }
         self.untimed(Untimed::Heading(heading, sd), out);
     }
     pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {
         // Degrees a minute, to starboard positive.
         match (rad(s.rate_of_turn), s.valid) {
-            (Some(r), Some('A')) => self.untimed(Untimed::Rate(r / 60.0), out),
+            (Some(r), Some('A')) => match self.is_used(TURNS, address, ([r / 60.0, 0.0], 1.0), false) {
+                true => self.untimed(Untimed::Rate(r / 60.0), out),
+                false => self.leave_out(address, Why::Spare),
+            },
             (Some(_), _) => self.leave_out(address, Why::Invalid),
             (None, _) => self.leave_out(address, Why::Empty),
         }
@@ -324,10 +335,11 @@ impl NmeaDecoder {
         if s.imu_alignment == Some(0) {
             return self.left_out(address, Why::Invalid);
         }
-        if let Some(h) = heading {
-            e.heading.get_or_insert((h, heading_sd));
-        }
+        self.true_heading(address, heading, heading_sd);
         match angles {
+            Some((roll, pitch)) if !self.is_used(TILTS, address, ([roll, pitch], sd), false) => {
+                self.left_out(address, Why::Spare);
+            }
             // A second attitude of the same time is counted where measurements are admitted.
             Some((roll, pitch)) => {
                 let fix = self.tilt([roll, pitch], s.heave.map(f64::from), sd);
@@ -339,9 +351,7 @@ impl NmeaDecoder {
     }
     pub(super) fn prdid(&mut self, address: &str, s: &Prdid, out: &mut Vec<SourceMeasurement>) {
         match (rad(s.roll), rad(s.pitch), rad(s.heading)) {
-            (Some(roll), Some(pitch), heading) => {
-                self.untimed(Untimed::Tilt([roll, pitch], heading, None), out);
-            }
+            (Some(roll), Some(pitch), heading) => self.own_tilt(address, [roll, pitch], heading, None, out),
             _ => self.leave_out(address, Why::Empty),
         }
     }
@@ -363,8 +373,13 @@ impl NmeaDecoder {
                         .leave_out(&format!("{address}-heading"), Why::Invalid);
                 }
                 let tilt = [roll, pitch].map(f64::to_radians);
-                let untimed = Untimed::Tilt(tilt, heading.map(f64::to_radians), heave.map(|h| -h));
-                self.untimed(untimed, out);
+                self.own_tilt(
+                    address,
+                    tilt,
+                    heading.map(f64::to_radians),
+                    heave.map(|h| -h),
+                    out,
+                );
             }
             None => self.leave_out(address, Why::Empty),
         }
@@ -374,7 +389,7 @@ impl NmeaDecoder {
         let normal = |k: usize| fields.get(k) == Some(&"N");
         match number(fields, 4).zip(number(fields, 2)) {
             Some((roll, pitch)) if normal(3) && normal(5) => {
-                self.untimed(Untimed::Tilt([roll, pitch].map(f64::to_radians), None, None), out);
+                self.own_tilt(address, [roll, pitch].map(f64::to_radians), None, None, out);
             }
             Some(_) => self.leave_out(address, Why::Invalid),
             None => self.leave_out(address, Why::Empty),
@@ -391,7 +406,11 @@ impl NmeaDecoder {
         let state = [quality.is_none_or(|q| q == 4.0), quality == Some(5.0)];
         let is_used = self.two_antennas(address, heading, state);
         if let Some((roll, pitch)) = roll.zip(pitch).filter(|(r, p)| is_used && *r != 0.0 && *p != 0.0) {
-            let fix = self.tilt([roll, pitch].map(f64::to_radians), None, self.mounting.tilt_sd());
+            let (tilt, sd) = ([roll, pitch].map(f64::to_radians), self.mounting.tilt_sd());
+            if !self.is_used(TILTS, address, (tilt, sd), false) {
+                return self.left_out(address, Why::Spare);
+            }
+            let fix = self.tilt(tilt, None, sd);
             out.push(SourceMeasurement::new(at_ns, fix));
         }
         self.emit(false, out);
@@ -416,9 +435,7 @@ impl NmeaDecoder {
             Some(d) if is_fixed => {
                 self.account.antennas(false);
                 let sd = self.mounting.heading_sd();
-                if let Some(e) = self.epoch.as_mut() {
-                    e.heading.get_or_insert((d.to_radians(), sd));
-                }
+                self.true_heading(address, Some(d.to_radians()), sd);
                 return true;
             }
             Some(_) => self.left_out(address, Why::Invalid),
@@ -429,6 +446,10 @@ impl NmeaDecoder {
     /// Angles by their names: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
         let mut any = false;
+        let device = Some(self.device(address));
+        if core::mem::replace(&mut self.half_of, device) != device {
+            self.half_tilt = [None; 2];
+        }
         for group in s.groups.iter().filter(|g| g.sensor_type == Some('A')) {
             let name = group.name.as_deref().unwrap_or_default().to_ascii_uppercase();
             let has = |part: &str| name.contains(part);
@@ -447,7 +468,7 @@ impl NmeaDecoder {
         match self.half_tilt {
             [Some(roll), Some(pitch)] if any => {
                 self.half_tilt = [None; 2];
-                self.untimed(Untimed::Tilt([roll, pitch], None, None), out);
+                self.own_tilt(address, [roll, pitch], None, None, out);
             }
             _ if any => self.decoded.good += 1,
             _ => self.pass_over(address),

@@ -5,6 +5,7 @@ use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
 
 mod quality;
+mod witnesses;
 
 fn decoder(mount: Mount) -> NmeaDecoder {
     NmeaDecoder::new(&Mounting::new(&mount))
@@ -195,6 +196,29 @@ fn nmea_height_without_a_separation() {
         );
     }
     assert!(remark(&d, "by EGM96 45.2 m").remedy.is_some());
+    // Exactly zero 45 m from the geoid is a default.
+    let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,0.0,M,,")]);
+    let heights = crate::fixtures::fixes(&all);
+    assert!(
+        heights.len() == 10 && heights.iter().all(|g| (g.datum.height_m - 48.25).abs() < 0.01),
+        "{heights:?}"
+    );
+    assert!(
+        remark(
+            &d,
+            "10 of 10 fixes give no height of the sea above the ellipsoid, or (10) exactly 0"
+        )
+        .remedy
+        .is_some()
+    );
+    // Two receivers in turn.
+    let gga = |separation: f64| format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,{separation},M,,");
+    let (_, d) = epochs(&[&gga(45.0), &gga(37.5)]);
+    assert!(
+        remark(&d, "is stated as 45.0 m and as 37.5 m in turn")
+            .remedy
+            .is_some()
+    );
     // Stated, it is the receiver's, whose table may be another.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,47.0,M,,")]);
     assert!(

@@ -419,3 +419,125 @@ proptest! {
         prop_assert_eq!(vessel.gated().restarts, 0);
     }
 }
+
+/// Bits of values with their widths, filled up to bytes.
+fn bits(values: &[(i64, u32)]) -> Vec<u8> {
+    let each = values
+        .iter()
+        .flat_map(|(v, width)| (0..*width).rev().map(move |k| (v >> k & 1) as u8));
+    let all: Vec<u8> = each.collect();
+    all.chunks(8)
+        .map(|b| {
+            b.iter()
+                .enumerate()
+                .fold(0, |byte, (k, bit)| byte | bit << (7 - k))
+        })
+        .collect()
+}
+/// 1005 of a station at a place.
+fn base_at(station: i64, [x, y, z]: [f64; 3]) -> Vec<u8> {
+    let [x, y, z] = [x, y, z].map(|v| (v * 1e4).round() as i64);
+    let head = [(1005, 12), (station, 12), (0, 6), (0b1110, 4)];
+    let values = [&head[..], &[(x, 38), (0, 2), (y, 38), (0, 2), (z, 38)]].concat();
+    alight_shared::rtcm::frame(&bits(&values))
+}
+
+#[test]
+fn bases_that_are_not_on_the_vessel() {
+    // ECEF of 50 N 14.5 E, 255 m, on the vessel's sentences; she drives north by 2 m/s.
+    let here = [3_977_177.6, 1_028_568.1, 4_862_984.4];
+    let observations =
+        |station: i64| alight_shared::rtcm::frame(&bits(&[(1077, 12), (station, 12), (0, 600)]));
+    let moved = |k: i64| {
+        let minutes = 0.2 * k as f64 / 1852.0;
+        let (s, tenth) = (k / 10, k % 10);
+        sentence(&format!(
+            "GPGGA,12{:02}{:02}.{tenth}0,50{minutes:08.5},N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,,",
+            s / 60,
+            s % 60
+        ))
+    };
+    let texts = |frames: &dyn Fn(i64) -> Vec<Vec<u8>>| {
+        let mut n = base_node(Format::Nmea);
+        for k in 0..150 {
+            pushed(
+                &mut n,
+                at(k),
+                &[frames(k).concat(), moved(k).into_bytes()].concat(),
+            );
+        }
+        let found = n.remarks().concat().into_iter().filter(|r| r.remedy.is_some());
+        found
+            .map(|r| r.text)
+            .filter(|t| t.starts_with("RTCM"))
+            .collect::<Vec<_>>()
+    };
+    let caster = texts(&|_| {
+        vec![
+            base_at(1042, [here[0] + 12e3, here[1], here[2]]),
+            observations(1042),
+        ]
+    });
+    assert!(
+        caster.len() == 1 && caster[0].starts_with("RTCM's base (station 1042) is 12."),
+        "{caster:?}"
+    );
+    let survey = texts(&|_| vec![base_at(7, here), observations(7)]);
+    assert!(
+        survey.len() == 1 && survey[0].contains("has not moved for 15 s, and the boat by 30 m"),
+        "{survey:?}"
+    );
+    let moving = |k: i64| {
+        let [x, y, z] = here;
+        let north = 0.2 * k as f64;
+        base_at(7, [x - 0.742 * north, y - 0.192 * north, z + 0.643 * north])
+    };
+    assert_eq!(texts(&|k| vec![moving(k), observations(7)]), [""; 0]);
+    let two = texts(&|k| vec![moving(k), observations(7), observations(1042)]);
+    assert_eq!(two, ["RTCM of 2 stations: 7 and 1042"]);
+    let mixed = texts(&|k| vec![moving(k), observations(7), rtcm_frame(4072, 40)]);
+    assert!(
+        mixed.len() == 1 && mixed[0].contains("next to 4072.0"),
+        "{mixed:?}"
+    );
+    let rare = texts(&|k| {
+        [
+            vec![observations(7)],
+            if k % 50 == 0 { vec![moving(k)] } else { Vec::new() },
+        ]
+        .concat()
+    });
+    assert_eq!(
+        rare,
+        ["RTCM has the base's place at 0.2 Hz, and observations at 10.0 Hz"]
+    );
+}
+
+#[test]
+fn frozen_attitude_next_to_another_sources_heights() {
+    // The driver of the first source repeats its last attitude from 20 s on; the second's RTK height moves.
+    let mut n = node(2);
+    let mut newest = 0;
+    for k in 0..600 {
+        let t = 0.1 * k as f64;
+        let wave = |a: f64, from: f64| a * (1.5 * t.min(from)).sin();
+        let xdr = sentence(&format!("IIXDR,A,1.0,D,PTCH,A,{:.1},D,ROLL", wave(6.0, 20.0)));
+        let (s, tenth) = (k / 10, k % 10);
+        let gga = sentence(&format!(
+            "GPGGA,1200{s:02}.{tenth}0,5000.0000,N,01430.0000,E,4,12,0.8,{:.2},M,45.0,M,,",
+            210.0 + wave(0.4, 60.0)
+        ));
+        if !step(&mut n, at(k), &[xdr.as_bytes(), gga.as_bytes()])
+            .attitude
+            .is_empty()
+        {
+            newest = k;
+        }
+    }
+    assert!((200..330).contains(&newest), "{newest}");
+    let text = &n.remarks()[0][0].text;
+    assert!(
+        text.starts_with("attitude stands still for ") && text.contains("while the height moves"),
+        "{text}"
+    );
+}

@@ -99,7 +99,6 @@ pub(super) struct Heave {
     ring: [Sums; BLOCKS],
     /// Blocks completed since the begin.
     blocks: usize,
-    spread_m: Option<f64>,
 }
 
 impl Heave {
@@ -119,10 +118,6 @@ impl Heave {
             believed: doubt.is_none() && !self.verdict.is_out(),
             since: loses.then_some(since),
         }
-    }
-    /// Standard deviation of a heave that has passed its test, m.
-    pub(super) fn spread_m(&self) -> Option<f64> {
-        self.spread_m.filter(|_| !self.verdict.is_out())
     }
     /// Reason why a value is impossible by itself.
     fn doubt(&mut self, at: Time<VesselClock>, heave: f64) -> Option<Doubt> {
@@ -178,7 +173,6 @@ impl Heave {
         } else {
             None
         };
-        self.spread_m = doubt.is_none().then_some(spread);
         self.verdict.judge(at, doubt)
     }
     /// Begins a window.

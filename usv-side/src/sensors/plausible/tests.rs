@@ -1,5 +1,5 @@
 use super::*;
-use alight_shared::msg::Header;
+use alight_shared::msg::{Header, ImuSample};
 use core::f64::consts::TAU;
 
 /// A wave of amplitude 1 and this period, s.
@@ -101,7 +101,7 @@ fn heave_that_drifts_and_returns() {
     let mut heaves = Vec::new();
     for m in series(400, drifting) {
         let t = m.at().secs();
-        let Some(Measurement::Attitude(a)) = live.take(m).measurement else {
+        let Some(Measurement::Attitude(a)) = live.take(m, &Still::default()).measurement else {
             panic!("an attitude at {t} s is left out");
         };
         let apart = [0, 1].map(|i| (a.tilt[i] - rocking(t).tilt[i]).abs());
@@ -225,11 +225,18 @@ fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
 fn velocity_that_is_not_that_of_the_position() {
     let north = [3.0, 0.0, 0.0];
     is_inert(&series(200, |t| sailing(t, north, 2.0)), "velocity");
+    // A position that repeats is left out, and shows nothing of its velocity.
     let stuck = |t: f64| GnssFix {
         position: [0.0; 3],
         ..sailing(t, north, 2.0)
     };
-    is_inert(&series(200, stuck), "a position that repeats");
+    let (kept, remarks) = sift(series(200, stuck));
+    let all = fixes(&kept);
+    assert!(all.len() == 2000 && all.iter().all(has_velocity) && !all.iter().any(has_place));
+    assert!(
+        remarks.len() == 1 && remarks[0].text.starts_with("place stands still for"),
+        "{remarks:?}"
+    );
     let jumps = |t: f64| GnssFix {
         position: [3.0 * t + if t > 90.0 { 40.0 } else { 0.0 }, 0.0, -2.0],
         ..sailing(t, north, 2.0)
@@ -297,11 +304,30 @@ fn attitude_beyond_its_bound_and_at_a_standstill() {
         ..rocking(t)
     };
     let (kept, remarks) = sift(series(120, standing));
-    assert!((600..=610).contains(&kept.len()), "{}", kept.len());
+    assert_eq!(kept.len(), 0, "also what came before it was found");
     assert!(
         remarks[0].text.starts_with("attitude stands still for"),
         "{remarks:?}"
     );
+}
+
+#[test]
+fn inertial_sensor_in_other_axes() {
+    let lying = |force: [f64; 3]| {
+        series(60, |t| ImuSample {
+            header: header(t),
+            accelerometer: [force[0] + wave(t, 4.0), force[1], force[2]],
+            ..ImuSample::default()
+        })
+    };
+    is_inert(&lying([0.0, 3.0, -9.3]), "a boat that lies over");
+    for force in [[0.0, 0.0, 9.81], [9.81, 0.0, 0.0], [0.0, -9.81, 0.0]] {
+        let (kept, remarks) = sift(lying(force));
+        assert!(
+            kept.len() < 210 && remarks[0].text.starts_with("specific force shows gravity"),
+            "{remarks:?}"
+        );
+    }
 }
 
 #[test]

@@ -2,6 +2,8 @@
 
 use alight_shared::time::{Time, VesselClock};
 
+use super::standstill::Standstill;
+
 /// Length of the window in which a channel loses or regains its credit, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;
 /// Values within a window that are impossible each by itself, after which the channel is left out: a single one is one
@@ -21,8 +23,10 @@ pub(super) enum Doubt {
     Mean(f64),
     /// The root mean square of its difference from the rate of change of another channel.
     Disagreement(f64),
-    /// An unchanged number for so many seconds while another channel moves.
-    Standstill(f64),
+    /// An unchanged number until then while another channel moves.
+    Standstill(Standstill, Time<VesselClock>),
+    /// Gravity so far from down.
+    Axes(f64),
 }
 
 /// The fate of one value.

@@ -24,6 +24,12 @@ pub const MAX_MESSAGE: usize = 256 << 10;
 /// Sources that are distinguished; further ones count as one.
 const MAX_SOURCES: usize = 64;
 
+/// Times of a kind further apart are of two clocks, ns, unless so many in a row are.
+const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
+const MAX_OTHERS: u8 = 10;
+/// 1024 weeks, after which a receiver's week number begins again, s.
+const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
+
 /// When an update was sent.
 #[derive(Clone, Copy, Debug)]
 struct When {
@@ -51,6 +57,10 @@ pub struct SignalKDecoder {
     speed: Option<(f64, u32, i64)>,
     /// The newest time of each kind, ns.
     newest_ns: [Option<i64>; KINDS.len()],
+    /// The newest time of each kind by the clock that counts, and how many came of another in a row.
+    clocks: [Option<(i64, u8)>; KINDS.len()],
+    /// A source with two clocks, and by how much they are apart, s.
+    two_clocks: Option<(u32, f64)>,
     /// Lag of each kind.
     lags: [Lag; KINDS.len()],
     /// At most one of a kind.
@@ -73,6 +83,8 @@ impl SignalKDecoder {
             begun: None,
             speed: None,
             newest_ns: [None; KINDS.len()],
+            clocks: [None; KINDS.len()],
+            two_clocks: None,
             lags: [Lag::default(); KINDS.len()],
             timeless: Vec::new(),
         }
@@ -170,6 +182,15 @@ impl SignalKDecoder {
             Ok(None) => return,
             Err(why) => return self.left_out(name, why),
         };
+        if when
+            .stamp_ns
+            .is_some_and(|s| self.is_of_other_clock(m.kind(), source, s))
+        {
+            return match self.now_ns {
+                Some(_) => self.by_arrival(name, m),
+                None => self.left_out(name, Why::OtherClock),
+            };
+        }
         let newest = self.newest_ns.get_mut(m.kind());
         let repeated = newest.is_some_and(|n| core::mem::replace(n, when.stamp_ns) == when.stamp_ns);
         let late = match (self.now_ns, when.stamp_ns, self.lags.get_mut(m.kind())) {
@@ -182,6 +203,21 @@ impl SignalKDecoder {
             None if self.now_ns.is_some() => self.by_arrival(name, m),
             None => self.decoded.undated += 1,
         }
+    }
+    /// Whether a time is of another clock than those of its kind before it: a receiver's date next to the server's.
+    fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
+        let Some(clock) = self.clocks.get_mut(kind) else {
+            return false;
+        };
+        let (newest_ns, others) = clock.get_or_insert((stamp_ns, 0));
+        let apart_ns = stamp_ns.saturating_sub(*newest_ns);
+        if apart_ns.saturating_abs() <= OTHER_CLOCK_NS || *others >= MAX_OTHERS {
+            *clock = Some((stamp_ns, 0));
+            return false;
+        }
+        *others += 1;
+        self.two_clocks = Some((source, apart_ns.saturating_abs() as f64 * 1e-9));
+        true
     }
     /// The newest of a kind that arrived together is of now; those before it were held up.
     fn by_arrival(&mut self, name: &str, m: Measurement) {
@@ -244,7 +280,22 @@ impl SensorDecoder for SignalKDecoder {
         true
     }
     fn remarks(&self) -> Vec<Remark> {
-        self.bus.remarks(&self.account)
+        let mut all = self.bus.remarks(&self.account);
+        if let Some((source, apart_s)) = self.two_clocks {
+            let name = self.sources.get(source as usize).map_or("others", String::as_str);
+            let rollovers = apart_s / ROLLOVER_S;
+            let apart = match (rollovers.round(), (rollovers - rollovers.round()).abs() < 1e-3) {
+                (n, true) if n >= 1.0 => {
+                    format!("{:.0} weeks apart (its week number has rolled over)", 1024.0 * n)
+                }
+                _ => format!("{apart_s:.0} s apart"),
+            };
+            all.push(Remark::fault(
+                format!("{name}: two clocks, {apart}: the times of one of them are not used"),
+                "let the server date its values, or renew the receiver",
+            ));
+        }
+        all
     }
 }
 

@@ -264,6 +264,47 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
     }
 }
 
+#[test]
+fn signalk_receiver_whose_week_number_rolled_over() {
+    // GGA is dated by the server, RMC by the receiver: 1024 weeks ago.
+    let height = ("navigation.gnss.antennaAltitude", "2.5");
+    let mut text = String::new();
+    let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));
+    let (mut out, mut timeless) = (Vec::new(), 0);
+    for k in 0..20 {
+        let at_s = f64::from(k);
+        let own = |values: &[_]| delta(at_s, "gps.GP", values).replace("urn:mrn:imo:mmsi:230099999", "self");
+        let old = own(&[PLACE]).replace("2026-05-20", "2006-10-04");
+        let both = own(&[PLACE, height]) + &old;
+        d.arrive(Time::from_secs(100.0 + at_s));
+        d.push(both.as_bytes(), &mut out);
+        timeless += d.timeless().len();
+        text += &both;
+    }
+    let heights = fixes(&out)
+        .iter()
+        .filter(|f| f.position_sd[2] < NOT_MEASURED_SD)
+        .count();
+    assert_eq!((out.len(), heights, timeless), (20, 20, 20));
+    let noon = utc_ns("2026-05-20T12:00:00Z").unwrap();
+    let is_right = |all: &[SourceMeasurement]| {
+        all.iter()
+            .enumerate()
+            .all(|(k, m)| m.at_ns == noon + 1_000_000_000 * k as i64)
+    };
+    assert!(is_right(&out));
+    let (recorded, of_file) = decode(&text);
+    assert!(recorded.len() == 20 && is_right(&recorded));
+    for d in [d, of_file] {
+        let found = d.remarks();
+        let named = |r: &&Remark| {
+            r.text
+                .starts_with("gps.GP: two clocks, 1024 weeks apart (its week number has rolled over)")
+        };
+        assert!(found.iter().any(|r| named(&r)), "{found:?}");
+    }
+}
+
 proptest! {
     #[test]
     fn signalk_arbitrary_damage(damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700) {

@@ -20,8 +20,17 @@ pub(super) struct FixPlace {
     pub(super) datum: Datum,
     pub(super) across_m: f64,
     pub(super) down_m: f64,
+    pub(super) grade: Grade,
+}
+
+/// A message's place: of several in an epoch the better one counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Grade {
+    /// Earth-centred, with one error for all axes.
+    Ecef,
+    Geodetic,
     /// To less than a centimetre.
-    pub(super) is_fine: bool,
+    Fine,
 }
 
 /// A receiver's own state of its fix.
@@ -40,6 +49,8 @@ pub(super) enum FixPart {
     /// North, east, down and the stated error, m/s.
     Velocity([f64; 3], f64),
     State(FixState),
+    /// State and place.
+    Solution(FixState, FixPlace),
 }
 
 /// The parts of one time.
@@ -57,6 +68,7 @@ struct Epoch {
 pub(super) struct FixParts {
     epoch: Option<Epoch>,
     velocity: Partner,
+    geodetic: Partner,
     fine: Partner,
     state: Partner,
     /// An epoch is complete: what comes with each is known.
@@ -98,8 +110,15 @@ impl FixParts {
         match part {
             FixPart::Place(place) => {
                 self.has_place = true;
-                if !e.place.is_some_and(|p| p.is_fine) {
+                if e.place.is_none_or(|p| p.grade <= place.grade) {
                     e.place = Some(place);
+                }
+            }
+            FixPart::Solution(state, place) => {
+                (self.has_state, e.state) = (true, Some(state));
+                if state != FixState::NoFix {
+                    self.has_place = true;
+                    e.place.get_or_insert(place);
                 }
             }
             FixPart::Velocity(velocity, stated) => e.velocity = Some((velocity, stated)),
@@ -117,7 +136,8 @@ impl FixParts {
         self.is_known = true;
         if let Some(place) = e.place {
             self.velocity.end_epoch(e.at_ns, e.velocity.is_some());
-            self.fine.end_epoch(e.at_ns, place.is_fine);
+            self.geodetic.end_epoch(e.at_ns, place.grade >= Grade::Geodetic);
+            self.fine.end_epoch(e.at_ns, place.grade == Grade::Fine);
             self.state.end_epoch(e.at_ns, e.state.is_some());
         }
     }
@@ -132,7 +152,8 @@ impl FixParts {
         let at_ns = e.at_ns;
         let waits = |here: bool, partner: Partner| !here && !last && partner.is_due(at_ns);
         if waits(e.velocity.is_some(), self.velocity)
-            || waits(place.is_fine, self.fine)
+            || waits(place.grade >= Grade::Geodetic, self.geodetic)
+            || waits(place.grade == Grade::Fine, self.fine)
             || waits(e.state.is_some(), self.state)
         {
             return;

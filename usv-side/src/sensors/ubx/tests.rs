@@ -325,3 +325,70 @@ proptest! {
         prop_assert!(all.len() <= 40);
     }
 }
+
+#[test]
+fn ubx_attitude_with_and_without_a_heading() {
+    let att = |k: u32, accuracy: i32| {
+        let mut p = [0; 32];
+        let values = [150_000, -200_000, 9_000_000, 10_000, 20_000, accuracy];
+        put(&mut p, 0, &(200 * k).to_le_bytes());
+        for (k, v) in values.into_iter().enumerate() {
+            put(&mut p, 8 + 4 * k, &i32::to_le_bytes(v));
+        }
+        message(1, 5, &p)
+    };
+    for (accuracy, headings) in [(100_000, 10), (18_000_000, 0)] {
+        let bytes: Vec<u8> = (0..10).flat_map(|k| att(k, accuracy)).collect();
+        let (all, _) = decode(&bytes, 7);
+        let attitudes = crate::fixtures::attitudes(&all);
+        let heading = crate::fixtures::headings(&all);
+        assert_eq!((attitudes.len(), heading.len()), (10, headings));
+        let of = attitudes[0].1;
+        let shown = [of.tilt[0], of.tilt[1], of.tilt_sd].map(f64::to_degrees);
+        assert!(
+            shown
+                .iter()
+                .zip([1.5, -2.0, 0.2])
+                .all(|(a, b)| (a - b).abs() < 1e-6),
+            "{shown:?}"
+        );
+        assert!(heading.iter().all(|h| (h.to_degrees() - 90.0).abs() < 1e-6));
+    }
+}
+
+#[test]
+fn ubx_place_in_earth_centred_coordinates() {
+    // 50 N, 14.5 E, 255 m.
+    let sol = |k: u32| {
+        let mut p = [0; 52];
+        put(&mut p, 0, &(200 * k).to_le_bytes());
+        (p[10], p[11]) = (3, 1);
+        for (k, v) in [397_717_762, 102_856_807, 486_298_438, 300]
+            .into_iter()
+            .enumerate()
+        {
+            put(&mut p, 12 + 4 * k, &i32::to_le_bytes(v));
+        }
+        message(1, 6, &p)
+    };
+    let bytes: Vec<u8> = (0..10).flat_map(sol).collect();
+    let (all, d) = decode(&bytes, 7);
+    let fixes = crate::fixtures::fixes(&all);
+    assert!(fixes.len() >= 8, "{} {:?}", fixes.len(), d.remarks());
+    for g in &fixes {
+        let apart_m = g.datum.distance_m(&Datum::new(50.0, 14.5, 255.0));
+        assert!(apart_m < 0.02 && (g.position_sd[0] - 0.9).abs() < 1e-9, "{g:?}");
+    }
+    // One in degrees of the same time is better.
+    let bytes: Vec<u8> = (0..20)
+        .flat_map(|k| [sol(k), parts(200 * k, 3, false)].concat())
+        .collect();
+    let places = crate::fixtures::fixes(&decode(&bytes, 7).0);
+    assert!(
+        places
+            .iter()
+            .skip(2)
+            .all(|g| g.position_sd[0] != fixes[0].position_sd[0]),
+        "{places:?}"
+    );
+}

@@ -7,7 +7,6 @@ use std::net::{TcpStream, UdpSocket};
 use std::path::Path;
 use tokio::time::timeout;
 
-/// Reads until `enough` bytes have come.
 async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
     let mut all = Vec::new();
     let reading = async {
@@ -19,7 +18,6 @@ async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
     all
 }
 
-/// Reads for as long as `of` takes.
 async fn reading<F: Future>(link: &mut ByteLink, of: F) -> F::Output {
     let mut of = core::pin::pin!(of);
     loop {
@@ -77,15 +75,14 @@ async fn udp_link_whose_first_sender_speaks_another_language() {
 async fn connection_from_another_address() {
     let url = LinkUrl::TcpIn("127.0.0.1:0".into(), Some([10, 0, 0, 7].into()));
     let mut link = ByteLink::new(url).await.unwrap();
-    let mut stranger = TcpStream::connect(port(&link)).unwrap();
+    let mut intruder = TcpStream::connect(port(&link)).unwrap();
     link.read(|_| {}).await;
     let why = link.last_error().unwrap();
     assert!(why.contains("is rejected") && link.opened() == 0, "{why}");
     assert!(matches!(link.open, Some(Open::Listening(_))));
-    assert!(matches!(stranger.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
+    assert!(matches!(intruder.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
 }
 
-/// A pseudo-terminal and its path.
 fn terminal() -> (std::os::fd::OwnedFd, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     let line = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
@@ -106,7 +103,7 @@ async fn serial_port_open_in_another_program() {
     let why = second.last_error().unwrap();
     assert!(why.contains("another program has this port open"), "{why}");
     assert_eq!(second.opened(), 0);
-    // It is taken over once it is free; a pseudo-terminal, unlike a port, stays exclusive, which binds all but root.
+    // It is taken over once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but root.
     drop(first);
     if !rustix::process::geteuid().is_root() {
         return;
@@ -122,7 +119,7 @@ async fn messages_through_a_full_line_are_whole() {
     let mut link = ByteLink::new(url).await.unwrap();
     link.read(|_| {}).await;
     assert_eq!(link.opened(), 1, "{:?}", link.last_error());
-    // More than the line holds: some are lost whole, one waits with its rest.
+    // More than the line holds: some messages are lost whole, one waits with its rest.
     const MESSAGE: usize = 250;
     let messages: Vec<Vec<u8>> = (0..200_u8).map(|k| vec![k; MESSAGE]).collect();
     for message in &messages {
@@ -213,12 +210,12 @@ async fn signalk_server_that_is_restarted() {
         assert_eq!(read_at_least(&mut link, 12).await, b"{\"a\": 1}\n{}\n");
         assert_eq!(link.opened(), round);
         link.write(b"nothing is sent to it");
-        // The cause of its end is reported.
+        // The reason of its end is reported.
         let why = if round == 1 {
             server.close(None).await.unwrap();
             "the server closed the connection"
         } else {
-            // It is not read to its end.
+            // The message is not read to its end.
             let _sent = server
                 .send(Message::text("x".repeat(MAX_SIGNALK_MESSAGE + 1)))
                 .await;
@@ -240,7 +237,7 @@ async fn link_backoff_doubles_up_to_a_bound() {
     let mut link = ByteLink::new(absent).await.unwrap();
     let (mut tries, mut waited) = (Vec::new(), Duration::ZERO);
     while waited < Duration::from_secs(20) {
-        // It is due at once.
+        // Makes the next attempt due at once.
         link.next_try = Instant::now();
         link.read(|_| {}).await;
         assert!(link.last_error().is_some());
@@ -279,7 +276,7 @@ async fn link_that_opens_and_breaks_at_once() {
 async fn name_without_an_address_next_to_another_source() {
     use crate::io::byte_links::ByteLinks;
 
-    // No label of a name is that long: no server has to be asked.
+    // No label of a name may be that long, so no server has to be asked.
     let host = "x".repeat(64);
     for kind in ["ws", "tcpout", "udpout"] {
         let absent = format!("{kind}://{host}:3000");

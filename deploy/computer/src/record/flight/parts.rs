@@ -14,7 +14,7 @@ use tracing::{info, warn};
 
 use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
-use crate::record::entry::{self, PartHeader};
+use crate::record::entry::{self, PartHeader, References};
 use crate::record::sink::{ChannelId, Sink, why};
 
 const S: i64 = 1_000_000_000;
@@ -39,9 +39,14 @@ pub struct Batch {
 
 impl Batch {
     /// Adds the step of this number. One that is larger than any record is left out: its number is missing.
-    pub fn add(&mut self, (step, at_ns): (u64, i64), now_ns: i64, ends: (&dyn Recorded, &dyn Recorded)) {
-        let begin = self.bytes.len();
-        if entry::append(&mut self.bytes, now_ns, ends).is_err() {
+    pub fn add(
+        &mut self,
+        (step, at_ns): (u64, i64),
+        now_ns: i64,
+        (input, output): (&dyn Recorded, &dyn Recorded),
+    ) {
+        let (begin, whole) = (self.bytes.len(), References::default());
+        if entry::append(&mut self.bytes, now_ns, (input, whole, output)).is_err() {
             return self.bytes.truncate(begin);
         }
         self.marks.push((step, at_ns, self.bytes.len()));
@@ -91,11 +96,7 @@ impl PartWriter {
         // Half of a vessel's bytes, which records day and night, for 2 ms of the thread's time a second. Forecasts, most
         // of a drone's, stay as they are.
         let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
-        let channel = sink
-            .processes(core::slice::from_ref(header))?
-            .first()
-            .copied()
-            .unwrap_or_default();
+        let channel = sink.process(header, std::iter::empty())?;
         Ok(PartWriter {
             sink,
             file,
@@ -174,14 +175,6 @@ impl Parts {
             dropped: 0,
             warning_ns: steady_ns,
             utc_ahead_ns: OffsetDateTime::now_utc().unix_timestamp_nanos() - i128::from(steady_ns),
-        }
-    }
-    /// Steps bear their own time in the file in place of people's.
-    #[must_use]
-    pub fn in_own_time(self) -> Parts {
-        Parts {
-            utc_ahead_ns: 0,
-            ..self
         }
     }
     /// Steps that are not recorded because the disk rejected writes or was too slow.
@@ -324,7 +317,7 @@ fn survive_size_limit() {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::entry::{Entry, References};
+    use crate::record::entry::Entry;
     use crate::record::log::{Log, ReplayOrder};
     use crate::record::reading::{LogFile, LogStep, is_whole, parts, read_header};
     use alight_shared::wire;

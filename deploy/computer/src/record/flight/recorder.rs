@@ -3,7 +3,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
@@ -23,6 +23,8 @@ const BATCH_BYTES: usize = 64 << 10;
 const BATCH_NS: i64 = 200_000_000;
 /// Batches under way at most: more than 10 s of a disk that stands still.
 const BATCHES: usize = 64;
+/// Bytes under way at most, of which images are the most: 3 s of them at 9 MB/s.
+const MAX_WAITING_BYTES: usize = 32 << 20;
 /// The thread looks for batches this often. It is not woken: a process in flight takes no lock that a thread of lower
 /// priority may hold.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
@@ -37,6 +39,8 @@ pub struct NodeRecorder {
     dropped: u64,
     to: Option<SyncSender<Batch>>,
     free: Receiver<Batch>,
+    /// Bytes under way.
+    waiting: Arc<AtomicUsize>,
     missing: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
@@ -47,13 +51,16 @@ impl NodeRecorder {
     pub fn begin(directory: &Path, header: PartHeader) -> NodeRecorder {
         let (to, batches) = sync_channel(BATCHES);
         let (give_back, free) = sync_channel(BATCHES);
-        let missing = Arc::new(AtomicU64::new(0));
-        let (name, count) = (header.process.clone(), Arc::clone(&missing));
+        let (missing, waiting) = (Arc::<AtomicU64>::default(), Arc::<AtomicUsize>::default());
+        let (name, counts) = (
+            header.process.clone(),
+            (Arc::clone(&waiting), Arc::clone(&missing)),
+        );
         let directory = directory.to_owned();
         let thread = Builder::new().name("recorder".into()).spawn(move || {
             yield_to_flight();
             let parts = Parts::new(&directory, header, steady_ns());
-            write(parts, &batches, &give_back, &count);
+            write(parts, &batches, &give_back, (&counts.0, &counts.1));
         });
         let thread = thread
             .map_err(|e| warn!("{name} goes on without its recorder: starting its thread: {e}"))
@@ -65,6 +72,7 @@ impl NodeRecorder {
             dropped: 0,
             to: Some(to),
             free,
+            waiting,
             missing,
             thread,
         }
@@ -83,8 +91,13 @@ impl NodeRecorder {
     fn hand_over(&mut self) {
         let empty = self.free.try_recv().unwrap_or_default();
         let full = core::mem::replace(&mut self.batch, empty);
-        let steps = full.marks.len() as u64;
-        let sent = self.to.as_ref().is_some_and(|to| to.try_send(full).is_ok());
+        let (steps, bytes) = (full.marks.len() as u64, full.bytes.len());
+        let has_room = self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes <= MAX_WAITING_BYTES;
+        let to = self.to.as_ref().filter(|_| has_room);
+        let sent = to.is_some_and(|to| to.try_send(full).is_ok());
+        if !sent {
+            self.waiting.fetch_sub(bytes, Ordering::Relaxed);
+        }
         // The thread counts what is missing before the next batch that reaches it.
         self.dropped = if sent { 0 } else { self.dropped + steps };
     }
@@ -106,50 +119,18 @@ impl Drop for NodeRecorder {
     }
 }
 
-/// Records the steps of a start in a simulated world, and waits for the disk.
-pub struct SimulatedRecorder {
-    parts: Parts,
-    batch: Batch,
-    steps: u64,
-    newest_ns: i64,
-}
-
-impl SimulatedRecorder {
-    /// Records to `directory` from `t_ns` of the world's time on.
-    pub fn begin(directory: &Path, header: PartHeader, t_ns: i64) -> SimulatedRecorder {
-        SimulatedRecorder {
-            parts: Parts::new(directory, header, t_ns).in_own_time(),
-            batch: Batch::default(),
-            steps: 0,
-            newest_ns: t_ns,
-        }
-    }
-    /// Records one step at `t_ns`.
-    pub fn step(&mut self, t_ns: i64, now_ns: i64, ends: (&dyn Recorded, &dyn Recorded)) {
-        self.batch.add((self.steps, t_ns), now_ns, ends);
-        (self.steps, self.newest_ns) = (self.steps + 1, t_ns);
-        if self.batch.bytes.len() >= BATCH_BYTES {
-            self.write();
-        }
-    }
-    fn write(&mut self) {
-        self.parts.write(self.newest_ns, &self.batch);
-        self.batch.clear();
-    }
-    /// Ends the recording; the number of steps that are missing.
-    pub fn finish(mut self) -> u64 {
-        self.write();
-        self.parts.finish(self.newest_ns);
-        self.parts.missing()
-    }
-}
-
 /// Writes what comes until nothing comes any more.
-fn write(mut parts: Parts, batches: &Receiver<Batch>, give_back: &SyncSender<Batch>, missing: &AtomicU64) {
+fn write(
+    mut parts: Parts,
+    batches: &Receiver<Batch>,
+    give_back: &SyncSender<Batch>,
+    (waiting, missing): (&AtomicUsize, &AtomicU64),
+) {
     loop {
         match batches.try_recv() {
             Ok(mut batch) => {
                 parts.write(steady_ns(), &batch);
+                waiting.fetch_sub(batch.bytes.len(), Ordering::Relaxed);
                 batch.clear();
                 // A full line back only means that this buffer is not used again.
                 let _unused = give_back.try_send(batch);
@@ -212,7 +193,7 @@ mod tests {
     #[test]
     fn recorder_with_a_slow_thread() {
         // No thread takes batches.
-        let (to, _batches) = sync_channel(BATCHES);
+        let (to, batches) = sync_channel::<Batch>(BATCHES);
         let (_give_back, free) = sync_channel(BATCHES);
         let mut recorder = NodeRecorder {
             batch: Batch::default(),
@@ -221,14 +202,22 @@ mod tests {
             dropped: 0,
             to: Some(to),
             free,
+            waiting: Arc::default(),
             missing: Arc::default(),
             thread: None,
         };
+        let image = vec![0_u8; MAX_WAITING_BYTES / 16];
+        for k in 0..20 {
+            recorder.step(k, k, &image, &());
+        }
+        assert_eq!(recorder.missing(), 5, "each takes a little more than a sixteenth");
+        assert_eq!(batches.try_iter().count(), 15);
+        (recorder.dropped, recorder.waiting) = (0, Arc::default());
         for k in 0..10 * BATCHES as i64 {
             // Half of a batch each.
             recorder.step(k, k, &vec![0_u8; BATCH_BYTES / 2], &());
         }
-        let batches = 10 * BATCHES as u64 / 2;
-        assert_eq!(recorder.missing(), 2 * (batches - BATCHES as u64));
+        let taken = 10 * BATCHES as u64 / 2;
+        assert_eq!(recorder.missing(), 2 * (taken - BATCHES as u64));
     }
 }

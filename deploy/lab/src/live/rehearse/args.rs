@@ -9,16 +9,16 @@ use clap::Args;
 use crate::args::{AutopilotArg, SeaArg, sea};
 use crate::live::fault::FaultSpec;
 
-/// Every service as it is installed, against the simulated world.
+/// Rehearsal of every service as installed, against the simulated world.
 #[derive(Args, Debug)]
 #[command(after_help = "Start with:\n  alight rehearse\n  \
 alight rehearse --vessel-config vessel.toml --drone-config drone.toml\n\n\
 Exit codes: 0 every step is OK, 1 one is not, 2 bad input.")]
 pub struct RehearseArgs {
-    /// The vessel's file [default: as it is shipped]
+    /// Vessel's configuration [default: as shipped]
     #[arg(long, value_name = "FILE")]
     pub vessel_config: Option<PathBuf>,
-    /// The drone's file [default: as it is shipped]
+    /// Drone's configuration [default: as shipped]
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
     /// Program to rehearse [default: this one]
@@ -32,20 +32,20 @@ pub struct RehearseArgs {
     /// Sea, as of `alight trial`
     #[arg(long, default_value = "moderate", hide_possible_values = true, value_parser = sea())]
     pub sea: SeaArg,
-    /// Kill a process, or freeze it: KIND:PHASE|contact, such as vessel-restarted:tracking
+    /// Kill or freeze a process: KIND:PHASE|contact, such as vessel-restarted:tracking
     ///
-    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; of the vessel the
-    /// whole service is killed, and started again as systemd does.
+    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; on the vessel the
+    /// whole service is killed and restarted as by systemd.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
-    /// Character of the simulated autopilot [default: px4]
+    /// Simulated autopilot's firmware [default: px4]
     ///
     /// With --autopilot-at it is the firmware that flies.
     #[arg(long, value_name = "NAME", value_enum)]
     pub autopilot: Option<AutopilotArg>,
-    /// A maker's firmware flies: its MAVLink, such as udpin://127.0.0.1:14540 (docs/firmware.md)
+    /// MAVLink of a maker's firmware, such as udpin://127.0.0.1:14540 (docs/firmware.md)
     ///
-    /// The pilot starts it.
+    /// The firmware flies; the pilot starts it.
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,
     /// Motors, sensors and port of its plant (TOML)
@@ -55,15 +55,15 @@ pub struct RehearseArgs {
     pub firmware: Option<PathBuf>,
     /// Time before the order to land, s [default: 40]
     ///
-    /// It begins when the vehicles are there. With --autopilot-at the default is 180.
+    /// It begins once the vehicles are there. With --autopilot-at the default is 180.
     #[arg(long, value_name = "TIME", value_parser = seconds(10..=600))]
     pub warm_up: Option<u32>,
-    /// Time of the landing at most, s
+    /// Maximum time of the landing, s
     #[arg(long, value_name = "TIME", default_value_t = 180, value_parser = seconds(30..=180))]
     pub time_limit: u32,
-    /// Leave the files in this new directory
+    /// Keep the files in this new directory
     ///
-    /// These are the configurations and what the services wrote.
+    /// These are the configurations and the output of the services.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
     /// Output format.
@@ -75,7 +75,7 @@ pub struct RehearseArgs {
 }
 
 impl RehearseArgs {
-    /// From the vehicles' first moment to the command, s.
+    /// Time from the vehicles' first moment to the command, s.
     pub fn warm_up_s(&self) -> f64 {
         let usual = if self.autopilot_at.is_some() { 180 } else { 40 };
         f64::from(self.warm_up.unwrap_or(usual))

@@ -2,13 +2,13 @@
 
 use serde_json::Value;
 
-/// The topic under which `alight check` names the autopilot's parameters.
+/// Topic of the findings on the autopilot's parameters.
 const PARAMETERS: &str = "parameters";
-/// Topics of findings about the autopilot itself.
+/// Topics of findings on the autopilot itself.
 const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
-/// Whether it is as it should be, and its values. A `firmware` that is started next to the rehearsal gets its parameters
-/// while the vehicles warm up, after this check: what was found of them is shown, and is looked at again before the landing
+/// Whether the computer passes, and its counts. A `firmware` that starts next to the rehearsal gets its parameters
+/// while the vehicles warm up, after this check: findings on them are shown, and checked again before the landing
 /// ([`fitness`]).
 pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     let count = |level: &str| findings.iter().filter(|f| f["level"] == level).count();
@@ -20,23 +20,23 @@ pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
         count("fine")
     );
     if later > 0 {
-        figure += &format!("; {later} of the firmware's parameters, looked at again before the landing");
+        figure += &format!("; {later} of the firmware's parameters, checked again before the landing");
     }
     (broken == later && !findings.is_empty(), figure)
 }
 
-/// Whether a firmware suits a landing at the end of the warm-up, by the link that reads its parameters: `rejection` is why
-/// it does not.
+/// Whether a firmware suits a landing at the end of the warm-up, by the link that reads its parameters; `rejection` is
+/// the link's reason against it.
 pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     match rejection {
         Some("") => (true, "its parameters suit a landing, and it has an origin".into()),
         Some(why) => (false, why.into()),
-        None => (false, "the link to it reports nothing".into()),
+        None => (false, "no report from the link to it".into()),
     }
 }
 
-/// Output of the check (`--json`). Without a `firmware` the autopilot is the simulated one: findings on it do not
-/// concern the installer's, and are left out.
+/// Findings in the output of the check (`--json`). Without a `firmware` the autopilot is the simulated one: findings on
+/// it do not concern the installer and are left out.
 pub fn findings(printed: &[u8], firmware: bool) -> Vec<Value> {
     let printed: Value = serde_json::from_slice(printed).unwrap_or_default();
     let mut findings = printed["findings"].as_array().cloned().unwrap_or_default();
@@ -79,7 +79,6 @@ mod tests {
         assert!(!judge(&stock, false).0, "of one that has its parameters already");
         let camera = [finding("broken", "parameters"), finding("broken", "camera")];
         assert!(!judge(&camera, true).0 && !judge(&[], true).0);
-        // They count before the landing.
         assert!(fitness(Some("")).0);
         let (ok, figure) = fitness(Some("COM_OF_LOSS_T is 1.0"));
         assert!(!ok && figure.contains("COM_OF_LOSS_T"));

@@ -7,7 +7,7 @@ use alight_computer::record::flight::store;
 use super::files::RehearsalPlan;
 use super::list::{self, CheckList};
 
-/// Adds what each computer recorded, where its file names a directory.
+/// Adds the recordings of each computer whose file names a directory.
 pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {
     for (what, recorder) in [
         ("vessel's flight recorder", &plan.vessel.recorder),
@@ -20,7 +20,7 @@ pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {
     }
 }
 
-/// The newest flight: whether a landing is in it, and how much.
+/// Whether the newest flight has a landing, and its size.
 fn newest(root: &Path) -> (bool, String) {
     let all = store::flights(root).unwrap_or_default();
     let Some(flight) = all.last() else {

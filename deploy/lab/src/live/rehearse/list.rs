@@ -1,4 +1,4 @@
-//! Observations at each step of deploy/docs/install.md.
+//! Results at each step of deploy/docs/install.md.
 
 use alight_computer::terminal::note;
 use serde::Serialize;
@@ -11,20 +11,18 @@ pub const VESSEL: u8 = 8;
 pub const DRONE: u8 = 9;
 pub const LADDER: u8 = 10;
 
-/// Width of what is checked, so that the figures stand in a column.
+/// Width of the first column, so that the figures are aligned.
 const WHAT: usize = 25;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CheckRow {
-    /// The step in install.md.
+    /// Number of the step in install.md.
     pub step: u8,
     pub what: String,
-    /// It is as it should be.
     pub ok: bool,
     pub figure: String,
 }
 
-/// All of them, shown as they come.
 #[derive(Debug, Default)]
 pub struct CheckList {
     alone: bool,
@@ -32,14 +30,13 @@ pub struct CheckList {
 }
 
 impl CheckList {
-    /// For people, or in addition to a result that stands alone on standard output.
+    /// Check list on standard output, or on standard error if a result stands alone on standard output.
     pub fn new(alone: bool) -> CheckList {
         CheckList {
             alone,
             rows: Vec::new(),
         }
     }
-    /// Adds and shows one.
     pub fn add(&mut self, step: u8, what: impl Into<String>, ok: bool, figure: impl Into<String>) {
         let row = CheckRow {
             step,
@@ -50,15 +47,13 @@ impl CheckList {
         self.print(line(&row));
         self.rows.push(row);
     }
-    /// A line between the checks.
+    /// Shows a line between the checks.
     pub fn print(&self, text: impl std::fmt::Display) {
         note(self.alone, text);
     }
-    /// Whether all is as it should be.
     pub fn ok(&self) -> bool {
         self.rows.iter().all(|r| r.ok)
     }
-    /// The checked condition.
     pub fn rows(&self) -> &[CheckRow] {
         &self.rows
     }

@@ -1,8 +1,9 @@
-//! `alight rehearse`: what the two packages install, against the simulated world, in real time, and the check list of
-//! deploy/docs/install.md with observations.
+//! `alight rehearse`: runs the contents of the two packages against the simulated world in real time, and prints the
+//! check list of deploy/docs/install.md with results.
 //!
 //! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
-//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only what moves is simulated.
+//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only the vehicles are
+//! simulated.
 
 pub mod args;
 mod checked;
@@ -41,19 +42,17 @@ use crate::live::fault::{FaultInput, LiveAct, LiveFault};
 use crate::live::service::{READY_S, Service, command};
 use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 
-/// Time between two looks.
 const POLL: Duration = Duration::from_millis(20);
-/// Simulated sensors send within this time of their world's start, s.
+/// Limit for the simulated sensors' first data after their world's start, s.
 const WORLD_S: f64 = 20.0;
-/// Link, clocks and sensors are as install.md wants them within this time of the warm-up's end, s.
+/// Limit for link, clocks and sensors to satisfy install.md after the end of the warm-up, s.
 const KNOWN_S: f64 = 30.0;
 /// Conditions of install.md before a landing: age of the link and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
-/// The world's verdict comes within this time of the landing's time limit, s: it waits for the drone to rest.
+/// Limit for the world's verdict after the landing's time limit, s: it waits for the drone to rest.
 const VERDICT_S: f64 = 5.0;
 
-/// Result of waiting for something.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Waited {
     Met,
@@ -63,7 +62,6 @@ enum Waited {
     TooSlow,
 }
 
-/// The JSON object at the end.
 #[derive(Serialize)]
 struct Rehearsed<'a> {
     ok: bool,
@@ -78,18 +76,18 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // A firmware outside flies in another session, which has to keep up.
+    // An external firmware flies in another session, which has to keep up.
     let _session = args.autopilot_at.is_none().then(scheduling::raise_session);
     let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
-        [] => "none: the files ask for none".into(),
+        [] => "not needed by these files".into(),
         names => names.join(", "),
     };
     list.add(list::CERTIFICATES, "certificates", true, names);
     let alike = plan.contradictions.join("; ");
     let both = if alike.is_empty() {
-        "both read, and agree".into()
+        "both read, and consistent".into()
     } else {
         alike
     };
@@ -124,22 +122,21 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(list.ok()))
 }
 
-/// A rehearsal under way. What is dropped first ends first.
+/// Rehearsal under way. Fields are dropped in order.
 struct Rehearsal<'a> {
     args: &'a RehearseArgs,
-    /// The program that is rehearsed.
     program: PathBuf,
     observer: Option<(Memory, Observer)>,
     drone: Option<Service>,
     vessel: Option<Service>,
     world: Service,
-    /// The vessel's processes, from their first start on.
+    /// Processes of the vessel, from their first start.
     aboard: InstanceFollower,
     /// The simulated sensors send.
     sensing: bool,
     stop: Arc<AtomicBool>,
     state: State,
-    /// Time since the command, state and why it was entered.
+    /// Time since the command, state, and reason for entering it.
     states: Vec<(f64, &'static str, String)>,
     commanded_ns: i64,
     armed: Option<bool>,
@@ -177,7 +174,7 @@ impl<'a> Rehearsal<'a> {
         })
     }
 
-    /// The steps in their order; Met when there was nothing left to wait for.
+    /// Runs the steps in order; Met if every wait succeeded.
     fn run(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         for step in [
             Rehearsal::await_sensors,
@@ -189,7 +186,7 @@ impl<'a> Rehearsal<'a> {
             Rehearsal::land,
         ] {
             let waited = step(self, list)?;
-            // A step that was not done leaves nothing to do for the next.
+            // The next step depends on this one.
             if waited != Waited::Met {
                 return Ok(waited);
             }
@@ -197,7 +194,6 @@ impl<'a> Rehearsal<'a> {
         Ok(Waited::Met)
     }
 
-    /// Takes the world's report.
     fn receive_report(&mut self) {
         for line in self.world.output() {
             self.sensing |= line == SENSING;
@@ -212,11 +208,11 @@ impl<'a> Rehearsal<'a> {
     fn has_verdict(&self) -> bool {
         self.landed.is_some() || self.too_slow.is_some()
     }
-    /// One look at everything.
-    fn look(&mut self, list: &CheckList) -> Result<(), CliError> {
+    /// Polls the world, the services and their messages once.
+    fn poll(&mut self, list: &CheckList) -> Result<(), CliError> {
         self.receive_report();
         if !self.world.poll() && !self.has_verdict() {
-            // Its last line may still be under way.
+            // Its last line may still be on its way.
             pause(10 * POLL);
             self.receive_report();
             if !self.has_verdict() {
@@ -227,7 +223,7 @@ impl<'a> Rehearsal<'a> {
         for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
             service.keep()?;
         }
-        // Its newest reports are asked for later.
+        // Its newest reports are read later.
         let _none = self.aboard.poll();
         if let Some((_, observer)) = &mut self.observer {
             observer.poll();
@@ -244,7 +240,6 @@ impl<'a> Rehearsal<'a> {
         }
         self.poll_fault(list)
     }
-    /// Lets the fault happen when it is time.
     fn poll_fault(&mut self, list: &CheckList) -> Result<(), CliError> {
         let (Some(fault), Some((_, observer))) = (&mut self.fault, &self.observer) else {
             return Ok(());
@@ -278,7 +273,7 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(())
     }
-    /// Looks until `met`, at most so long.
+    /// Polls until `met`, for at most `timeout_s`.
     fn until(
         &mut self,
         list: &CheckList,
@@ -290,7 +285,7 @@ impl<'a> Rehearsal<'a> {
             if end_requested() || self.stop.load(Ordering::Relaxed) {
                 return Ok(Waited::Stopped);
             }
-            self.look(list)?;
+            self.poll(list)?;
             if self.too_slow.is_some() {
                 return Ok(Waited::TooSlow);
             }
@@ -303,7 +298,7 @@ impl<'a> Rehearsal<'a> {
             pause(POLL);
         }
     }
-    /// Time since the world's start of the landing, s.
+    /// Time since the start of the landing in the world, s.
     fn world_s(&self) -> f64 {
         (steady_ns() - self.plan.world.epoch_ns) as f64 * 1e-9 - self.args.warm_up_s()
     }
@@ -311,7 +306,6 @@ impl<'a> Rehearsal<'a> {
         self.plan.directory.file(name).display().to_string()
     }
 
-    /// Waits until the simulated vehicles send.
     fn await_sensors(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let waited = self.until(list, WORLD_S, |r| r.sensing)?;
         if waited != Waited::Met {
@@ -319,11 +313,11 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(waited)
     }
-    /// `alight check` on the vessel, before its service is started: it listens to the sensors.
+    /// Runs `alight check` on the vessel before its service starts; it receives the sensors.
     fn check_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.check("vessel", list)
     }
-    /// `alight check` on the drone, which looks whether the vessel answers.
+    /// Runs `alight check` on the drone, which checks whether the vessel answers.
     fn check_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.check("drone", list)
     }
@@ -345,7 +339,7 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(Waited::Met)
     }
-    /// Runs one of the program's commands to its end; None when the rehearsal is stopped meanwhile.
+    /// Runs a command of the program to its end; None if the rehearsal is stopped meanwhile.
     fn ask(&mut self, list: &CheckList, arguments: &[&str]) -> Result<Option<Output>, CliError> {
         let doing = format!("running {} {}", self.program.display(), arguments.join(" "));
         let mut child: Child = command(&self.program, arguments).spawn().doing(&doing)?;
@@ -361,7 +355,7 @@ impl<'a> Rehearsal<'a> {
 
     fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
-        // As the package leaves it: the crew found the deck free.
+        // State as the package leaves it: the crew found the deck free.
         deck_file::write_first(directory, &self.plan.vessel).map_err(CliError)?;
         self.vessel = Some(Service::start("vessel", &[&self.program], directory, &[])?);
         self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
@@ -394,7 +388,7 @@ impl<'a> Rehearsal<'a> {
         Ok(waited)
     }
 
-    /// Waits for what install.md waits for before a landing is commanded: sensors, link, clocks.
+    /// Waits for the conditions of install.md before a landing: sensors, link, clocks.
     fn know(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let first = self.vessel_status();
         let left_s = (-self.world_s()).max(0.0) + KNOWN_S;
@@ -452,7 +446,7 @@ impl<'a> Rehearsal<'a> {
         Some(ObservedSituation::of(snapshot, steady_ns())).filter(|s| s.vessel().is_some())
     }
 
-    /// Commands the landing and watches it to the world's verdict.
+    /// Commands the landing and waits for the world's verdict.
     fn land(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.commanded_ns = steady_ns();
         let config = self.file("drone.toml");
@@ -483,7 +477,7 @@ impl<'a> Rehearsal<'a> {
         Ok(Waited::Met)
     }
 
-    /// Newest output of the services.
+    /// Shows the newest output of the services.
     fn complain(&self, list: &CheckList) {
         let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
         for printed in services.into_iter().flatten().map(Service::complaints) {
@@ -496,7 +490,7 @@ impl<'a> Rehearsal<'a> {
 
 impl Drop for Rehearsal<'_> {
     fn drop(&mut self) {
-        // No observer is left when the drone's memory is removed; and all are asked before one is waited for.
+        // No observer remains when the drone's memory is removed; all services are asked to end before one is awaited.
         self.observer = None;
         self.aboard.leave();
         for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {

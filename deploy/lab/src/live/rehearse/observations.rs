@@ -9,7 +9,7 @@ use super::list::{self, CheckList};
 use super::{Rehearsal, flights};
 
 impl Rehearsal<'_> {
-    /// Each sensor with the rate at which the estimator used it since `before`.
+    /// Shows each sensor with the rate at which the estimator used it since `before`.
     pub(super) fn show_sources(
         &self,
         list: &mut CheckList,
@@ -74,7 +74,6 @@ impl Rehearsal<'_> {
         };
         list.add(list::VESSEL, "vessel's estimate", age_s < 1.0, figure);
     }
-    /// The injected fault, and whether its process recovered.
     pub(super) fn show_fault(&mut self, list: &mut CheckList) {
         let Some((process, fault)) = self.fault.as_ref().and_then(|f| Some((f.process()?, f))) else {
             return;
@@ -94,7 +93,7 @@ impl Rehearsal<'_> {
         let what = format!("alight-vessel, {happened}");
         list.add(list::VESSEL, what, recovered && back == all, figure);
     }
-    /// Status of the drone on the vessel, and the vessel's own identity.
+    /// Shows the drone's status on the vessel, and the vessel's own identity.
     pub(super) fn show_contact(&mut self, list: &mut CheckList) {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
@@ -120,7 +119,6 @@ impl Rehearsal<'_> {
             figure,
         );
     }
-    /// Detections of the tag.
     pub(super) fn show_vision(&self, list: &mut CheckList) {
         let camera = self
             .observer
@@ -146,7 +144,7 @@ impl Rehearsal<'_> {
         );
         list.add(list::DRONE, "vision measurement", tags > 0, figure);
     }
-    /// The world's verdict on the landing, and the flights that were recorded.
+    /// Shows the world's verdict on the landing, and the recorded flights.
     pub(super) fn show_verdict(&self, list: &mut CheckList) {
         let Some(landed) = &self.landed else {
             list.add(

@@ -1,4 +1,4 @@
-//! The grid of an envelope: what is flown, and what became of each cell.
+//! Grid of an envelope: its conditions, and the result of each cell.
 
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::statistics::{at_most_95, successes_to_show, wilson};
@@ -6,38 +6,37 @@ use serde_json::{Value, json};
 
 use crate::args::EnvelopeArgs;
 
-/// Relative winds of the full grid and of the quick one, m/s.
+/// Relative winds of the full and of the quick grid, m/s.
 const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
 const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
 
-/// Conditions that are flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
+/// Conditions to fly: relative winds (10 m above the water, m/s) from directions all round, in sea states, with
+/// `trials` landings per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvelopeGrid {
     /// Sea states, WMO code table 3700.
     pub states: Vec<u8>,
-    /// Ascending, m/s.
+    /// Relative winds, ascending, m/s.
     pub winds: Vec<f64>,
-    /// Evenly spaced, the first from ahead.
+    /// Number of evenly spaced directions, the first from ahead.
     pub directions: u16,
     /// Landings tried in each cell.
     pub trials: u32,
-    /// Landing rate that the limit asks for.
+    /// Landing rate required up to the limit.
     pub rate: f64,
 }
 
-/// Colour of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
-    /// None was unsafe, and as many landed as are asked for.
+    /// No landing was unsafe, and the required rate was reached.
     Landed,
-    /// None was unsafe, fewer landed.
+    /// No landing was unsafe, but the rate was not reached.
     Refused,
-    /// At least one was unsafe.
+    /// At least one landing was unsafe.
     Unsafe,
 }
 
 impl Class {
-    /// The name in the table and in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Class::Landed => "landed",
@@ -47,35 +46,28 @@ impl Class {
     }
 }
 
-/// One wind in one sea, and what became of the drones.
 #[derive(Clone, Debug)]
 pub struct EnvelopeCell {
-    /// Sea state.
     pub state: u8,
-    /// Relative wind, m/s.
     pub wind_mps: f64,
-    /// Direction of the wind and the waves, from which they come, clockwise from the bow, deg.
+    /// Direction from which wind and waves come, clockwise from the bow, deg.
     pub from_deg: f64,
-    /// Landings tried.
     pub trials: usize,
-    /// At rest on the deck.
     pub landed: usize,
-    /// No landing in time, and no contact beyond its limits.
+    /// Trials without a landing in time and without a contact beyond its limits.
     pub refused: usize,
-    /// Seeds of those that were unsafe.
     pub unsafe_seeds: Vec<u64>,
-    /// The most frequent reason of those that did not land.
+    /// Most frequent reason of the trials that did not land.
     pub reason: String,
-    /// Force with which the deck has to hold a landed drone, N; None: no force up to 1 kN is enough.
+    /// Force with which the deck has to hold a landed drone, N; None if 1 kN does not suffice.
     pub hold_n: Option<f64>,
 }
 
 impl EnvelopeCell {
-    /// Number of unsafe landings.
     pub fn unsafe_count(&self) -> usize {
         self.unsafe_seeds.len()
     }
-    /// Landing rate of the cell, judged by the rate asked for.
+    /// Class of the cell by the required landing rate.
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
@@ -86,11 +78,10 @@ impl EnvelopeCell {
             Class::Refused
         }
     }
-    /// Whether it is shown that at `rate` or more is landed.
+    /// Whether a landing rate of at least `rate` is shown.
     fn is_within(&self, rate: f64) -> bool {
         self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= rate
     }
-    /// With the intervals of its rates.
     pub fn json(&self, rate: f64) -> Value {
         json!({
             "class": self.class(rate).name(), "unsafe_at_most_95": at_most_95(self.unsafe_count(), self.trials),
@@ -103,7 +94,7 @@ impl EnvelopeCell {
 }
 
 impl EnvelopeGrid {
-    /// As the flags have it.
+    /// Grid by the flags.
     pub fn of(args: &EnvelopeArgs) -> EnvelopeGrid {
         let quick = args.quick;
         let mut winds = args.winds.clone();
@@ -132,7 +123,7 @@ impl EnvelopeGrid {
             trials: args.trials.unwrap_or(if quick { 5 } else { enough }),
         }
     }
-    /// Why no limit can be drawn, where too few are flown for one.
+    /// Reason why no limit can be drawn, if the trials are too few.
     pub fn too_few(&self) -> Option<String> {
         let (trials, needed) = (self.trials as usize, successes_to_show(self.rate));
         let shown = 100.0 * wilson(trials, trials).0;
@@ -144,7 +135,6 @@ impl EnvelopeGrid {
             )
         })
     }
-    /// A sea state with its waves.
     pub fn sea_name(state: u8) -> String {
         let systems = SeaConfig::of_sea_state(state).unwrap_or_default().systems;
         let waves = systems
@@ -164,7 +154,7 @@ impl EnvelopeGrid {
         let winds = self.states.iter().flat_map(winds_of);
         winds.flat_map(|(state, wind)| self.bearings().map(move |from| (state, wind, from)))
     }
-    /// The force that the deck has to hold with in every wind from there, N; None: no force up to 1 kN is enough.
+    /// Force with which the deck has to hold in every wind from this direction, N; None if 1 kN does not suffice.
     pub fn hold_n(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()
@@ -172,7 +162,8 @@ impl EnvelopeGrid {
         here.map(|c| c.hold_n)
             .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
-    /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
+    /// Fastest wind up to which every wind from this direction is within the limit, m/s; None if not even the lightest
+    /// is.
     pub fn limit(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()

@@ -1,5 +1,5 @@
-//! The force with which the deck has to hold a landed drone (`hold_n`): by the boat's motion in the sea of a cell and the
-//! wind over her deck, with the probability of staying that the mission asks for.
+//! Force with which the deck has to hold a landed drone (`hold_n`), from the boat's motion in the sea of a cell and the
+//! wind over the deck, with the probability of staying that the mission requires.
 
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
@@ -11,10 +11,10 @@ use nalgebra::Vector2;
 use super::super::rows::StudyRow;
 use crate::trials::{in_parallel, seeds};
 
-/// Draws of the sea of which each asks for its own force.
+/// Number of draws of the sea, each of which needs a force of its own.
 const DRAWS: u32 = 3;
 
-/// The force of each scene, N, which is enough in every draw; None where no force up to 1 kN is.
+/// Force for each scene, N, that suffices in every draw; None if 1 kN does not suffice.
 pub fn needed_n(scenes: &[StudyRow], seed0: u64, jobs: Option<u16>) -> Result<Vec<Option<f64>>, CliError> {
     let seeds = seeds(seed0, DRAWS)?;
     in_parallel(jobs, "decks", scenes, |row| {
@@ -23,7 +23,7 @@ pub fn needed_n(scenes: &[StudyRow], seed0: u64, jobs: Option<u16>) -> Result<Ve
     })
 }
 
-/// The force in one draw of the sea: the steepest apparent slopes of two minutes of the deck's true motion.
+/// Force in one draw of the sea, by the steepest apparent slopes in two minutes of the deck's true motion.
 fn of_draw(row: &StudyRow, seed: u64) -> Result<Option<f64>, CliError> {
     let (world, nodes) = (&row.world, &row.nodes);
     let mut physics = Physics::new(world, seed).doing(format_args!(

@@ -1,5 +1,5 @@
-//! `alight study envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
-//! her papers (what navies call ship-helicopter operating limits).
+//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a polar
+//! diagram (navies call it ship-helicopter operating limits).
 
 mod grid;
 mod hold;
@@ -24,9 +24,8 @@ use crate::report::document::{Block, Chart, Document, write_files};
 use crate::scene::Scene;
 use grid::{EnvelopeCell, EnvelopeGrid};
 
-/// Unsafe landings that the page flies again by a command.
+/// Maximum number of unsafe landings with a replay command on the page.
 const MAX_UNSAFE: usize = 12;
-/// Values of the second table.
 const HOLD_TITLE: &str =
     "hold_n, N, with which a landed drone stays in every wind flown (0: friction is enough; -: over 1 kN)";
 
@@ -34,7 +33,7 @@ fn name(state: u8, wind: f64, from: f64) -> String {
     format!("sea state {state}, {wind} m/s from {from:.0} deg")
 }
 
-/// The scene of one condition: the bow to the north, wind and waves from where they come relative to her.
+/// Scene of one condition: the bow to the north, wind and waves relative to it.
 fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyRow {
     let mut world = base.scenario.clone();
     world.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
@@ -59,7 +58,6 @@ fn waits_for(failure: &FailureCount) -> String {
     why.unwrap_or_default().into()
 }
 
-/// Result of each condition.
 fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<EnvelopeCell> {
     let cell = |((state, wind_mps, from_deg), hold_n): (_, &Option<f64>)| {
         let name = name(state, wind_mps, from_deg);
@@ -80,7 +78,7 @@ fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Ve
     grid.conditions().zip(holds).map(cell).collect()
 }
 
-/// The base of all scenes: the boat and the drone as their configurations describe them.
+/// Base of all scenes: boat and drone as their configurations describe them.
 fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
     let s = &args.scene;
     let own = [
@@ -102,7 +100,7 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
     Ok(base)
 }
 
-/// Flies what is missing of the envelope and draws it.
+/// Flies the missing cells of the envelope and draws it.
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let (grid, base) = (EnvelopeGrid::of(args), base(args)?);
     let scenes: Vec<StudyRow> = grid.conditions().map(|c| scene(&base, c)).collect();
@@ -180,8 +178,8 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
-/// independent of each other.
+/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only these are independent
+/// of each other.
 fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
     let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
@@ -195,7 +193,7 @@ fn bound(cells: &[EnvelopeCell]) -> String {
     )
 }
 
-/// A figure by direction (a row each) and sea state.
+/// Values by direction (one per row) and sea state.
 fn by_direction(grid: &EnvelopeGrid, figure: impl Fn(u8, f64) -> Option<f64>) -> Table {
     let heads = grid.states.iter().map(|s| EnvelopeGrid::sea_name(*s));
     let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
@@ -207,7 +205,7 @@ fn by_direction(grid: &EnvelopeGrid, figure: impl Fn(u8, f64) -> Option<f64>) ->
     table
 }
 
-/// The first unsafe landings, with the command that flies each again.
+/// First unsafe landings, each with its replay command.
 fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<String> {
     let line = |o: &Outcome| {
         let row = rows.iter().find(|r| r.scenario == o.sea);
@@ -415,7 +413,7 @@ mod tests {
         };
         assert_eq!(needed(&[4.0, 8.0]), Some(32.0));
         assert_eq!(needed(&[4.0, 8.0, 12.0]), None);
-        // In a breeze astern of a boat at rest in sea state 1 friction is enough; in state 4 from abeam it is not.
+        // In a breeze astern of a boat at rest in sea state 1 friction suffices; in state 4 from abeam it does not.
         let base = base(&args("--hull mono-5m")).unwrap();
         let scenes = [(1, 3.0, 180.0), (4, 10.0, 90.0)].map(|c| scene(&base, c));
         let force = hold::needed_n(&scenes, 1, Some(1)).unwrap();
@@ -425,7 +423,7 @@ mod tests {
 
     #[test]
     fn envelope_colours_by_the_fraction_that_landed() {
-        // Both of a class that landed: the darker one has more of them.
+        // Of two cells of the landed class the darker one has more landings.
         let light = |landed: f64| {
             let c = polar::colour(Class::Landed, landed / 5.0);
             0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2)

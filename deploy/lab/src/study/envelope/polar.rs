@@ -1,5 +1,6 @@
-//! The polar of an envelope as SVG: a circle for each sea state, bow up; in the ring of each wind a cell for each direction
-//! that it comes from. The blue of a cell is the fraction that landed, its pattern the class: landed, refused or unsafe.
+//! Polar diagram of an envelope as SVG: a circle for each sea state, bow up, a ring for each wind, a cell for each
+//! direction that the wind comes from. The blue of a cell shows the fraction that landed, its pattern the class:
+//! landed, refused or unsafe.
 
 use core::f64::consts::TAU;
 use std::error::Error;
@@ -11,8 +12,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::grid::{Class, EnvelopeCell, EnvelopeGrid};
 
-/// Ends of the scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing. Unsafe is Okabe and
-/// Ito's vermilion, which differs from them with every kind of colour vision. Black on them has a contrast of at least 5.
+/// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing.
+/// Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision. Black on them has a
+/// contrast of at least 5.
 const NONE_LANDED: RGBColor = RGBColor(222, 235, 247);
 const ALL_LANDED: RGBColor = RGBColor(49, 130, 189);
 const UNSAFE: RGBColor = RGBColor(213, 94, 0);
@@ -21,17 +23,15 @@ const LINE: RGBColor = RGBColor(30, 30, 30);
 const PANEL: u32 = 440;
 const HEAD: u32 = 40;
 const FOOT: u32 = 120;
-/// Part of the radius for the boat in the middle.
+/// Fraction of the radius for the boat in the middle.
 const HUB: f64 = 0.25;
-/// Panels in a row.
 const COLUMNS: usize = 3;
-/// Longest side of an arc, rad: it leaves a circle of 160 px by 0.2 px.
+/// Longest side of a polyline for an arc, rad: it deviates from a circle of 160 px by 0.2 px.
 const MAX_STEP: f64 = 0.1;
 
 type Plane<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type Drawn = Result<(), Box<dyn Error>>;
 
-/// At this radius in this direction, clockwise from the bow.
 fn at(radius: f64, angle: f64) -> (f64, f64) {
     (radius * angle.sin(), radius * angle.cos())
 }
@@ -39,11 +39,11 @@ fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f6
     let steps = (((to - from) / MAX_STEP).ceil() as u32).max(1);
     (0..=steps).map(move |k| at(radius, from + (to - from) * f64::from(k) / f64::from(steps)))
 }
-/// A part of a ring between two radii and two angles.
+/// Part of a ring between two radii and two angles.
 fn wedge([inner, outer]: [f64; 2], angles: [f64; 2]) -> Vec<(f64, f64)> {
     arc(outer, angles).chain(arc(inner, angles).rev()).collect()
 }
-/// The colour of a class in which this fraction landed, 0 to 1.
+/// Colour of a class in which this fraction landed, 0 to 1.
 pub fn colour(class: Class, landed: f64) -> RGBColor {
     let fraction = landed.clamp(0.0, 1.0);
     let between =
@@ -57,7 +57,7 @@ pub fn colour(class: Class, landed: f64) -> RGBColor {
         Class::Unsafe => UNSAFE,
     }
 }
-/// The lines of a class's pattern on a part of a ring: none where it was landed, arcs where refused, a net where unsafe.
+/// Lines of a class's pattern on a part of a ring: none for landed, arcs for refused, a net for unsafe.
 fn pattern(class: Class, [inner, outer]: [f64; 2], [from, to]: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
     let arcs = (1..4).map(|k| arc(inner + (outer - inner) * f64::from(k) / 4.0, [from, to]).collect());
     let spokes = (1..6).map(|k| {
@@ -77,7 +77,6 @@ fn text(size: u32) -> TextStyle<'static> {
         .pos(Pos::new(HPos::Center, VPos::Center))
 }
 
-/// Draws the cells of a grid.
 pub fn draw(grid: &EnvelopeGrid, cells: &[EnvelopeCell], title: &str) -> Result<String, Box<dyn Error>> {
     let columns = grid.states.len().clamp(1, COLUMNS);
     let rows = grid.states.len().div_ceil(columns).max(1);
@@ -111,7 +110,6 @@ fn legend(
         let box_of = [(x, y - 8), (x + 20, y + 8)];
         let fraction = if class == Class::Landed { 1.0 } else { 0.0 };
         root.draw(&Rectangle::new(box_of, colour(class, fraction).filled()))?;
-        // The pattern of a cell, straightened.
         let across = (1..4).map(|k| [(x, y - 8 + 4 * k), (x + 20, y - 8 + 4 * k)]);
         let up = (1..5).map(|k| [(x + 4 * k, y - 8), (x + 4 * k, y + 8)]);
         let net: Vec<_> = match class {
@@ -143,7 +141,7 @@ fn legend(
     if grid.too_few().is_some() {
         let needed = successes_to_show(grid.rate);
         lines.push(format!(
-            "no limit: {percent:.0} % needs {needed} landings a cell, flown were {}",
+            "no limit: {percent:.0} % needs {needed} landings a cell; only {} were flown",
             grid.trials
         ));
     }
@@ -153,7 +151,7 @@ fn legend(
     Ok(())
 }
 
-/// The fraction that landed in fifths, none to all.
+/// Fraction that landed in fifths, none to all.
 fn scale(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> Drawn {
     let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
     root.draw(&Text::new("fraction that landed: 0 %", (12, y), style.clone()))?;
@@ -166,7 +164,6 @@ fn scale(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> 
     Ok(())
 }
 
-/// The circle of one sea state.
 fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell], state: u8) -> Drawn {
     let fastest = grid.winds.last().copied().unwrap_or(1.0).max(1e-9);
     let radius = |wind: f64| HUB + (1.0 - HUB) * wind / fastest;
@@ -210,7 +207,6 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell],
         let count = Text::new(label, (0, 0), text(11));
         plane.draw_series([EmptyElement::at(place) + ground + count])?;
     }
-    // The boat, bow up, and the scales.
     let hull = [
         (0.0, 0.13),
         (0.045, 0.05),

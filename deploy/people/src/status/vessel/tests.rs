@@ -12,7 +12,6 @@ use alight_computer::process::snapshot::{Newest, Snapshot};
 
 use crate::status::Status;
 
-/// Knowledge of a vessel at 100 s.
 struct Vessel {
     process: ProcessState,
     status: VesselStatus,
@@ -119,7 +118,7 @@ fn vessel_speed_while_it_is_known() {
     assert_eq!(speed(&estimator, true).value, None);
 }
 
-/// Changes of a vessel, and the level and the topic of their finding.
+/// Changes of a vessel, each with the level and topic of the resulting finding.
 const FAULTS: [(Change<'static>, FindingLevel, &str); 26] = [
     (
         &|w| w.status.deck.closed = Some(Closure::Crew),
@@ -312,7 +311,7 @@ fn vessel_text_with_each_fault() {
     assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
 }
 
-/// A report that is not whole is not judged as if it were.
+/// A truncated list of endpoints is judged as the worst case.
 #[test]
 fn vessel_with_more_endpoints_than_reported() {
     let reported = |left_out| {
@@ -332,7 +331,8 @@ fn vessel_with_more_endpoints_than_reported() {
     );
 }
 
-/// It is known by its topics alone, and before it has reported what it is no part of that is judged.
+/// Before the vessel's first report, the certificate is judged by its topic alone; other topics that need the report
+/// are not judged.
 #[test]
 fn vessel_certificate_by_its_topic_alone() {
     let mut v = vessel();
@@ -360,7 +360,6 @@ fn vessel_certificate_by_its_topic_alone() {
     assert!(found(&unreported, "certificate").is_empty());
 }
 
-/// The vessel's own, and the worse of that and what the drone reports.
 #[test]
 fn go_of_a_vessel_and_of_its_drone() {
     let go = |change: Change<'_>| {
@@ -371,7 +370,7 @@ fn go_of_a_vessel_and_of_its_drone() {
         let own = own_go(&s.findings, &w.status);
         ([own.go, s.go.go], s.go.why)
     };
-    let (fine, nothing) = (Some(true), "no finding stops a landing");
+    let (fine, nothing) = (Some(true), "ready to land");
     assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
     let (no, unknown) = (Some(false), None);
     let cases: [(Change<'_>, [Option<bool>; 2], &str); 8] = [

@@ -1,5 +1,5 @@
-//! The autopilot's parameters, origin and heights, read as the link does before a landing. It sends heartbeats and
-//! requests, nothing else.
+//! Reads the autopilot's parameters, origin and heights as the link does before a landing. Only heartbeats and requests
+//! are sent.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -22,18 +22,16 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::tools::check::facts::AutopilotReport;
 
-/// Time between two looks at the link.
 const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
-/// The link is listened to so many times: 9 s, of which a parameter that is never reported takes 5.
+/// Reads of the link: 9 s, of which the timeout of a parameter that is never reported takes 5 s.
 const ROUNDS: u32 = 900;
-/// Without an autopilot's heartbeat after so many it is not there: three of its usual periods.
+/// Reads after which an autopilot without a heartbeat is absent: three usual periods.
 const ROUNDS_WITHOUT: u32 = 300;
-/// Another vehicle's heartbeat comes after so many: one of its usual periods and a half.
+/// Reads during which other vehicles' heartbeats are awaited: one and a half usual periods.
 const ROUNDS_FOR_OTHERS: u32 = 150;
-/// Period of our heartbeats.
 const HEARTBEAT: Span = Span::from_millis(1000);
 
-/// Report of the autopilot; None when no heartbeat of one came. Frames are counted by their signatures.
+/// Report of the autopilot; None without a heartbeat of one. `signatures` counts the frames by their signatures.
 pub fn report(
     computer: &DroneComputerConfig,
     url: &LinkUrl,
@@ -48,7 +46,7 @@ async fn received(
     signatures: &mut Signatures,
 ) -> Option<AutopilotReport> {
     let c = &computer.autopilot;
-    // What is wrong with its file is a finding of its own.
+    // A faulty key file is a separate finding.
     let signing = mavlink_key::read("autopilot.signing_key", &c.signing_key).ok()?;
     let speakers = Speakers::new(signing.as_ref());
     let speaks = Some(speakers.of_vehicle(c.vehicle));
@@ -79,12 +77,11 @@ async fn received(
     inquiry.report()
 }
 
-/// Questions to an autopilot, and its answers.
 struct Inquiry<'a> {
     computer: &'a DroneComputerConfig,
     heartbeat: Periodic<DroneClock>,
     origin_due: Periodic<DroneClock>,
-    /// The autopilot, once a heartbeat of it came, and its parameters.
+    /// Address and parameters of the autopilot, known after its first heartbeat.
     found: Option<(Address, Parameters)>,
     report: AutopilotReport,
 }
@@ -100,7 +97,6 @@ impl Inquiry<'_> {
         }
     }
 
-    /// Takes a message of the link.
     fn receive(&mut self, sender: Address, message: &MavlinkMessage, now: Time<DroneClock>) {
         let vehicle = self.computer.autopilot.vehicle;
         match (message, &mut self.found) {
@@ -131,7 +127,7 @@ impl Inquiry<'_> {
         }
     }
 
-    /// System as which the questions are asked: the configured one, or the autopilot's.
+    /// System number of the requests: the configured one, otherwise the autopilot's.
     fn system(&self) -> u8 {
         match (self.computer.autopilot.system, &self.found) {
             (0, Some((from, _))) => from.system,
@@ -140,7 +136,7 @@ impl Inquiry<'_> {
         }
     }
 
-    /// Messages that are due: the heartbeat, a parameter's request, and those for origin and heights.
+    /// Messages that are due: heartbeat, parameter request, requests of origin and heights.
     fn messages(&mut self, now: Time<DroneClock>) -> Vec<MavlinkMessage> {
         let own = MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: NO_AUTOPILOT,
@@ -167,7 +163,6 @@ impl Inquiry<'_> {
         messages
     }
 
-    /// Whether nothing more is to come, in this round of the link.
     fn is_done(&self, round: u32) -> bool {
         match &self.found {
             Some((_, p)) => {
@@ -179,7 +174,6 @@ impl Inquiry<'_> {
         }
     }
 
-    /// The answers; None when no heartbeat of an autopilot came.
     fn report(self) -> Option<AutopilotReport> {
         let report = self.report;
         self.found.map(|(_, p)| AutopilotReport {

@@ -1,4 +1,4 @@
-//! Image of a camera, taken as its process does or asked of that process.
+//! Image of a camera, taken as its process does or reported by that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -16,18 +16,18 @@ use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::tools::check::facts::CameraImages;
 
-/// Time for which images are looked at, ns: the metering comes to rest in it.
+/// Time during which images are examined, ns; long enough for the metering to converge.
 const LOOK_NS: i64 = 2_000_000_000;
-/// One image of so many is searched for tags that are not the deck's: that takes longer than from one image to the next.
+/// Images per search for tags that are not the deck's: the search takes longer than an image period.
 const FINDER_PERIOD: u64 = 10;
 
-/// Looks at images of `size` (width, height), px, of a device or of files, and for `tags` in them, for 2 s.
+/// Examines images of `size` (width, height), px, from a device or from files for 2 s, and searches them for `tags`.
 pub fn look(
     config: &CameraSource,
     size: [usize; 2],
     tags: Option<(&TagSettings, &Tags)>,
 ) -> Result<CameraImages, String> {
-    // A device that shows nothing keeps its thread, which ends with this program.
+    // The thread of a device without images runs until this program ends.
     let (views, receiver) = sync_channel(1);
     let (config, tags) = (
         config.clone(),
@@ -50,7 +50,7 @@ pub fn look(
     }
 }
 
-/// Sends what is known after each image, until there are no more or without a reader.
+/// Sends the state after each image, until the images or the reader end.
 fn show(
     config: &CameraSource,
     size: [usize; 2],
@@ -87,7 +87,6 @@ fn show(
     Ok(())
 }
 
-/// Report of a camera's process about itself.
 pub fn reported(metrics: &[Metric]) -> CameraImages {
     let of = |name: MetricName| {
         let found = metrics.iter().find(|m| m.name == name)?;

@@ -1,5 +1,4 @@
-//! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/envelope.md` has the tables
-//! of these figures.
+//! Equipment class of the vessel by its sensors, and fit of the drone to its deck. `docs/envelope.md` has the tables.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -15,36 +14,35 @@ use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{CameraImages, SourceCheck};
 use crate::tools::check::received::{KindStatistics, SensorStatistics};
 
-/// A receiver that reports less often is a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of those for autopilots.
+/// Rate below which a receiver counts as a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of receivers for autopilots.
 const SLOW_HZ: f64 = 2.5;
-/// Rate of an inertial sensor and of an inertial navigation system with which landings were measured, Hz.
+/// Rate of the inertial sensor and of the inertial navigation system in the measured landings, Hz.
 const MOTION_HZ: f64 = 20.0;
-/// An attitude alone that comes less often does not show how the deck rocks, Hz. Chosen: ten in a roll of 2 s, the
-/// shortest of a small boat; sentences of a compass come once or twice a second.
+/// Minimum rate of an attitude without inertial samples, Hz. Chosen: ten samples in a roll period of 2 s, the shortest
+/// of a small boat; compass sentences come once or twice a second.
 pub const MIN_ATTITUDE_HZ: f64 = 5.0;
-/// Rate of the slowest receiver with which landings were measured, Hz, and its largest age, s.
+/// Rate, Hz, and maximum age, s, of the slowest receiver in the measured landings.
 const RECEIVER_HZ: f64 = 1.0;
 const RECEIVER_AGE_S: f64 = 0.6;
-/// Fraction of a rate that is enough: a rate over a short time is off by a measurement.
+/// Fraction of a rate that suffices: a rate over a short time is uncertain by one measurement.
 const NEARLY: f64 = 0.8;
-/// Error of the heading with which landings were measured, deg: a compass with an inertial sensor; two antennas of an
-/// inertial navigation system, with what their makers promise.
+/// Heading errors in the measured landings, deg: a compass with an inertial sensor; two antennas of an inertial
+/// navigation system, by its maker's data sheet.
 const COMPASS_DEG: f64 = 3.0;
 const ANTENNAS_DEG: f64 = 1.0;
-/// Error of the tilt of an inertial navigation system, deg. Chosen: a small one's; landings were measured with less.
+/// Tilt error of an inertial navigation system, deg. Chosen: that of a small one; landings were measured with less.
 const TILT_DEG: f64 = 0.5;
-/// A principal point further than this part of a side from the image's middle is of a calibration of another size. Chosen:
-/// makers keep it within some per cent; of images twice as wide it would be half of the width.
+/// Distance of a principal point from the image's middle, as a fraction of a side, that indicates a calibration for
+/// another image size. Chosen: makers keep it within some per cent; for images twice as wide it is half of the width.
 const OFF_MIDDLE: f64 = 0.2;
 
-/// Class of a vessel by the sensors of its motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VesselClass {
     /// Inertial samples, and a receiver of some hertz.
     AutopilotAboard,
     /// Inertial samples, and a receiver of 1 Hz.
     SlowReceiver,
-    /// Attitude, rates and heave of a system that integrates for itself.
+    /// Attitude, rates and heave of an inertial navigation system.
     InertialNavigation,
 }
 
@@ -54,8 +52,8 @@ impl VesselClass {
         VesselClass::SlowReceiver,
         VesselClass::InertialNavigation,
     ];
-    /// Distance from the deck's centre that one landing of a hundred exceeds, m, mounted well or 2 deg askew.
-    /// Source: 400 landings of each at Moderate without wind, seeds from 20000 (`study sensors`' scenes).
+    /// 99th percentile of a landing's distance from the deck's centre, m, with sensors mounted well or 2 deg askew.
+    /// Source: 400 landings of each at Moderate without wind, seeds from 20000 (scenes of `study sensors`).
     const fn p99_m(self) -> f64 {
         match self {
             VesselClass::AutopilotAboard => 0.15,
@@ -72,18 +70,17 @@ impl VesselClass {
     }
 }
 
-/// Why a vessel is of no class.
 #[derive(Clone, Debug, PartialEq)]
 enum Gap {
-    /// The estimator does not start without this.
+    /// Quantity without which the estimator does not start.
     Missing(&'static str),
-    /// This comes less often than the deck moves; its rate, and what is needed.
+    /// Quantity that comes more slowly than the deck moves; its rate, Hz, and the required one.
     TooSlow(&'static str, f64, &'static str),
-    /// It is most like this class, of which landings were measured with better sensors: in what each differs.
+    /// Closest class, and the respects in which its sensors were better in the measured landings.
     Unmeasured(VesselClass, Vec<String>),
 }
 
-/// The class of a vessel by what its sensors gave: rate, age and noise, not the kinds alone.
+/// Class of a vessel by rate, age and noise of its measurements.
 fn class(given: &SensorStatistics) -> Result<VesselClass, Gap> {
     let (gnss, heading) = match (given.inertial.or(given.attitude), given.gnss, given.heading) {
         (None, _, _) => return Err(Gap::Missing("neither inertial samples nor an attitude")),
@@ -92,7 +89,7 @@ fn class(given: &SensorStatistics) -> Result<VesselClass, Gap> {
         (Some(_), Some(gnss), Some(heading)) => (gnss, heading),
     };
     let alone = given.attitude.filter(|_| given.inertial.is_none());
-    let navigated = "20 Hz, with angular rates and heave, is what landings were measured with";
+    let navigated = "20 Hz, with angular rates and heave, is the rate of the measured landings";
     let needs = [
         (
             "inertial samples",
@@ -125,7 +122,7 @@ fn class(given: &SensorStatistics) -> Result<VesselClass, Gap> {
     Err(Gap::Unmeasured(class, worse))
 }
 
-/// In what sensors are worse than those with which landings were measured; `alone`: an attitude without inertial samples.
+/// Respects in which sensors are worse than in the measured landings. `alone`: attitude without inertial samples.
 fn worse(alone: Option<KindStatistics>, gnss: &KindStatistics, heading: &KindStatistics) -> Vec<String> {
     let mut all = Vec::new();
     if let Some(attitude) = alone {
@@ -157,8 +154,8 @@ fn worse(alone: Option<KindStatistics>, gnss: &KindStatistics, heading: &KindSta
     all
 }
 
-/// The class of a vessel whose sources were listened to, by what all of them gave; nothing while one of them gave nothing,
-/// which is a finding of its own.
+/// Class of a vessel by the measurements of all its sources. None while a source gives nothing, which is a separate
+/// finding.
 pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Finding> {
     const TOPIC: FindingTopic = FindingTopic("class");
     let gave_some = |source: &SourceCheck| {
@@ -180,21 +177,21 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
         ),
         Err(Gap::TooSlow(what, rate_hz, needed)) => TOPIC.broken(
             format!("{what} at {rate_hz:.1} Hz: too slow for a rocking deck ({needed})"),
-            "set the sensor and what passes it on to send more often, or add an inertial sensor (docs/envelope.md)",
+            "raise the rate of the sensor and of its gateway, or add an inertial sensor (docs/envelope.md)",
         ),
         Err(Gap::Unmeasured(class, worse)) => TOPIC.warning(
             format!(
-                "no landing was measured with such sensors, and no figure is promised; {} differs in: {}",
+                "no landing was measured with these sensors, so no accuracy is stated; {} differs in: {}",
                 class.name(),
                 worse.join(", ")
             ),
-            "set the sensor to send what stands in brackets, or add an inertial sensor (docs/envelope.md)",
+            "set the sensor to the values in brackets, or add an inertial sensor (docs/envelope.md)",
         ),
     })
 }
 
-/// Whether the deck has the dimensions that the vessel states, and 99 of 100 landings have all feet on it, on a vessel of the class
-/// with the largest errors.
+/// Whether the deck's dimensions match those that the vessel states, and whether 99 of 100 landings have all feet on
+/// the deck on a vessel of the class with the largest errors.
 pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimensions>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("deck");
     if let Some(why) = vessel.and_then(|vessel| deck.dimensions().differs_from(&vessel)) {
@@ -232,7 +229,6 @@ pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimen
     }
 }
 
-/// Whether the deck's tags are sound, and in view from every height.
 pub fn tags(drone: &DroneSettings) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("tags");
     let tags = drone.tags();
@@ -247,8 +243,8 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     if gaps.is_empty() && are_anybodys(&tags) {
         return TOPIC.warning(
             format!(
-                "their numbers are the family's first ({}), as any other boat's may be: a drone distinguishes two such boats by \
-                 their places alone",
+                "their numbers are the family's first ({}), which any other boat may use: a drone distinguishes two such boats by \
+                 position only",
                 tags.iter().map(|t| t.id).min().unwrap_or_default()
             ),
             "print tags of this boat's own numbers: `alight tag --suggest --vessel N`, and set drone.deck.tags to that list",
@@ -274,23 +270,23 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     )
 }
 
-/// Time that ends the belief in a battery's gauge.
+/// Finding on the endurance that limits trust in the battery's gauge.
 pub fn battery(mission: &MissionConfig) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("battery");
     let full_s = mission.battery_endurance_s;
     if full_s > 0.0 {
         return TOPIC.fine(format!(
-            "full, it flies for {full_s:.0} s whatever its gauge reads"
+            "a full battery counts for {full_s:.0} s of flight, whatever its gauge reads"
         ));
     }
     TOPIC.warning(
-        "drone.mission.battery_endurance_s is not set: a gauge that falls too slowly is believed until the drone falls, and one that is \
-         silent or stuck counts as that of a drone which flies for 300 s",
-        "hover with the load from a full battery until the gauge reads 0, or half of that twice as long, and write the seconds",
+        "drone.mission.battery_endurance_s is not set: a gauge that falls too slowly is trusted until the drone falls, and with a \
+         silent or stuck one an endurance of 300 s is assumed",
+        "hover with the load from a full battery until the gauge reads 0 (or until 50 %, doubled), and set it to that time in seconds",
     )
 }
 
-/// Calibrations of the cameras that look as if they were of images of another size.
+/// Findings on camera calibrations that look as if they belong to another image size.
 pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     let (tag, markers) = (&drone.drone.camera.lens, &drone.drone.camera.uvdar.lens);
     let belly = || {
@@ -308,7 +304,6 @@ pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     found.into_iter().flatten().collect()
 }
 
-/// Whether a principal point is near the middle of its image.
 fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) -> Option<Finding> {
     let sides = size_px.map(f64::from);
     let parts = centre_px
@@ -330,18 +325,17 @@ fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) 
     })
 }
 
-/// Finding on images in which none of the deck's tags was detected.
 pub fn no_tag(topic: FindingTopic, view: &CameraImages, exposure: &str) -> Finding {
     let images = view.images;
     match view.stranger {
         None => topic.fine(format!("{images} images{exposure}; no tag in view")),
         Some(Stranger::Number(number)) => topic.warning(
-            format!("{images} images{exposure}; a tag in view has number {number}, which is none of the deck's"),
-            "set drone.deck.tags to the numbers that are printed, or print those that it has (alight tag)",
+            format!("{images} images{exposure}; a tag in view has number {number}, which is not on the deck"),
+            "set drone.deck.tags to the numbers that are printed, or print the configured tags (alight tag)",
         ),
         Some(Stranger::Mirrored(number)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is mirrored (number {number}): it is never detected"),
-            "end the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
+            "switch off the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
         ),
         Some(Stranger::Family(name)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is of another family ({name}): 36h11 alone is detected"),
@@ -360,7 +354,7 @@ mod tests {
             ..KindStatistics::default()
         }
     }
-    /// Sensors of these rates, Hz; zero: none. An attitude has all that may come with it.
+    /// Sensors with these rates, Hz; zero: absent. The attitude includes every optional quantity.
     fn given([imu, gnss, heading, attitude]: [f64; 4]) -> SensorStatistics {
         let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
         SensorStatistics {
@@ -435,7 +429,7 @@ mod tests {
             })
         });
         assert_eq!(late, "GNSS fixes 0.9 s late (0.6 s)");
-        // With an inertial sensor that compass is enough.
+        // With an inertial sensor that compass suffices.
         let with_inertial = SensorStatistics {
             inertial: Some(at(50.0)),
             ..by_compass
@@ -468,9 +462,8 @@ mod tests {
                 .starts_with("attitude at 1.0 Hz: too slow for a rocking deck"),
             "{found}"
         );
-        // A source that gave nothing is a finding of its own.
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
-        // One that has RTCM alone gives no measurements.
+        // A source that sends RTCM only gives no measurements.
         let mut base = source([0; 4]);
         base.received.as_mut().unwrap().1.newest_s = Some(1.0);
         assert!(vessel(&[source([0, 3, 25, 3]), base], &slow).is_some());
@@ -504,14 +497,13 @@ mod tests {
         drone.camera.source = "/dev/video0".into();
         drone.drone.camera.lens.centre_px = [317.1, 255.8];
         assert_eq!(lenses(&drone), []);
-        // Of 1280 x 720 px, yet inside of 640 x 480.
+        // For 1280 x 720 px, yet inside of 640 x 480.
         drone.drone.camera.lens.centre_px = [638.2, 358.0];
         let found = lenses(&drone);
         assert!(
             found.len() == 1 && found[0].found.contains("[638.2, 358], 50 % of a side"),
             "{found:?}"
         );
-        // Without a camera there is no finding.
         drone.camera.source.clear();
         assert_eq!(lenses(&drone), []);
     }

@@ -1,4 +1,4 @@
-//! Collection of the facts about this computer, without judgement.
+//! Collects the facts about this computer without judging them.
 
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
@@ -38,14 +38,11 @@ use crate::tools::check::facts::{
 use crate::tools::check::received::SensorStatistics;
 use crate::tools::check::{autopilot, camera, receiver, sources};
 
-/// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// Running processes are observed for so long.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
-/// Processors that are looked at.
 const MAX_PROCESSORS: usize = 1024;
 
-/// Everything about this computer that bears on the configuration in `path`, whose processes may run under another name.
+/// Facts about this computer that concern the configuration in `path`, whose processes may run under another name.
 pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
     let computer = configured(path).map(|c| c.named(instance));
     let computer = computer.map_err(|e| e.to_string());
@@ -85,7 +82,6 @@ pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
     facts
 }
 
-/// The configuration in `path`, in which no key of the method is set.
 fn configured(path: &Path) -> Result<Computer, CliError> {
     let computer = Computer::read(path)?;
     let text = fs::read_to_string(path).doing(format_args!("reading {}", path.display()))?;
@@ -93,18 +89,17 @@ fn configured(path: &Path) -> Result<Computer, CliError> {
     Ok(computer)
 }
 
-/// Dead time and time constant of the attitude by the newest recorded flight that identified them, s.
+/// Dead time and time constant of the attitude, s, by the newest recorded flight that identified them.
 fn flown(directory: &str) -> Option<[f64; 2]> {
-    // Without a recorder no flight is recorded, and a directory that cannot be read is for `alight flights` to report.
+    // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
     let flights = store::flights(Path::new(directory)).unwrap_or_default();
     flights.iter().rev().find_map(|f| {
-        let figures = f.summary()?.figures;
-        let of = |name: &str| figures.get(name).copied();
+        let metrics = f.summary()?.figures;
+        let of = |name: &str| metrics.get(name).copied();
         Some([of(ATTITUDE_DEAD_TIME)?, of(ATTITUDE_LAG)?])
     })
 }
 
-/// Messages of running processes.
 fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
@@ -113,7 +108,7 @@ fn snapshot(instance: &Instance) -> Option<Snapshot> {
     Some(observer.snapshot)
 }
 
-/// Each camera that is configured: looked through, or as the process reports that holds it.
+/// Configured cameras: examined here, or as reported by the process that holds them.
 fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraCheck> {
     let settings = &d.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
@@ -179,12 +174,11 @@ fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraChe
     found.into_iter().flatten().collect()
 }
 
-/// Whether it is a named pipe: without a writer it would block, and a reader takes bytes of its images.
+/// Whether `name` is a named pipe. Opening one blocks without a writer, and reading takes bytes of its images.
 fn is_pipe(name: &str) -> bool {
     fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
 }
 
-/// Whether a camera's source is there and may be read.
 fn readable(name: &str) -> Result<(), String> {
     if is_pipe(name) {
         return Ok(());
@@ -193,7 +187,6 @@ fn readable(name: &str) -> Result<(), String> {
 }
 
 impl CheckFacts {
-    /// Facts about the vessel's computer, whose configuration is in `path`.
     fn vessel(&mut self, path: &Path, v: &VesselComputerConfig) {
         let instance = Instance::new(&v.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
@@ -202,7 +195,7 @@ impl CheckFacts {
         self.deck_inputs = inputs
             .filter(|(_, path)| !path.is_empty())
             .map(|(key, path)| (key, path, DigitalLine::new(path)))
-            // The process that runs has them, and reports what it cannot read.
+            // A running process holds these inputs and reports those that it cannot read.
             .filter(|(_, _, line)| !(self.running && line.is_exclusive()))
             .map(|(key, path, mut line)| DeckInputCheck {
                 key,
@@ -217,7 +210,6 @@ impl CheckFacts {
         (self.sources, self.measured) = (received.sources, received.measured);
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));
     }
-    /// Facts about the drone's computer.
     fn drone(&mut self, d: &DroneComputerConfig) {
         let instance = Instance::new(&d.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
@@ -234,12 +226,11 @@ impl CheckFacts {
         self.cameras = cameras(d, snapshot.as_ref());
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));
     }
-    /// Facts about the link to the drone's autopilot.
     fn autopilot(&mut self, d: &DroneComputerConfig, snapshot: Option<&Snapshot>) {
         let name = d.autopilot.connect.clone();
         let url: Result<LinkUrl, String> = name.parse();
         let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
-        // The process that runs has the link, and counts its frames.
+        // A running process holds the link and counts its frames.
         let link = snapshot.and_then(|s| s.processes.get(&ProcessKind::Autopilot));
         let mut received = link.map_or_else(Signatures::default, |p| mavlink_key::counts(&p.metrics));
         self.reported = match (&url, &reach) {
@@ -306,7 +297,7 @@ fn identity(tls: &TlsConfig) -> Identity {
     }
 }
 
-/// `udp/0.0.0.0:7447?...#...` as protocol and address.
+/// Protocol and address of an endpoint such as `udp/0.0.0.0:7447?...#...`.
 fn endpoint(text: &str) -> Option<(&str, &str)> {
     let (protocol, address) = text.split_once('/')?;
     let address = address.split(['?', '#']).next()?;
@@ -356,12 +347,12 @@ fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Whether a server of QUIC is there: it answers an unknown version with those that it supports (RFC 9000,
-/// section 6.1), without a handshake and without counting a rejected peer. Asked three times, because a
-/// radio loses packets.
+/// Whether a QUIC server answers. It answers an unknown version with the versions that it supports (RFC 9000, section
+/// 6.1), without a handshake and without counting a rejected peer. The query is sent three times because a radio loses
+/// packets.
 fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
-    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes; a server
-    // answers no datagram below 1200 bytes.
+    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes. Servers ignore
+    // datagrams below 1200 bytes.
     let mut hello = vec![0u8; 1200];
     let header = [
         &[0xc0, 0x0a, 0x0a, 0x0a, 0x0a, 8][..],
@@ -378,7 +369,6 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     for _ in 0..3 {
         let read = socket.send(&hello).and_then(|_| socket.recv(&mut answer));
         match read {
-            // Version negotiation: a long header with the version 0.
             Ok(n) if n >= 7 && answer[0] & 0x80 != 0 && answer[1..5] == [0; 4] => return Ok(()),
             Ok(_) => {}
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
@@ -388,7 +378,6 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     Err(last)
 }
 
-/// Whether the autopilot's link can be had.
 fn reach_autopilot(url: &LinkUrl) -> Reach {
     let bound = |tried: std::io::Result<()>| {
         tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
@@ -409,14 +398,13 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
 fn memory(instance: Result<Instance, String>) -> SharedMemory {
     let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
     let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
-    // One that was not made needs no removing.
     let _none = fs::remove_file(&probe);
     let directory = instance.and_then(|i| {
         let path = i.directory();
         let doing = |e| format!("{} cannot be used: {e}", path.display());
         let probe = path.join(format!("check-{}", std::process::id()));
         if !path.exists() {
-            // The program makes it: its parent must be writable.
+            // The program creates it: its parent must be writable.
             fs::create_dir(&path).map_err(doing)?;
             let _left = fs::remove_dir(&path);
             return Ok(path);
@@ -434,7 +422,6 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
     }
 }
 
-/// The standard output of a program of the system; None when it is not there or fails.
 fn command_output(program: &str, args: &[&str]) -> Option<String> {
     let out = Command::new(program)
         .args(args)
@@ -460,8 +447,8 @@ fn sync() -> Option<ClockSync> {
     })
 }
 
-/// `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last
-/// offsets, s, field 14 the leap status (Not synchronised).
+/// Result of `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last offsets,
+/// s, field 14 the leap status (Not synchronised).
 fn chrony(text: &str) -> Option<ClockSync> {
     let fields: Vec<&str> = text.trim().split(',').collect();
     let stratum: u32 = fields.get(2)?.parse().ok()?;
@@ -499,7 +486,7 @@ mod tests {
 
     #[test]
     fn reachability_check_of_quic_servers() {
-        // What follows a version negotiation's header does not matter here.
+        // Bytes after the header of a version negotiation are ignored.
         for (answer, found) in [
             (&[0x9f, 0, 0, 0, 0, 8, 1, 2, 3][..], true),
             (&b"220 welcome"[..], false),

@@ -1,6 +1,5 @@
-//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts,
-//! [`rules`] judges them; nothing is changed but the exposure of a camera, which is left as the service would
-//! set it.
+//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts and [`rules`]
+//! judges them. The command changes nothing except a camera's exposure, which it leaves as the service would set it.
 
 mod autopilot;
 mod camera;
@@ -25,7 +24,7 @@ use serde_json::json;
 
 use crate::status::finding::FindingLevel;
 
-/// A check of this computer.
+/// Check of this computer.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight check\n\
@@ -44,7 +43,6 @@ pub struct CheckArgs {
     pub form: Form,
 }
 
-/// Collects, judges and prints.
 pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let path = match &args.config {
         Some(path) => path.clone(),
@@ -65,7 +63,7 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     Ok(worst.exit())
 }
 
-/// Checks the computer of the configuration at `path`, and prints what was found; the worst of it.
+/// Checks the computer of the configuration at `path`, prints the findings and returns the worst level.
 pub fn print(path: &Path, instance: Option<&str>) -> FindingLevel {
     let findings = rules::judge(&gather::gather(path, instance));
     findings

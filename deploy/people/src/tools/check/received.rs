@@ -1,5 +1,5 @@
-//! Statistics of the vessel's sensors while they were received: the rate, age and noise of each kind. A class of
-//! vessel is named by these, never by a field that is there.
+//! Rate, age and noise of the vessel's sensors by kind, measured during a reception. They determine the vessel's class;
+//! the configured fields do not.
 
 use std::collections::BTreeMap;
 
@@ -7,25 +7,23 @@ use alight_shared::estimation::median;
 use alight_shared::msg::SensorReadings;
 use alight_shared::time::{Time, VesselClock};
 
-/// A sensor that gave nothing for this long before the end has stopped, s: one that reports once a second has not.
+/// Silence at the end after which a sensor has stopped, s; longer than the period of a sensor of 1 Hz.
 const SILENT_S: f64 = 1.5;
 
-/// The measurements of one kind by that sensor which gave most of them.
+/// Measurements of one kind, by the sensor that gave most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KindStatistics {
-    /// Their rate, Hz.
     pub rate_hz: f64,
-    /// Median of their age when they came, s.
+    /// Median age at reception, s.
     pub age_s: f64,
-    /// Median of their standard deviation: position m, heading and tilt rad; zero of inertial samples.
+    /// Median standard deviation: position m, heading and tilt rad; zero for inertial samples.
     pub sd: f64,
-    /// More than half of them have the body's three angular rates.
+    /// More than half of the measurements have the body's three angular rates.
     pub with_rates: bool,
-    /// More than half of them have a heave.
+    /// More than half of the measurements have a heave.
     pub with_heave: bool,
 }
 
-/// Statistics of all sensors, by kind; None: nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorStatistics {
     pub inertial: Option<KindStatistics>,
@@ -43,10 +41,9 @@ struct Sample {
     has_heave: bool,
 }
 
-/// Measurements of one kind by the number of their sensor.
+/// Measurements of one kind by sensor number.
 type Series = BTreeMap<u8, Vec<Sample>>;
 
-/// The measurements that came.
 #[derive(Debug, Default)]
 pub struct MeasurementSeries {
     inertial: Series,
@@ -56,7 +53,6 @@ pub struct MeasurementSeries {
 }
 
 impl MeasurementSeries {
-    /// Adds what came at `now`.
     pub fn add(&mut self, now: Time<VesselClock>, readings: &[SensorReadings]) {
         let sample = |at: Time<VesselClock>, sd: f64| Sample {
             at_s: at.secs(),
@@ -89,7 +85,6 @@ impl MeasurementSeries {
             }
         }
     }
-    /// The figures of all that came until `now`.
     pub fn measured(&self, now: Time<VesselClock>) -> SensorStatistics {
         let best = |series: &Series| {
             let statistics = series
@@ -107,7 +102,7 @@ impl MeasurementSeries {
 }
 
 impl KindStatistics {
-    /// Statistics of a sensor's measurements, in the order in which they came, until `until_s`; None of none.
+    /// Statistics of a sensor's measurements until `until_s`, in order of reception; None without measurements.
     fn of(all: &[Sample], until_s: f64) -> Option<KindStatistics> {
         let (first, last) = (all.first()?, all.last()?);
         let silent_s = until_s - (last.at_s + last.age_s);
@@ -115,7 +110,7 @@ impl KindStatistics {
         let span_s = last.at_s - first.at_s + if silent_s > SILENT_S { silent_s } else { 0.0 };
         let most = |has: fn(&Sample) -> bool| 2 * all.iter().filter(|s| has(s)).count() > all.len();
         Some(KindStatistics {
-            // Of a single one it is known that the next one did not come.
+            // A single measurement shows only that the next one did not come.
             rate_hz: if steps > 0.0 {
                 steps / span_s.max(1e-3)
             } else {
@@ -134,7 +129,8 @@ mod tests {
     use super::*;
     use alight_shared::msg::{AttitudeFix, Header, Seq};
 
-    /// Measurements of a sensor of this rate from 0 s to `end_s`, each attitude 0.1 s late, received for 2.5 s.
+    /// Statistics of a sensor of this rate that sends from 0 s to `end_s`, each attitude 0.1 s late, received for 2.5
+    /// s.
     fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> KindStatistics {
         let mut received = MeasurementSeries::default();
         for k in 0..(rate_hz * end_s) as u32 {
@@ -168,7 +164,7 @@ mod tests {
             assert!((found.age_s - 0.1).abs() < 1e-6 && (found.sd - 0.01).abs() < 1e-12);
             assert!(found.with_rates && !found.with_heave);
         }
-        // One that has stopped, and a single one.
+        // A sensor that has stopped, and a single measurement.
         assert!(received(20.0, 0.5, fix).rate_hz < 5.0);
         assert!(received(1.0, 1.0, AttitudeFix::default()).rate_hz < 0.5);
     }

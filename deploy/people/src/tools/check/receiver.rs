@@ -1,4 +1,5 @@
-//! The drone's own GNSS receiver whose moving base is the vessel's: as a running process reports it, or listened to.
+//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as reported by a running process, or
+//! received here.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -14,12 +15,11 @@ use tokio::time::{Duration, Instant, timeout_at};
 use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
 
-/// Listened to for so long: two periods of a receiver of 1 Hz, and the pause of a link that is opened late.
+/// Time of reception: two periods of a receiver of 1 Hz, and the delay of a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);
-/// Remedy for a receiver whose messages lack a relative place.
 const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
 
-/// Facts about the receiver; None where none is configured, or a process that does not report has it.
+/// Facts about the receiver; None if none is configured or a process holds it without reporting.
 pub fn of(d: &DroneComputerConfig, is_running: bool, snapshot: Option<&Snapshot>) -> Option<ReceiverCheck> {
     let connect = d.autopilot.receiver.clone();
     let report = match (is_running, snapshot) {
@@ -69,32 +69,31 @@ async fn listened(connect: &str) -> ReceiverReport {
     }
 }
 
-/// The finding about it.
 pub fn judge(found: &ReceiverCheck) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("receiver");
     let at = &found.connect;
     match &found.report {
         ReceiverReport::Unreachable(why) => TOPIC.broken(
             format!("the drone's GNSS receiver at {at}: {why}"),
-            "its address in autopilot.receiver, its power, its cable",
+            "check its address in autopilot.receiver, its power and its cable",
         ),
         ReceiverReport::Received { bytes: 0, .. } => TOPIC.broken(
             format!("no bytes from the drone's GNSS receiver at {at}"),
-            "its power, its cable, and the rate in autopilot.receiver",
+            "check its power, its cable, and the rate in autopilot.receiver",
         ),
         ReceiverReport::Received { bytes, newest: None } => TOPIC.broken(
-            format!("{bytes} bytes from the drone's GNSS receiver at {at}, and no relative place among them"),
+            format!("{bytes} bytes from the drone's GNSS receiver at {at}, none with a relative position"),
             NO_RELATIVE,
         ),
         ReceiverReport::Received { newest: Some(_), .. } => TOPIC.fine(format!(
             "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
         )),
         ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
-            "no RTCM from the vessel: its receiver is no moving base of the drone's",
+            "no RTCM from the vessel: its receiver is not the moving base of the drone's",
             "is it in radio reach, and does its receiver send RTCM 3? (docs/autopilots.md, moving base)",
         ),
         ReceiverReport::Held { rtcm, state: None } => TOPIC.warning(
-            format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, and no relative place used"),
+            format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, no relative position used"),
             NO_RELATIVE,
         ),
         ReceiverReport::Held { rtcm, state: Some(r) } => {
@@ -153,7 +152,7 @@ mod tests {
             (
                 ReceiverReport::Held { rtcm: 9, state: None },
                 warning,
-                "no relative place",
+                "no relative position used",
             ),
             (
                 ReceiverReport::Held {

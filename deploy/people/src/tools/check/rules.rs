@@ -1,4 +1,4 @@
-//! Rules over gathered facts, pure: fine, warning, fault.
+//! Rules that turn facts into findings; pure functions.
 
 use alight_computer::certificates::common_name;
 use alight_computer::config::VesselComputerConfig;
@@ -19,24 +19,23 @@ use crate::tools::check::facts::{
 };
 use crate::tools::check::{equipment, receiver, view};
 
-/// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
-/// who look on, and a start whose predecessor was killed.
+/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the remains of a
+/// killed predecessor.
 const MEMORY_BYTES: u64 = 64 << 20;
-/// The system's clock before this was never set: 2025-01-01, s since 1970.
+/// Earliest plausible time of the system's clock: 2025-01-01, s since 1970. An earlier clock was never set.
 const PLAUSIBLE_S: i64 = 1_735_689_600;
-/// Error of a synchronised clock that is worth a warning, s: logs of both computers are compared by it.
+/// Error of a synchronised clock that is a warning, s; the logs of both computers are compared by it.
 const CLOCK_ERROR_S: f64 = 0.1;
-/// Contrast of the tag that is worth a warning: the detector needs a margin of 20 grey levels, which is a contrast of
-/// 16 %; motion and noise take of it.
+/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a contrast of
+/// 16 %; motion and noise reduce it.
 const MIN_CONTRAST: f64 = 0.3;
-/// Saturation of the tag that is worth a warning: a third of its white.
+/// Maximum saturation of the tag without a warning: a third of its white.
 const MAX_SATURATION: f64 = 0.1;
-/// Bits of a key's file that let others than its owner read or write it.
+/// Permission bits that let users other than the owner read or write a file.
 const OTHERS: u32 = 0o077;
-/// Bits with which a group may read, and nothing else.
 const GROUP_READS: u32 = 0o040;
 
-/// The findings about `facts`, in the order in which an installer repairs them.
+/// Findings about `facts`, in the order in which an installer repairs them.
 pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     let path = facts.config.display();
     let computer = match &facts.computer {
@@ -83,7 +82,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
             all.push(origin(reported));
         }
         (Computer::Drone(_), Some(None)) => all.push(FindingTopic("parameters").warning(
-            "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
+            "no heartbeat of an autopilot was received: parameters and origin were not read",
             "is it powered, and does it send to this link?",
         )),
         (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
@@ -114,7 +113,6 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     all
 }
 
-/// Sensors and switches of a vessel.
 fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> {
     let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
     all.extend(facts.held_sources.iter().flat_map(sources::of));
@@ -127,26 +125,26 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
                 .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
         );
     }
-    // By what all of them gave.
     let listened = facts.held_sources.is_empty().then_some(&facts.sources);
     all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
     all.extend(facts.deck_inputs.iter().map(deck_input));
     all
 }
 
-/// Slower than this, dead time and time constant together, no autopilot of those flown has answered, s: ArduCopter with
-/// default gains 0.3 s.
+/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the slowest
+/// autopilot flown, takes 0.3 s.
 const SLOW_RESPONSE_S: f64 = 0.45;
-/// A time constant that differs from the configured one by more than this factor is worth a line.
+/// Ratio of identified and configured time constants above which they differ.
 const LAG_RATIO: f64 = 1.5;
 
-/// Response of the attitude in the last flight.
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("response");
-    let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
+    let found = format!(
+        "in the last flight the attitude responded with {dead_s:.2} s dead time and {lag_s:.2} s time constant"
+    );
     if dead_s + lag_s > SLOW_RESPONSE_S {
         return TOPIC.warning(
-            format!("{found}: slow, deck and gusts are followed late"),
+            format!("{found}: slow, so the drone follows deck and gusts late"),
             "raise the autopilot's attitude gains (PX4 MC_ROLL_P, MC_PITCH_P; ArduCopter ATC_ANG_RLL_P, \
              ATC_ANG_PIT_P, less ATC_INPUT_TC), or shorten its link",
         );
@@ -155,7 +153,7 @@ fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     if !(1.0 / LAG_RATIO..=LAG_RATIO).contains(&ratio) {
         return TOPIC.warning(
             format!("{found}; configured are {configured_s:.2} s"),
-            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}: a flight begins with it"),
+            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}, the initial value of a flight"),
         );
     }
     TOPIC.fine(found)
@@ -195,7 +193,7 @@ fn identity(facts: &CheckFacts, side: &'static str, id: u32, radio: &RadioConfig
     let mut all = Vec::new();
     if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
         all.push(TOPIC.broken(
-            format!("{plain} is not quic/, and with certificates nothing else is taken"),
+            format!("{plain} is not quic/, which certificates require"),
             "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
     }
@@ -240,7 +238,7 @@ fn key(identity: &Identity) -> Vec<Finding> {
     }
     if identity.of_authority == Some(false) {
         all.push(TOPIC.broken(
-            "the certificate was made by another authority than the one that is trusted",
+            "the certificate was not made by the trusted authority",
             "make all certificates with one authority and copy its authority.pem to both sides",
         ));
     }
@@ -250,11 +248,11 @@ fn key(identity: &Identity) -> Vec<Finding> {
     all
 }
 
-/// Who admits keys where a router stands between.
+/// Finding on access rules when the radio uses a router.
 fn router(radio: &RadioConfig) -> Option<Finding> {
     (radio.router && !radio.tls.authority.is_empty()).then(|| {
         FindingTopic("router").fine(format!(
-            "{} passes on what peers send: who may use which key, an operator's included, is for its own access rules",
+            "{} forwards the messages of peers: its own access rules decide who may use which key, operators included",
             radio.tls.router
         ))
     })
@@ -296,7 +294,7 @@ fn dialled(to: &str, reach: &Reach) -> Finding {
     match reach {
         Reach::Answers => TOPIC.fine(format!("{to} answers")),
         Reach::Routed => TOPIC.fine(format!(
-            "there is a route to {to}; whether it answers shows only in alight status"
+            "there is a route to {to}; alight status shows whether it answers"
         )),
         Reach::Unreachable(why) => TOPIC.warning(
             format!("connecting to {to}: {why}"),
@@ -310,7 +308,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
     match reach {
         Ok(Reach::Answers | Reach::Routed) => match facts.reported {
             Some(Some(_)) => TOPIC.fine(format!("answers at {url}")),
-            // What that means is the finding about its parameters.
+            // The finding on its parameters reports the missing heartbeat.
             Some(None) => TOPIC.fine(format!("{url} can be opened")),
             None => TOPIC.fine(format!("{url} can be opened; alight status shows whether the autopilot answers")),
         },
@@ -325,7 +323,6 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
     }
 }
 
-/// Signing of its frames, and whether a ground station's `orders` count.
 fn signing(check: &SigningCheck, orders: bool) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("signing");
     match (&check.key, check.received.finding(check.admitted)) {
@@ -344,13 +341,13 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
             "set autopilot.signing_key instead",
         ),
         (Ok(_), None) if check.path.is_empty() => {
-            TOPIC.fine("frames are not signed: of a ground station an abort alone counts")
+            TOPIC.fine("frames are not signed: from a ground station only an abort is accepted")
         }
-        (Ok(_), None) => TOPIC.fine("frames are signed, and taken only with that signature"),
+        (Ok(_), None) => TOPIC.fine("frames are signed; others are rejected"),
     }
 }
 
-/// Which of two autopilots is the drone's own is not configured.
+/// Finding on two received autopilots when no vehicle is configured.
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
@@ -358,17 +355,16 @@ fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     )
 }
 
-/// Origin of the drone's frame, and its height above the ellipsoid, as the vessel's is.
 fn origin(reported: &AutopilotReport) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let Some(o) = &reported.origin else {
         return TOPIC.warning(
-            "the autopilot has not reported where its frame begins (GPS_GLOBAL_ORIGIN): nothing is flown without",
-            "it begins with the first GNSS fix: wait for it under open sky, and check again",
+            "the autopilot has not reported the origin of its frame (GPS_GLOBAL_ORIGIN), which every flight needs",
+            "the first GNSS fix sets it: wait under open sky, and check again",
         );
     };
     let at = format!(
-        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the sea, which is",
+        "the origin of the drone's frame is at {:.6}, {:.6}, {:.1} m above the sea, which is",
         o.latitude_deg, o.longitude_deg, o.height_m
     );
     match reported.geoid_m {
@@ -404,7 +400,7 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
         })
         .collect();
     if all.is_empty() {
-        all.push(TOPIC.fine("the autopilot's suit a landing"));
+        all.push(TOPIC.fine("the autopilot's parameters suit a landing"));
     }
     all
 }
@@ -433,7 +429,6 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
     }
 }
 
-/// Whether images come, and the tag in them is fit to be detected.
 fn camera_view(found: &CameraCheck) -> Option<Finding> {
     let (topic, source) = (FindingTopic(found.key), &found.source);
     let view = match found.view.as_ref()? {
@@ -456,7 +451,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
         ),
         Some(Err(why)) => {
             return Some(topic.warning(
-                format!("{source} {why}: its own automatic exposes"),
+                format!("{source} {why}: the camera's own automatic exposure is in use"),
                 format!(
                     "v4l2-ctl --list-ctrls prints its controls; expose by its maker's means for less than \
                      {0}.exposure_s and set {0}.exposure_s = 0",
@@ -509,7 +504,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
                 free >> 20,
                 MEMORY_BYTES >> 20
             ),
-            "remove what others left there, or mount it larger",
+            "remove files of other programs, or mount it larger",
         )),
         (Ok(()), Some(free)) => all.push(TOPIC.fine(format!("{} MB free", free >> 20))),
         (Ok(()), None) => all.push(TOPIC.warning("the free memory is not known", "df /dev/shm")),
@@ -527,7 +522,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 fn no_sensor() -> Finding {
     FindingTopic("sensors").warning(
         "no sensor is configured: there is no estimate",
-        "a table [[sensor.sources]] in vessel.toml for each (docs/sensors.md)",
+        "add a table [[sensor.sources]] for each sensor to vessel.toml (docs/sensors.md)",
     )
 }
 
@@ -540,7 +535,7 @@ fn source(found: &SourceCheck) -> Finding {
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
         Ok((0, _)) => TOPIC.warning(
-            format!("{who}: nothing came while listening"),
+            format!("{who}: no data received"),
             "is it powered and plugged in, and does it send there?",
         ),
         Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) && s.newest_s.is_none() => TOPIC.warning(
@@ -549,7 +544,7 @@ fn source(found: &SourceCheck) -> Finding {
                  without a time",
                 s.decoded.good, s.decoded.corrupted, s.decoded.ignored, s.decoded.undated
             ),
-            "see to its rate and format in vessel.toml, and to the messages that it is set to send",
+            "check its rate and format in vessel.toml, and the messages that it is set to send",
         ),
         Ok((_, s)) => TOPIC.fine(format!(
             "{who}: {} measurements, {} messages corrupted while listening",
@@ -574,7 +569,9 @@ fn processors(facts: &CheckFacts, drone: bool) -> Vec<Finding> {
     let slow: Vec<&String> = facts.governors.iter().filter(|g| *g != "performance").collect();
     all.push(match slow.first() {
         Some(governor) => TOPIC.warning(
-            format!("frequency chosen by {governor}: a plan may take several times longer after a rest"),
+            format!(
+                "frequency chosen by {governor}: a plan may take several times longer after an idle period"
+            ),
             "echo performance | tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
         ),
         None => TOPIC.fine("at full frequency"),

@@ -23,23 +23,20 @@ use tokio::time::{Instant, timeout_at};
 use crate::tools::check::facts::SourceCheck;
 use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
 
-/// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
-/// late.
+/// Time during which all sources are received, s: two periods of the slowest receivers, and the delay of a link that
+/// opens late.
 pub const LISTEN_S: f64 = 2.5;
-/// The node is stepped at least this often.
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 
-/// Result of the sources that were received.
 #[derive(Clone, Debug, Default)]
 pub struct ListenedSources {
-    /// Each of them.
     pub sources: Vec<SourceCheck>,
-    /// Statistics of all of them.
     pub measured: SensorStatistics,
 }
 
-/// The sources of the process that runs by this file, as it reports them in `snapshot`, and the others, received. Next to a
-/// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
+/// Sources held by the process that runs with this file, as reported in `snapshot`, and the other sources, received
+/// here. If the running vessel uses another configuration, all sources are received here; those that it holds cannot be
+/// opened, which is a finding.
 pub fn of(
     path: &Path,
     v: &VesselComputerConfig,
@@ -147,7 +144,7 @@ mod tests {
     use alight_computer::process::sealed::SealedConfig;
     use alight_shared::msg::{SourceReport, VesselStatus};
 
-    /// A vessel's file with sources of these names, each at a port where nothing comes.
+    /// Configuration file of a vessel with sources of these names, each at a port without data.
     fn file(names: &[&str]) -> String {
         let source = |name: &&str| {
             format!(
@@ -168,7 +165,6 @@ mod tests {
             ..Snapshot::default()
         };
         let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
-        // It runs by another file.
         let (held, listened) = of(&path, &computer, Some(&snapshot));
         assert!(held.is_empty());
         assert_eq!(names(&listened.sources), ["imu", "compass"]);
@@ -185,7 +181,6 @@ mod tests {
                 (number, report)
             })
             .collect();
-        // A source was added since the start.
         std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
         let edited: VesselComputerConfig = config::load(&path).unwrap();
         let (held, listened) = of(&path, &edited, Some(&snapshot));

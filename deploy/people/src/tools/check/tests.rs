@@ -1,4 +1,4 @@
-//! Rules on made-up computers, and the gatherer on this one.
+//! Tests of the rules on made-up computers, and of the gatherer on this one.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -107,7 +107,7 @@ fn vessel() -> CheckFacts {
     }
 }
 
-/// The computer is a drone's, with what `set` changes of a usual configuration.
+/// Makes the computer a drone's, with a usual configuration that `set` changes.
 fn configure(facts: &mut CheckFacts, set: fn(&mut DroneComputerConfig)) {
     let mut computer = DroneComputerConfig::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
@@ -132,7 +132,7 @@ fn drone() -> CheckFacts {
     facts
 }
 
-/// Signing with a key file of these permissions, and so many frames that were not signed.
+/// Signing with a key file of these permissions, and this number of unsigned frames.
 fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
     Some(SigningCheck {
         path: "/etc/alight/mavlink.key".into(),
@@ -145,15 +145,15 @@ fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
     })
 }
 
-/// PX4 reports this of one parameter, and of all others what suits.
+/// Report of PX4 with this value of one parameter and suitable values of all others.
 fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameter, value)
 }
-/// PX4 has not reported this one after so many requests, and of all others what suits.
+/// Report of PX4 in which one parameter is missing after this number of requests; all others are suitable.
 fn unreported(name: &str, requests: u32) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameterUnknown, f64::from(requests))
 }
-/// This is against one parameter.
+/// Report with a reason against one parameter.
 fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotReport>> {
     let one = of_px4().filter(|(_, p)| p.name == name);
     Some(Some(AutopilotReport {
@@ -165,7 +165,6 @@ fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotR
         several: None,
     }))
 }
-/// Two vehicles' are received.
 fn several() -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {
@@ -173,7 +172,6 @@ fn several() -> Option<Option<AutopilotReport>> {
         ..all
     }))
 }
-/// A report with an origin and a geoid as given.
 fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {
@@ -198,7 +196,6 @@ fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCh
     }
 }
 
-/// The camera, looked through.
 fn looked(view: Result<CameraImages, &str>) -> CameraCheck {
     CameraCheck {
         view: Some(view.map_err(str::to_owned)),
@@ -206,7 +203,7 @@ fn looked(view: Result<CameraImages, &str>) -> CameraCheck {
     }
 }
 
-/// A tag of this contrast and saturation, exposed for 1 ms.
+/// Tag of this contrast and saturation, exposed for 1 ms.
 fn exposed(contrast: f64, saturation: f64) -> CameraImages {
     CameraImages {
         images: 60,
@@ -472,8 +469,8 @@ fn check_of_a_broken_configuration() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-/// Report of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
-/// signatures, and what the autopilot was commanded.
+/// Reads a simulated autopilot that signs with `key`, by a computer of this configuration: its report, the signatures,
+/// and the commands that it received.
 fn found_of_autopilot(
     computer: &DroneComputerConfig,
     key: Option<Signing>,
@@ -498,7 +495,7 @@ fn found_of_autopilot(
             let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
             let received: Vec<Vec<u8>> = received.into_iter().collect();
             for sent in px4.step_bytes(&truth, &received).1 {
-                // There may be no receiver yet.
+                // The receiver may not exist yet.
                 let _lost = socket.send(&sent);
             }
         }
@@ -522,7 +519,7 @@ fn autopilot_check_over_a_signed_link() {
     let other = Some(Signing::new([7; 32]));
     let mut computer = DroneComputerConfig::default();
     let text = |s: Signatures, admitted| s.finding(admitted).map(|(text, _)| text).unwrap_or_default();
-    // Signatures were not configured: they are not checked, and their presence is reported.
+    // Without configured signing, signatures are not checked; their presence is reported.
     let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
     assert!(
         found.is_some() && text(signatures, true).contains("neither checked"),

@@ -1,4 +1,4 @@
-//! Access to the viewers' page and its order.
+//! Access to the viewers' page and to its abort button.
 
 use std::net::SocketAddr;
 
@@ -6,7 +6,7 @@ use alight_computer::config::view::ViewConfig;
 
 use crate::status::finding::{Finding, FindingTopic};
 
-/// Judges where the page is and what it may do.
+/// Finding on the address of the page and the orders that it may give.
 pub fn judge(view: &ViewConfig) -> Option<Finding> {
     const TOPIC: FindingTopic = FindingTopic("view");
     if !view.on {

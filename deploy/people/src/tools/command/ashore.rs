@@ -1,4 +1,4 @@
-//! An operator's command from ashore: through the vessel, to one drone, with a receipt.
+//! Operator's command from ashore: through the vessel to one drone, with a receipt.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -25,52 +25,44 @@ use super::{CommandArgs, POLL_PERIOD};
 use crate::status::finding::FindingLevel;
 use crate::status::vessel::drone;
 
-/// From ashore it takes a session and two radios.
+/// Timeout of a command from ashore, which takes a session and two radios.
 const MAX_POLLS_ASHORE: u32 = 240;
-/// The session is awaited for so long, 3 s, before an order is sent all the same: a vessel that is not received may
-/// receive.
+/// Polls after which an order is sent without contact: 3 s. A vessel that is not received may still receive.
 const MAX_POLLS_CONTACT: u32 = 60;
-/// Once the vessel is received each of its drones has reported within so many looks, 1.5 s: three periods of their
-/// statuses.
+/// Polls after the first contact within which each of the vessel's drones has reported: 1.5 s, three status periods.
 const POLLS_ALL_REPORT: u32 = 30;
-/// A status with the reason of a rejected order may come so many looks after its receipt: 2 s, at 2 Hz of statuses.
+/// Polls by which the status with the reason of a rejection may follow the receipt: 2 s, with statuses at 2 Hz.
 const POLLS_REASON: u32 = 40;
 
-/// The time of a look, from the first on.
-fn look(poll: u32) -> Time<SteadyClock> {
+/// Time of a poll since the first.
+fn time_of_poll(poll: u32) -> Time<SteadyClock> {
     Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
 }
 
-/// State of an order at the terminal ashore.
 struct Ashore {
     order: Retransmission<SteadyClock, OperatorCommand<VesselClock>>,
-    /// Nothing is commanded.
     asks_only: bool,
-    /// Something of the vessel came: the session is open.
+    /// A message of the vessel was received: the session is open.
     contact: bool,
-    /// The vessel's report on this order.
     receipt: Option<CommandProgress>,
-    /// Looks until that.
     receipt_looks: u32,
-    /// Number of the drone, once it is known: named, or the only one that the vessel knows.
+    /// Number of the drone, once known: named by the operator, or the only one that the vessel knows.
     number: Option<u32>,
-    /// Drones that the vessel receives.
     drones: BTreeMap<u32, DroneStatus>,
-    /// Drones that have its deck or a place to wait for it, silent or not.
+    /// Drones for which the vessel reserves the deck or a place in the queue, silent or not.
     reserved: BTreeSet<u32>,
-    /// Looks since the first message of the vessel.
     looks: u32,
     sent: u32,
 }
 
 impl Ashore {
-    /// Nothing has come or gone yet; without a kind nothing is commanded.
+    /// State before the first message; without `kind` only the state is requested.
     fn new(header: Header<VesselClock>, kind: Option<CommandKind>, number: Option<u32>) -> Ashore {
         let asks_only = kind.is_none();
         let kind = kind.unwrap_or_default();
         let order = OperatorCommand { header, kind };
         Ashore {
-            order: Retransmission::new(order, look(0), topics::ASHORE_RETRIES),
+            order: Retransmission::new(order, time_of_poll(0), topics::ASHORE_RETRIES),
             asks_only,
             contact: false,
             receipt: None,
@@ -82,7 +74,7 @@ impl Ashore {
             sent: 0,
         }
     }
-    /// A receipt of this order; those of others, and of former ones, do not count.
+    /// Takes a receipt of this order; receipts of other orders and of earlier ones are ignored.
     fn receive_receipt(&mut self, r: &CommandReceipt) {
         let h = &self.order.message.header;
         let own = r.operator == [h.boot, h.sequence]
@@ -116,8 +108,8 @@ impl Ashore {
     fn drone(&self) -> Option<&DroneStatus> {
         self.drones.get(&self.number?)
     }
-    /// Which drone is meant where none was named: the only one that the vessel receives or keeps the deck for, once each had
-    /// the time to report. None: not known yet.
+    /// Selects the drone if none was named: the only one that the vessel receives or reserves the deck for, once each
+    /// had time to report.
     fn choose(&mut self) -> Result<(), CliError> {
         self.looks += u32::from(self.contact);
         if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
@@ -130,11 +122,11 @@ impl Ashore {
             _ => {
                 let state = |id: &u32| match self.drones.get(id) {
                     Some(s) => format!("  --drone {id}   {}", s.state.because(&s.entered)),
-                    None => format!("  --drone {id}   silent; the deck is kept for it"),
+                    None => format!("  --drone {id}   silent; the deck is reserved for it"),
                 };
                 let list: Vec<String> = known.iter().map(state).collect();
                 return Err(CliError(format!(
-                    "nothing is commanded: the vessel knows {} drones, name one of them:\n{}",
+                    "nothing is commanded: the vessel knows {} drones; name one of them:\n{}",
                     list.len(),
                     list.join("\n")
                 )));
@@ -146,14 +138,14 @@ impl Ashore {
         self.number = number;
         self.order.message.header.drone = number.unwrap_or_default();
     }
-    /// The order where it is to be sent at this look. Before the session is open it would be lost; a vessel that is never
-    /// received may yet receive.
+    /// Order to send at this poll. It waits for the session, before which it would be lost, but not forever: a vessel
+    /// that is not received may still receive.
     fn due(&mut self, poll: u32) -> Option<OperatorCommand<VesselClock>> {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
         if self.number.is_none() || self.asks_only || !open {
             return None;
         }
-        let due = self.order.due(look(poll));
+        let due = self.order.due(time_of_poll(poll));
         self.sent += u32::from(due.is_some());
         due
     }
@@ -172,7 +164,7 @@ impl Ashore {
             ) => true,
         }
     }
-    /// The drone's newest status states why it does not carry the order out.
+    /// The drone's newest status contains the reason why it rejects the order.
     fn has_reason(&self) -> bool {
         match self.order.message.kind {
             CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
@@ -184,7 +176,6 @@ impl Ashore {
     fn is_taken(&self) -> bool {
         self.receipt == Some(CommandProgress::Taken) || self.asks_only && self.drone().is_some()
     }
-    /// State of drone `number` and of the order, for the operator.
     fn lines(&self, number: u32) -> Vec<String> {
         let mut lines = match self.drone() {
             Some(status) => {
@@ -207,7 +198,6 @@ impl Ashore {
         }
         lines
     }
-    /// Result of the order, for the operator.
     fn outcome(&self) -> &'static str {
         let abort = self.order.message.kind == CommandKind::Abort;
         match self.receipt {
@@ -218,34 +208,34 @@ impl Ashore {
                  repeated until the drone does"
             }
             Some(CommandProgress::Pending) => {
-                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after \
-                 it came"
+                "the vessel has the command, and the drone has not taken it:\nthe vessel gives up 10 s after \
+                 receiving it"
             }
             Some(CommandProgress::GivenUp) => {
                 "the drone did not take the command, and the vessel does not repeat it"
             }
             Some(CommandProgress::Forbidden) => {
-                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look, then command again"
+                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look at the drone, then command again"
             }
             Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
             Some(CommandProgress::Unknown) => {
-                "the vessel was started again and does not know its result:\nlook at the drone, then \
+                "the vessel's process has restarted and does not know the result:\nlook at the drone, then \
                  command again"
             }
             None if self.sent == 0 => "the command was NOT SENT",
             None if abort => {
                 "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays \
-                 pending; if not, nothing repeats it:\ncommand it again, or take the drone over by remote control"
+                 pending; if not, nothing repeats it:\ncommand it again, or take manual control"
             }
             None => {
-                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: \
-                 abort if it must not"
+                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may still take effect within 10 s: \
+                 abort to prevent that"
             }
         }
     }
 }
 
-/// Through the vessel, over the secured radio.
+/// Commands through the vessel, over the secured radio.
 pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
     let own = certificates::read_certificate(&keys.join("certificate.pem"))?
         .certificate
@@ -255,7 +245,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     config.check(&Keys::ROOT)?;
     let key = format!("alight/{own}/{}", topics::OPERATOR.name);
     let publications = vec![Publication::new(key, Urgency::Order).of(&topics::OPERATOR)];
-    // The grants come whether or not a drone is received.
+    // Deck messages arrive even when the vessel receives no drone.
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
     let mut radio = Radio::open(&config, publications, Vec::from(received))?;
@@ -267,11 +257,11 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
             break;
         }
         ashore.choose()?;
-        // The same command again is one command.
+        // The same command sent again counts once.
         if let Some(Ok(bytes)) = ashore.due(poll).map(|order| wire::encode(&order)) {
             radio.send(0, bytes);
         }
-        // What has come until now, and what comes within the period.
+        // Messages received so far and within the period.
         let mut next = radio.receive(POLL_PERIOD);
         while let Some(packet) = next {
             ashore.contact = true;
@@ -346,7 +336,7 @@ mod tests {
     #[test]
     fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
-        // It gave up before, as it would after the abort.
+        // It had aborted before, and the abort would leave it in the same state.
         let given_up = DroneStatus {
             header: Header::new(1, 3, 7, 1, Time::EPOCH),
             state: State::GaveUp,
@@ -355,7 +345,7 @@ mod tests {
         };
         terminal.receive_status(given_up);
         assert!(!terminal.is_answered() && !terminal.is_taken());
-        // Nor are the receipts of other orders an answer.
+        // Receipts of other orders are no answer either.
         for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
             terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
         }
@@ -372,7 +362,7 @@ mod tests {
         let early = (0..MAX_POLLS_CONTACT).filter_map(|k| terminal.due(k)).count();
         assert_eq!((early, terminal.sent), (0, 0));
         assert_eq!(terminal.outcome(), "the command was NOT SENT");
-        // A vessel that is not received is tried all the same.
+        // An order is sent even if the vessel is not received.
         assert!((MAX_POLLS_CONTACT..MAX_POLLS_ASHORE).any(|k| terminal.due(k).is_some()));
         let mut terminal = ordered(CommandKind::Land);
         terminal.contact = true;
@@ -380,7 +370,7 @@ mod tests {
         assert_eq!(sent, 6, "each half second for three");
     }
 
-    /// A terminal that names no drone, after so many looks at a vessel that receives these drones.
+    /// Terminal without a named drone, after `looks` polls of a vessel that receives these drones.
     fn unnamed(drones: &[u32], looks: u32) -> (Ashore, Result<(), CliError>) {
         let mut terminal = ordered(CommandKind::Land);
         terminal.contact = true;
@@ -407,7 +397,7 @@ mod tests {
         assert!(one.due(0).is_some_and(|order| order.header.drone == 2));
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
-        // Several: none is commanded, and the answer lists them.
+        // Several drones: none is commanded, and the answer lists them.
         let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
         let why = chosen.unwrap_err().0;
         assert!(
@@ -415,7 +405,6 @@ mod tests {
             "{why}"
         );
         assert!((0..MAX_POLLS_ASHORE).all(|k| several.due(k).is_none()));
-        // None: no drone is commanded by a guess.
         let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
         assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| none.due(k).is_none()));
     }
@@ -447,7 +436,7 @@ mod tests {
         );
     }
 
-    /// The receipt may come before the status that has the reason.
+    /// The receipt may come before the status with the reason.
     #[test]
     fn reason_of_a_rejected_order() {
         let rejected = || {

@@ -1,5 +1,5 @@
-//! `alight command deck-at`: an operator's place of the vessel, for the predictor of this computer. It leads to a search for
-//! the deck's tags, where `mission.least_vessel` permits that, and to no landing without them.
+//! `alight command deck-at`: sends an operator's position of the vessel to the predictor of this computer. It leads to
+//! a search for the deck's tags if `mission.least_vessel` permits that, and never to a landing without them.
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::life::draw_boot;
@@ -18,13 +18,13 @@ use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
-/// A vessel of which no speed is stated drifts at this, m/s; one that is stated is off by this and a tenth.
+/// Speed uncertainty, m/s: of a vessel without a stated speed, which drifts, and of a stated speed, in addition to a
+/// tenth of it.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
-/// It counts for so long without `--for`, s.
 const LASTS_S: u32 = 300;
 
-/// Latitude and longitude, deg, of what stands behind `deck-at`.
+/// Latitude and longitude, deg, of the arguments of `deck-at`.
 fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     let wrong = || {
         CliError(format!(
@@ -43,19 +43,19 @@ fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     }
 }
 
-/// Velocity, north and east, m/s: unknown for a vessel that moves and whose course is not stated.
+/// Velocity, north and east, m/s: unknown for a moving vessel without a stated course.
 fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliError> {
     let speed_mps = speed.unwrap_or_default();
     if speed_mps != 0.0 && course.is_none() {
         return Err(CliError(format!(
-            "deck-at --speed {speed_mps}: --course DEG is needed as well, where the vessel goes"
+            "deck-at --speed {speed_mps}: --course DEG is required, too"
         )));
     }
     let (sin, cos) = course.unwrap_or_default().to_radians().sin_cos();
     Ok([speed_mps * cos, speed_mps * sin])
 }
 
-/// The beacon of these arguments at `at`.
+/// Beacon with the position of these arguments.
 fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, CliError> {
     let [latitude_deg, longitude_deg] = place(&args.values)?;
     let beacon = DeckBeacon {
@@ -76,25 +76,24 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
     Ok(beacon)
 }
 
-/// The newest message of the beacon that a forecast follows is of the time at which this was given to so much, s: rounding.
-/// Another source's is not.
+/// Rounding tolerance, s, within which a forecast's beacon has the time of the given one.
 const SAME_S: f64 = 1e-5;
 
-/// Standard deviation, m, and age, s, of the beacon by a forecast that follows the one given at this time; None of another.
+/// Standard deviation, m, and age, s, of the beacon in a forecast if it is the one given at this time.
 fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
     let [_, age_s] = f.beacon?;
     let apart_s = (f.header.at - given).secs() - age_s;
     f.beacon.filter(|_| f.header.at > given && apart_s.abs() < SAME_S)
 }
 
-/// Gives it to the predictor, and waits until its forecast shows it.
+/// Sends the beacon to the predictor, and waits until its forecast follows it.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.values)?;
     velocity(args.speed, args.course)?;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
     if computer.drone.mission.least_vessel > VesselLevel::Beacon {
         return Err(CliError(
-            "deck-at: this drone flies to no beacon: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
+            "deck-at: this drone does not fly to beacons: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
         ));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
@@ -129,8 +128,8 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
                 format!("drone {drone}: vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
             }
             None => format!(
-                "drone {drone}: the predictor has not taken it: alight status lists the processes; a more exact beacon counts \
-                 more, and the autopilot has to report its origin first"
+                "drone {drone}: the predictor has not taken the position: alight status lists the processes. A more exact \
+                 beacon takes precedence, and the autopilot has to report its origin first"
             ),
         });
     }
@@ -157,7 +156,8 @@ mod tests {
         assert_eq!(followed(&DeckForecast::default(), given), None);
     }
 
-    /// Values that cannot be, or could only be guessed, are rejected: the most exact beacon replaces all others.
+    /// Impossible values, and values that would have to be guessed, are rejected: the most exact beacon replaces all
+    /// others.
     #[test]
     fn beacons_that_are_rejected() {
         let given = |options: &str| {

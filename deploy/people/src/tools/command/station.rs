@@ -1,4 +1,4 @@
-//! `alight command station`: a place next to the vessel for a while.
+//! `alight command station`: keeps a position next to the vessel for a while.
 
 use alight_computer::exit::CliError;
 use alight_computer::quantity::MINUTE;
@@ -7,17 +7,17 @@ use clap::Args;
 
 use super::{CommandArgs, OrderArg};
 
-/// Place of a station.
+/// Position of a station.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StationArgs {
     /// station: above the deck, m [default: the approach's]
     ///
-    /// The deck's mean level counts, and the height of the approach is the lowest.
+    /// Above the deck's mean level; at least the height of the approach.
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
     pub height: Option<u8>,
     /// station: ahead, m, negative astern
     ///
-    /// It counts from the deck's centre.
+    /// From the deck's centre.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
     pub ahead: Option<i8>,
     /// station: to starboard, m [default: 20]
@@ -32,7 +32,6 @@ fn metres() -> clap::builder::RangedI64ValueParser<i8> {
     clap::value_parser!(i8).range(-most..=most)
 }
 
-/// The station that is ordered.
 pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     let given = &args.station;
     let given_min = args

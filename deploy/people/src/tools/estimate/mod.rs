@@ -1,4 +1,4 @@
-//! `alight estimate LOG`: the vessel's estimator over a recording of a boat.
+//! `alight estimate LOG`: runs the vessel's estimator over a recording of a boat.
 
 mod show;
 
@@ -21,22 +21,20 @@ use clap::Args;
 
 use crate::tools::check::equipment::MIN_ATTITUDE_HZ;
 
-/// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
 
-/// A recording to estimate.
+/// Recording to estimate.
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
-    /// The recording: NMEA 0183, NMEA 2000, Signal K, UBX or MAVLink as it was received, Alight's CSV (columns t_s and any of
-    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), Alight's MCAP, or a flight
-    /// of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
+    /// Recording: NMEA 0183, NMEA 2000, Signal K, UBX or MAVLink as it was received, Alight's CSV (columns t_s and any
+    /// of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), Alight's
+    /// MCAP, or a flight of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
-    /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds
-    /// one, else the program's]
+    /// Vessel's configuration, as for `alight vessel` [default: that of the recording, otherwise the program's]
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Which of the configuration's [[sensor.sources]] is mounted like what was recorded [default: the first]
+    /// Source of [[sensor.sources]] with the mounting of the recorded sensors [default: the first]
     #[arg(long, value_name = "NAME", requires = "config")]
     pub source: Option<String>,
     /// Output format.
@@ -44,7 +42,6 @@ pub struct EstimateArgs {
     pub form: Form,
 }
 
-/// Reads, estimates, reports.
 pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     let named: Option<VesselComputerConfig> =
         args.config.as_ref().map(|path| config::load(path)).transpose()?;
@@ -65,7 +62,7 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Why the estimator never started: what it needs, what was there, what was left out.
+/// Reason why the estimator never started: what it needs, what the recording has, and what was left out.
 fn not_started(origin: &str, review: &Review) -> String {
     let mut parts = vec![format!(
         "{origin}: the estimator never started; it needs inertial samples or attitudes, for a few seconds \
@@ -108,7 +105,6 @@ fn not_started(origin: &str, review: &Review) -> String {
     parts.join("; ")
 }
 
-/// Mounting of the recorded sensors.
 fn mount(named: Option<&VesselComputerConfig>, name: Option<&str>) -> Result<Mount, CliError> {
     let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
     match name {
@@ -126,7 +122,6 @@ fn mount(named: Option<&VesselComputerConfig>, name: Option<&str>) -> Result<Mou
     }
 }
 
-/// The file's bytes, if it is not too large.
 fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let mut bytes = Vec::new();
@@ -142,7 +137,6 @@ fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     Ok(bytes)
 }
 
-/// Content of the recording, and the configuration in it.
 fn recorded(
     path: &Path,
     origin: &str,
@@ -156,7 +150,6 @@ fn recorded(
         .map_err(|e| CliError(e.to_string()))
 }
 
-/// Recording of the vessel's process.
 fn flown(path: &Path) -> Result<(SensorRecording, VesselNodeConfig), CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
     let config = log.first("vessel")?.config::<VesselComputerConfig>()?.vessel;

@@ -1,4 +1,4 @@
-//! The report for people, within 100 columns.
+//! Text of the report, within 100 columns.
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, number};
@@ -7,7 +7,7 @@ use alight_shared::frames::wrap_angle;
 use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
 
-/// The courses at the speed of the last one, 45 deg apart.
+/// Courses at the present speed, 45 deg apart.
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     let heads = [
         "course",
@@ -69,7 +69,6 @@ fn sources(r: &Review) -> Table {
     table
 }
 
-/// Modes of the motion at the end.
 fn modes(r: &Review) -> Table {
     let heads = ["modes at the end", "period s", "damping", "heave m", "tilt deg"];
     let mut table = Table::new(1.., heads);
@@ -85,7 +84,6 @@ fn modes(r: &Review) -> Table {
     table
 }
 
-/// Consistency of the innovations of each channel.
 fn innovations(r: &Review) -> Table {
     let heads = ["innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"];
     let mut table = Table::new(1.., heads);
@@ -130,7 +128,6 @@ fn predictions(r: &Review) -> Table {
     table
 }
 
-/// Lines below the table of the predictions.
 fn prediction_notes(r: &Review) -> Vec<String> {
     let mut lines = match r.predictions.first() {
         Some(p) => vec![

@@ -1,4 +1,4 @@
-//! Answers of an installer, good and bad.
+//! Valid and invalid answers of an installer.
 
 use super::*;
 use alight_shared::msg::LandingMode;
@@ -69,7 +69,7 @@ fn init_of_a_boat() {
     assert_eq!((drone.drone.deck.length_m, drone.drone.deck.width_m), (1.8, 1.6));
     let airframe = &drone.drone.airframe;
     assert_eq!((airframe.max_thrust_n, airframe.feet_span_m), (98.1, [0.5, 0.6]));
-    // 5 kg and 0.4 m in the place of 3.5 kg and 0.325 m: 2.164 times as much.
+    // 5 kg and 0.4 m instead of 3.5 kg and 0.325 m: 2.164 times as much.
     assert_eq!(airframe.inertia_kgm2, [0.2142, 0.2142, 0.4003]);
     assert_eq!((vessel.vessel.deck.hold_n, drone.drone.deck.hold_n), (60.0, 60.0));
     let lens = drone.drone.camera.lens;
@@ -81,7 +81,7 @@ fn init_of_a_boat() {
     assert_eq!(drone.radio.connect, ["quic/10.1.2.3:7447"]);
     assert_eq!(vessel.sensor.sources.len(), 2);
     assert!(vessel.view.knots && drone.view.knots);
-    // The files are for people: their comments stay.
+    // The comments of the shipped files stay.
     assert!(boat.drone.contains("# Take-off mass, battery in, kg"));
 }
 

@@ -2,13 +2,13 @@ use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
     ReasonCode, Seq,
 };
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 
 use super::*;
 use crate::status::finding::FindingLevel;
 use crate::status::{Figure, StateView};
 
-/// The vessel heads east; the deck is at north 10, east 20, one metre above the sea.
+/// Forecast of a vessel that heads east, with the deck at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {
     let stage = |k: usize| DeckStage {
         position: [10.0, 20.0 + 0.1 * k as f64, -1.0],
@@ -29,8 +29,8 @@ fn header(t_s: f64) -> Header<DroneClock> {
 fn at(t_s: f64) -> Time<TrueTime> {
     Time::from_secs(t_s)
 }
-fn mission(t_s: f64, state: State, waiting: Reason) -> MissionOut {
-    let state = MissionState {
+fn mission(t_s: f64, state: State, waiting: Reason) -> MissionState {
+    MissionState {
         header: header(t_s),
         since: Time::from_secs(t_s - 2.0),
         state,
@@ -38,22 +38,18 @@ fn mission(t_s: f64, state: State, waiting: Reason) -> MissionOut {
         battery_reserve: 0.3,
         attempts: 1,
         ..MissionState::default()
-    };
-    MissionOut {
-        state: Some(state),
-        ..MissionOut::default()
     }
 }
-fn autopilot(battery: f64) -> MissionIn {
-    let autopilot = AutopilotState {
+fn autopilot(battery: f64) -> AutopilotState {
+    AutopilotState {
         armed: true,
         battery: Some(battery),
         ..AutopilotState::default()
-    };
-    MissionIn {
-        autopilot: Some(autopilot),
-        ..MissionIn::default()
     }
+}
+/// Shows messages that came at `t_s`.
+fn show(board: &mut Board, t_s: f64, messages: &[Message<'_>]) {
+    messages.iter().for_each(|m| board.message(at(t_s), m));
 }
 fn named<'a>(picture: &'a Picture, name: &str) -> &'a Figure {
     picture.status.figures.iter().find(|f| f.name == name).unwrap()
@@ -77,15 +73,6 @@ fn board_places_of_drone_and_plan() {
         wind_sd_mps: Some(0.84),
         ..DroneState::default()
     };
-    let predictor_in = PredictorIn {
-        drone: Some(drone),
-        ..PredictorIn::default()
-    };
-    let predicted = PredictorOut {
-        forecast: Some(forecast(1.0)),
-        ..PredictorOut::default()
-    };
-    board.predictor(at(1.0), &predictor_in, &predicted);
     let stage = PlanStage {
         position: [10.0, 22.0, -2.0],
         ..PlanStage::default()
@@ -95,9 +82,14 @@ fn board_places_of_drone_and_plan() {
         stages: Seq::filled([stage; 3]),
         ..Plan::default()
     };
-    board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
-    let tracking = mission(1.0, State::Tracking, Reason::default());
-    board.mission(at(1.0), &autopilot(0.8), &tracking);
+    let messages = [
+        Message::Forecast(&forecast(1.0)),
+        Message::Drone(&drone),
+        Message::Plan(header(1.0).at, &plan),
+        Message::Autopilot(&autopilot(0.8)),
+        Message::Mission(&mission(1.0, State::Tracking, Reason::default())),
+    ];
+    show(&mut board, 1.0, &messages);
     let picture = board.picture(at(1.0));
     let scene = picture.scene.clone().unwrap();
     assert_eq!(picture.track.drone, [Some([-3.0, 4.0])]);
@@ -113,7 +105,7 @@ fn board_places_of_drone_and_plan() {
     assert_eq!((scene.contact, scene.flare_m), (None, None));
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
-    // What blows to the south comes from the north.
+    // A wind that blows to the south comes from the north.
     let wind = named(&picture, "wind");
     assert_eq!(
         (wind.value.as_deref(), wind.note.as_str()),
@@ -123,7 +115,7 @@ fn board_places_of_drone_and_plan() {
     assert!(later.forecast_stale && later.plan_stale && later.drone.unwrap().stale);
 }
 
-/// Northwards at 3 m/s the plan follows the deck's forecast and ends on the deck, however old both are.
+/// At 3 m/s to the north the plan follows the deck's forecast and ends on the deck, however old both are.
 #[test]
 fn board_of_a_plan_under_way() {
     const STEP_S: f64 = 0.05;
@@ -165,18 +157,15 @@ fn board_of_a_plan_under_way() {
     };
     let mut board = Board::new(ComputerReport::default());
     board.heights_m = Some([0.3, 1.3]);
-    let predicted = PredictorOut {
-        forecast: Some(moving),
-        ..PredictorOut::default()
-    };
-    let input = PredictorIn {
-        drone: Some(drone),
-        ..PredictorIn::default()
-    };
-    board.predictor(at(1.0), &input, &predicted);
-    board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
     let sinking = Reason::new(ReasonCode::Descending, 1.6, 0.9);
-    board.mission(at(1.0), &autopilot(0.8), &mission(1.0, State::Descent, sinking));
+    let messages = [
+        Message::Forecast(&moving),
+        Message::Drone(&drone),
+        Message::Plan(header(1.0).at, &plan),
+        Message::Autopilot(&autopilot(0.8)),
+        Message::Mission(&mission(1.0, State::Descent, sinking)),
+    ];
+    show(&mut board, 1.0, &messages);
     let scene = board.picture(at(1.4)).scene.unwrap();
     assert_eq!((scene.way_mps, scene.heading_deg), ([3.0, 0.0], 0.0));
     assert_eq!(
@@ -199,7 +188,7 @@ fn board_of_a_plan_under_way() {
         (contact.in_s, contact.tilt_deg, contact.rise_m),
         (1.1, Some([0.0, 1.1]), Some(0.22))
     );
-    // A forecast that has ended rolls on: the deck stays at the origin, and old plans are not drawn.
+    // After the end of the forecast the deck stays at the origin, and old plans are not drawn.
     let later = board.picture(at(7.0)).scene.unwrap();
     assert_eq!((later.contact, later.plan.len()), (None, 0));
 }
@@ -208,11 +197,11 @@ fn board_of_a_plan_under_way() {
 fn board_of_a_waiting_and_a_silent_mission() {
     let mut board = Board::new(ComputerReport::default());
     let waiting = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
-    board.mission(
-        at(10.0),
-        &autopilot(0.8),
-        &mission(10.0, State::Tracking, waiting),
-    );
+    let messages = [
+        Message::Autopilot(&autopilot(0.8)),
+        Message::Mission(&mission(10.0, State::Tracking, waiting)),
+    ];
+    show(&mut board, 10.0, &messages);
     let picture = board.picture(at(10.2));
     let state = picture.status.state.as_ref().unwrap();
     assert_eq!(state.waiting, "0.45 m/s relative to the deck (limit 0.30)");
@@ -227,17 +216,16 @@ fn board_of_a_waiting_and_a_silent_mission() {
 #[test]
 fn board_alarms() {
     let mut board = Board::new(ComputerReport::default());
-    let reason = Reason::default();
-    board.mission(at(1.0), &autopilot(0.25), &mission(1.0, State::GaveUp, reason));
     let link = LinkState {
         age_s: 1.5,
         ..LinkState::default()
     };
-    let received = BridgeOut {
-        link: Some(link),
-        ..BridgeOut::default()
-    };
-    board.bridge(at(1.0), &received);
+    let messages = [
+        Message::Autopilot(&autopilot(0.25)),
+        Message::Mission(&mission(1.0, State::GaveUp, Reason::default())),
+        Message::Link(&link),
+    ];
+    show(&mut board, 1.0, &messages);
     let picture = board.picture(at(1.1));
     let alarms = picture.status.alarms();
     let has = |text: &str| {
@@ -258,11 +246,8 @@ fn board_alarms() {
 fn board_of_ended_flights() {
     let mut board = Board::new(ComputerReport::default());
     let mut step = |t_s: f64, state| {
-        board.mission(
-            at(t_s),
-            &MissionIn::default(),
-            &mission(t_s, state, Reason::default()),
-        );
+        let state = mission(t_s, state, Reason::default());
+        board.message(at(t_s), &Message::Mission(&state));
     };
     step(0.0, State::Idle);
     for k in 0..20 {
@@ -286,14 +271,21 @@ fn board_of_ended_flights() {
     assert_eq!((after.flights.len(), after.status.state), (FLIGHTS, None));
 }
 
-/// The answer to an abort stays until the next flight begins: by a landing, or by the motors.
+/// The answer to an abort stays until the next flight begins with a landing or with the motors.
 #[test]
 fn board_of_an_old_answer() {
     let mut board = Board::new(ComputerReport::default());
     let step = |board: &mut Board, t_s: f64, state, armed| {
-        let mut input = autopilot(0.8);
-        input.autopilot.as_mut().unwrap().armed = armed;
-        board.mission(at(t_s), &input, &mission(t_s, state, Reason::default()));
+        let autopilot = AutopilotState {
+            armed,
+            ..autopilot(0.8)
+        };
+        let state = mission(t_s, state, Reason::default());
+        show(
+            board,
+            t_s,
+            &[Message::Autopilot(&autopilot), Message::Mission(&state)],
+        );
         board.picture(at(t_s)).order.answer
     };
     let answers = |board: &mut Board| board.order.answer = "abort taken: Gave up".into();
@@ -303,13 +295,12 @@ fn board_of_an_old_answer() {
     assert_eq!(step(&mut board, 3.0, State::GaveUp, true), "abort taken: Gave up");
     assert_eq!(step(&mut board, 4.0, State::Hold, true), "");
     answers(&mut board);
-    // The landing goes on.
     assert_ne!(step(&mut board, 5.0, State::Approach, true), "");
     assert_ne!(step(&mut board, 6.0, State::Idle, false), "");
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
 }
 
-/// The situations in which `deploy/scripts/page` looks at the page are pictures of today.
+/// The situations of `deploy/scripts/page` have the fields of today's pictures.
 #[test]
 fn recorded_situations_of_the_page() {
     use serde_json::Value;

@@ -1,20 +1,21 @@
 "use strict";
-// Shows the newest picture that the server sent: the object of `alight status --json`, drawing and history. Every picture is whole: one that is missed is missed.
+// Shows the newest picture of the server: the object of `alight status --json`, drawing and history. Every picture is
+// complete, so a missed one needs no repetition.
 
 const $ = (id) => document.getElementById(id);
 const DEAD_S = 1.5; // pictures come five times a second
 const LATE_S = 2;
 let picture = null;
 let receivedAt = -Infinity;
-let fastest = Infinity; // smallest difference between our clock and the server's: a picture without delay
+let fastest = Infinity; // smallest difference between this clock and the server's, of a picture without delay
 let late = 0;
 
 const seconds = () => performance.now() / 1000;
 const ago = (s) => (s < 90 ? `${Math.round(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${Math.round(s / 3600)} h`);
-let colours = null; // of the chosen palette, until another is chosen
+let colours = null; // of the chosen palette
 const colour = (name) => colours.getPropertyValue(`--${name}`);
 
-// ---- what is written ----
+// ---- texts ----
 
 function text(id, value) {
   const at = $(id);
@@ -28,14 +29,14 @@ function element(tag, className, content) {
   return made;
 }
 
-// A list is built again only when what it shows has changed.
+// A list is rebuilt only when its content has changed.
 function rebuild(id, content, build) {
   if ($(id).dataset.content === content) return;
   $(id).dataset.content = content;
   $(id).replaceChildren(...build());
 }
 
-// A screen reader reads out what changed in kind; figures in a text change all the time.
+// A screen reader reads out changes in kind only, because figures in a text change all the time.
 const kind = (content) => content.replace(/[0-9.,]+/g, "#");
 function speak(id, content) {
   if ($(id).dataset.kind === kind(content)) return;
@@ -59,7 +60,7 @@ function showGo(go, state) {
   speak("spoken", [WORDS[go.go], state ? `${state.name}: ${state.sentence}` : ""].filter(Boolean).join(". "));
 }
 
-// It stays until the next landing begins, without data, too; the second screen keeps it.
+// The result stays until the next landing begins, even without data, and always on the second screen.
 let result = null;
 function showResult() {
   const stages = (picture && picture.state && picture.state.stages) || [];
@@ -70,7 +71,8 @@ function showResult() {
   text("when", `${ago(result.ago_s + seconds() - result.receivedAt)} ago`);
 }
 
-// The sentence that counts is large; what the drone does and what is waited for stand below unless the sentence has them.
+// The most important sentence is large; the drone's activity and the awaited condition stand below it unless the
+// sentence contains them.
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
@@ -103,7 +105,7 @@ function droneTiles() {
   ];
 }
 
-// What the drones ask of the helm, and the course that she states.
+// The drones' request to the helm, and the course that the helm states.
 function helmTiles(vessel) {
   const course = figure("course");
   const wish = vessel.deck.wants_steady ? "KEEP COURSE AND SPEED" : "nothing";
@@ -113,7 +115,7 @@ function helmTiles(vessel) {
   ];
 }
 
-const MOST_DRONES = 2; // the second screen has all
+const MOST_DRONES = 2; // the second screen shows all
 function vesselTiles(vessel) {
   const drones = picture.figures.filter((f) => f.name === "drones");
   const none = [{ ...unknown("drones"), note: "none received" }];
@@ -141,7 +143,7 @@ function showFigures() {
   rebuild("figures", JSON.stringify(tiles), () => tiles.map(tile));
 }
 
-// ---- warnings: one strip, the worst first, one entry a cause ----
+// ---- warnings: one strip, the worst first, one entry per cause ----
 
 const LEVELS = ["broken", "warning"];
 function alarmsOf(findings) {
@@ -164,7 +166,7 @@ function showAlarms(alarms) {
     $("strip").className = first.level;
     const rest = others.map((c) => c[0].topic + times(c.length)).join(", ");
     const worst = element("b", "first", first.topic + times(alike.length + 1));
-    // Beside a NO-GO for the same reason a phone has no room for it again.
+    // A phone has no room to repeat the reason of a NO-GO.
     const again = picture.go.why === `${first.topic}: ${first.found}` ? "again" : "";
     worst.append(element("span", again, `: ${first.found}`));
     return [
@@ -187,7 +189,7 @@ function line(when, content) {
   return item;
 }
 
-// The second screen is filled only while it is looked at.
+// The second screen is filled only while it is visible.
 function showDetails() {
   const log = picture.log.map((l) => line(`${ago(l.ago_s)} ago`, l.text));
   $("log").replaceChildren(...(log.length ? log : [line("", "nothing yet")]));
@@ -233,7 +235,7 @@ function beep(at, hertz) {
   tone.stop(at + 0.25);
 }
 
-// A new alarm sounds at once, one that stays every ten seconds. Figures in its text change all the time.
+// A new alarm sounds at once, then every ten seconds while it stays. Figures in its text change all the time.
 function sound(alarms) {
   const kinds = kind(alarms.join("\n"));
   if (!audio || !alarms.length) {
@@ -246,7 +248,7 @@ function sound(alarms) {
   for (let k = 0; k < 3; k += 1) beep(audio.currentTime + 0.3 * k, k % 2 ? 660 : 990);
 }
 
-// A browser lets a page sound only after a touch.
+// Browsers allow sound only after a touch.
 $("sound").addEventListener("click", () => {
   if (audio) {
     audio.close();
@@ -287,19 +289,19 @@ $("colours").addEventListener("click", () => {
   try {
     localStorage.setItem("colours", chosen);
   } catch {
-    // it is chosen for this visit
+    // the choice lasts for this visit
   }
   paint();
 });
 dark.addEventListener("change", paint);
 
-// ---- what is drawn ----
+// ---- drawing ----
 
 function canvas(id) {
   const at = $(id);
   const ratio = devicePixelRatio || 1;
   const [width, height] = [at.clientWidth, at.clientHeight];
-  if (!width || !height) return null; // on the screen that is not looked at
+  if (!width || !height) return null; // on the screen that is hidden
   if (at.width !== Math.round(width * ratio) || at.height !== Math.round(height * ratio)) {
     at.width = Math.round(width * ratio);
     at.height = Math.round(height * ratio);
@@ -335,13 +337,13 @@ function path(pen, points, name, old, width) {
 // ---- the hero: deck, drone and plan in the deck's frame ----
 
 const RAD = Math.PI / 180;
-const drawn = {}; // where deck, drone and plan are in each view, px: what a test looks at
+const drawn = {}; // positions of deck, drone and plan in each view, px, for tests
 
 function font(pen, size, weight) {
   pen.font = `${weight || "normal"} ${size}px system-ui, "DejaVu Sans", sans-serif`;
 }
 
-// A text that stays inside.
+// Text kept inside the canvas.
 function label(pen, content, x, y, name, wide, tall) {
   const half = pen.measureText(content).width / 2 + 4;
   say(pen, content, Math.min(Math.max(x, half), wide - half), Math.min(Math.max(y, 16), tall - 6), name, "center");
@@ -362,8 +364,8 @@ function water(pen, width, height, level) {
   pen.fill();
 }
 
-// A hull under a deck of this half length, px, tilted by `angle` about the deck's centre, its right end up where positive;
-// its right end reaches `bow` times as far.
+// Hull under a deck of this half length, px, tilted by `angle` about the deck's centre (positive: right end up); its
+// right end reaches `bow` times as far.
 function hull(pen, [x, y], half, depth, angle, bow, old) {
   pen.save();
   pen.translate(x, y);
@@ -383,7 +385,7 @@ function hull(pen, [x, y], half, depth, angle, bow, old) {
   pen.restore();
 }
 
-// The drone stands with its feet at this place.
+// Drone with its feet at this position.
 function drone(pen, [x, y], arm, feet, angle, old) {
   pen.save();
   pen.translate(x, y);
@@ -397,7 +399,7 @@ function drone(pen, [x, y], arm, feet, angle, old) {
   pen.restore();
 }
 
-// Height of the feet over the deck, on the scale of the drawing, with the flare's height and the closing speed.
+// Height of the feet above the deck, on the scale of the drawing, with the flare's height and the closing speed.
 function tape(pen, left, width, y, high, scene) {
   const step = [0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((s) => y(0) - y(s) >= 26) || high;
   path(pen, [[left, 0], [left, y(0)]], "line", false, 1);
@@ -486,12 +488,12 @@ function drawSide(scene) {
   say(pen, "bow \u25b8", room - 8, height - 9, "ink", "right");
 }
 
-// The vessel's own page: how she rolls, from astern, and pitches, from starboard.
+// The vessel's page: roll from astern, pitch from starboard.
 function drawRocking(pen, width, height) {
   const { roll_deg: rolls, pitch_deg: pitches, heave_m: heaves } = picture.motion;
   const heave = last(heaves);
   const middle = 0.5 * height - 40 * (heave || 0);
-  // A roll to starboard lowers the right side as it is viewed from astern.
+  // A roll to starboard lowers the right side as seen from astern.
   [["roll, from astern", rolls, -1, 1], ["pitch, bow right", pitches, 1, 1.25]].forEach(([name, values, sense, bow], k) => {
     const angle = last(values);
     const centre = [(0.25 + 0.5 * k) * width, Math.min(Math.max(middle, 0.35 * height), 0.65 * height)];
@@ -509,7 +511,7 @@ function drawRocking(pen, width, height) {
   label(pen, moved, width / 2, height - 12, "ink", width, height);
 }
 
-// A direction from the bow as a point of the circle, bow up.
+// Point of the circle in a direction from the bow, bow up.
 const round = (centre, radius, degrees) => {
   const angle = degrees * RAD;
   return [centre[0] + radius * Math.sin(angle), centre[1] - radius * Math.cos(angle)];
@@ -522,14 +524,14 @@ function arrow(pen, from, to, name, dashed) {
   path(pen, [barb(0.5), to, barb(-0.5)], name, false, 4);
 }
 
-// Wind and waves come from the rim; the advised heading leads to it.
+// Wind and waves come from the rim; the advised heading points to it.
 function drawDirections(pen, centre, radius, compass, width, height) {
   font(pen, 15, "bold");
   let before = [-99, -99];
   const outside = (name, from, ink) => {
     let [x, y] = round(centre, radius + 12, from);
     x += (pen.measureText(name).width / 2) * Math.sin(from * RAD);
-    // Beside a name that stands there already it goes on to the next line.
+    // Next to another name it moves to the next line.
     if (Math.abs(x - before[0]) < 55 && Math.abs(y - before[1]) < 16) y = before[1] + (y < before[1] ? -16 : 16);
     before = [x, y];
     label(pen, name, x, y + 5, ink, width, height);
@@ -626,7 +628,7 @@ function drawDrone(pen, [x, y], drone, scale, turned) {
   pen.restore();
 }
 
-// A line breaks where nothing was known.
+// Unknown values interrupt the line.
 function pieces(points) {
   const all = [[]];
   points.forEach((p) => (p ? last(all).push(p) : all.push([])));
@@ -686,13 +688,13 @@ function drawTrack(track) {
   });
 }
 
-const CAMERA_OLD_S = 2; // of two images a second four are missing
-const CAMERA_WAIT_MS = 3000; // a request without an answer is given up
-const CAMERA_PAUSE_MS = 1000; // after one that failed
-let shown = null; // the image that is visible: its number, text and time on the server's clock
+const CAMERA_OLD_S = 2; // four images are missing, at two a second
+const CAMERA_WAIT_MS = 3000; // timeout of a request
+const CAMERA_PAUSE_MS = 1000; // pause after a failed request
+let shown = null; // number, text and time on the server's clock of the visible image
 let loading = false;
 
-// What is said is of the image that is visible, which may be an older one than the newest.
+// The text describes the visible image, which may be older than the newest.
 function showCameraAge() {
   const age = shown && picture ? picture.clock_s - shown.at_s : 0;
   const old = age > CAMERA_OLD_S || age < 0;
@@ -701,13 +703,13 @@ function showCameraAge() {
   text("camera-text", shown ? shown.text : "no image yet");
 }
 
-// An image takes the place of the visible one when it is there.
+// A new image replaces the visible one once it is loaded.
 function loadImage(camera) {
   const its = { number: camera.number, text: camera.text, at_s: picture.clock_s - camera.age_s };
   const image = new Image();
   const givenUp = setTimeout(() => {
     image.onload = image.onerror = null;
-    image.removeAttribute("src"); // which ends the request
+    image.removeAttribute("src"); // ends the request
     loading = false;
   }, CAMERA_WAIT_MS);
   image.onload = () => {
@@ -727,7 +729,7 @@ function loadImage(camera) {
   image.src = `/camera.jpg?${camera.number}`;
 }
 
-// Its image comes by itself, one at a time, and only to a tab that is looked at.
+// Images are requested one at a time, and only in a visible tab.
 function showCamera(camera) {
   $("camera").hidden = !camera;
   if (!camera) return;
@@ -746,9 +748,9 @@ function draw() {
 }
 new ResizeObserver(draw).observe($("hero"));
 
-// ---- the one order: at once, for a question takes the seconds that count ----
+// ---- the order: given without confirmation, which would take decisive seconds ----
 
-// What the server shows of the last order: empty again once the next flight begins.
+// The server's answer to the last order; empty once the next flight begins.
 let answered = "";
 function showOrder(order) {
   $("order").hidden = order.label === null;
@@ -760,7 +762,7 @@ function showOrder(order) {
 }
 
 $("ask").addEventListener("click", async () => {
-  if ($("answer").dataset.own) return; // one is under way
+  if ($("answer").dataset.own) return; // an order is under way
   $("answer").dataset.own = "yes";
   text("answer", "sent, waiting for the answer ...");
   try {
@@ -797,7 +799,7 @@ function show(data) {
   receivedAt = seconds();
   const difference = receivedAt - picture.clock_s;
   fastest = Math.min(fastest, difference);
-  // A server that was started again, on a computer that was, has another clock.
+  // A server on a restarted computer has another clock.
   if (difference - fastest > 3600) fastest = difference;
   late = difference - fastest;
   text("title", picture.title);
@@ -812,14 +814,14 @@ function show(data) {
   draw();
 }
 
-// ---- one connection for all tabs: a browser opens six to a computer, and an order needs one, too ----
+// ---- one connection for all tabs: a browser opens six per computer, and an order needs one, too ----
 
-const SILENT_S = 1.2; // a tab that has the connection posts five times a second
+const SILENT_S = 1.2; // the tab with the connection posts five times a second
 const tabs = "BroadcastChannel" in window ? new BroadcastChannel("alight") : null;
 const me = Math.random();
 let source = null;
 let newest = null;
-let otherTabAt = seconds() - SILENT_S + 0.3; // whoever opens the page first listens for others for so long
+let otherTabAt = seconds() - SILENT_S + 0.3; // a new tab listens for others for 0.3 s
 
 function post(message) {
   if (tabs) tabs.postMessage({ from: me, ...message });
@@ -832,7 +834,7 @@ function connect() {
     post({ data: newest });
     show(newest);
   });
-  // A browser tries again by itself, but not where the answer was no stream of events: another tab may.
+  // A browser reconnects by itself, unless the answer was no stream of events: then another tab may.
   source.addEventListener("error", () => {
     if (!source || source.readyState !== EventSource.CLOSED) return;
     disconnect();
@@ -853,16 +855,16 @@ function takeTurns() {
 if (tabs) {
   tabs.addEventListener("message", ({ data: message }) => {
     if (message.asks) {
-      // An old picture is none: whoever asks would take it for what is now.
+      // An old picture counts as none: the receiver would take it for current.
       if (source) post(seconds() - receivedAt < DEAD_S ? { data: newest } : {});
       return;
     }
     if (message.leaves) {
-      otherTabAt = seconds() - SILENT_S; // the others take turns in their order
+      otherTabAt = seconds() - SILENT_S; // the other tabs take turns
       return;
     }
     otherTabAt = seconds();
-    // Two have the connection: the one with the larger number gives it up.
+    // Two tabs have the connection: the one with the larger number gives it up.
     if (source && message.from < me) disconnect();
     if (!source && message.data) show(message.data);
   });
@@ -877,5 +879,5 @@ setInterval(connection, 500);
 paint();
 turn();
 
-// Browsers keep it only for a page of this computer or by https.
+// Browsers register it only for a page of this computer or by https.
 if ("serviceWorker" in navigator) navigator.serviceWorker.register("/worker.js").catch(() => {});

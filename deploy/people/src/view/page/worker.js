@@ -1,6 +1,6 @@
 "use strict";
-// Keeps the page itself, so that an installed one opens and says NO DATA while the computer does not answer. What the
-// computer serves comes first; pictures and orders are never kept.
+// Caches the page, so that an installed one opens and shows NO DATA while the computer does not answer. The computer's
+// content takes precedence; pictures and orders are never cached.
 
 const STORE = "alight";
 const FILES = ["/", "/view.css", "/view.js", "/icon.svg", "/manifest.json"];

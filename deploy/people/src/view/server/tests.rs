@@ -3,16 +3,14 @@ use alight_shared::msg::ComputerReport;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase};
+use alight_shared::msg::{MissionState, State as Phase};
 use alight_shared::time::Time;
-use alight_uav::mission::{MissionIn, MissionOut};
 
 use crate::status::{StateView, Status};
-use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::messages::Message;
 
 use crate::view::watcher::Watcher;
 
-/// No test waits longer for an answer.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn served(may_order: bool) -> Served {
@@ -42,7 +40,6 @@ fn connect(to: SocketAddr) -> TcpStream {
     stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
-/// One request, and all of its answer.
 fn ask(to: SocketAddr, method: &str, path: &str, more: &str) -> String {
     let mut stream = connect(to);
     let request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n{more}\r\n");
@@ -51,7 +48,6 @@ fn ask(to: SocketAddr, method: &str, path: &str, more: &str) -> String {
     stream.read_to_string(&mut answer).unwrap();
     answer
 }
-/// Reads until `text` has come.
 fn read_until(stream: &mut TcpStream, text: &str) -> String {
     let (mut all, mut part) = (String::new(), [0; 4096]);
     while !all.contains(text) {
@@ -168,7 +164,7 @@ fn viewers_page_contrast_by_day_and_night() {
             assert!(contrast >= 4.5, "{selector}: {ink} on {back}: {contrast:.2}");
         }
     }
-    // Nothing fades a text towards its ground.
+    // No opacity fades a text towards its background.
     assert!(!css.contains("opacity"), "opacity changes the contrast");
 }
 
@@ -188,7 +184,7 @@ fn viewers_page_structure() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // What changes each second is not read out: two lines are, when they change in kind.
+    // Values that change each second are not read out, only two lines when they change in kind.
     assert!(!html.contains("aria-live"));
     let live: Vec<&str> = html
         .lines()
@@ -216,7 +212,7 @@ fn viewers_order_next_to_120_slow_connections() {
         .write_all(format!("GET /events HTTP/1.1\r\nHost: {to}\r\n\r\n").as_bytes())
         .unwrap();
     read_until(&mut viewer, "\"name\":\"Descent\"");
-    // Each begins a request and does not end it.
+    // Each connection begins a request and does not end it.
     let slow: Vec<TcpStream> = (0..120)
         .map(|k| {
             let mut stream = connect(to);
@@ -240,7 +236,7 @@ fn viewers_order_next_to_120_slow_connections() {
         answer.starts_with("HTTP/1.1 200") && answer.ends_with("abort taken"),
         "{answer}"
     );
-    // Who looked on before still does.
+    // The earlier viewer is still served.
     server.show(picture("Gave up"));
     read_until(&mut viewer, "\"name\":\"Gave up\"");
     drop(slow);
@@ -269,7 +265,7 @@ fn viewers_order_without_leave_or_from_other_pages() {
         ),
         ("two origins", format!("{own}Origin: http://evil.example\r\n")),
         (
-            "a name that somebody lets lead here",
+            "a host name of others that leads here",
             format!("Host: evil.example:{port}\r\nOrigin: http://evil.example:{port}\r\n"),
         ),
         (
@@ -320,13 +316,13 @@ fn viewer_that_does_not_read() {
         waiting += n;
         tail = String::from_utf8_lossy(&part[..n]).into_owned();
     }
-    // What lay in the kernel's buffers of both ends, and no more.
+    // Only the kernel's buffers of both ends held pictures.
     assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
-    // Another sees the newest at once.
+    // Another viewer gets the newest at once.
     assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
 }
 
-/// A viewer's client: JSON texts, and numbers of subscriptions in binary frames.
+/// Client of a viewer: JSON texts, and numbers of subscriptions in binary frames.
 type Viewer = tungstenite::WebSocket<TcpStream>;
 
 fn foxglove(to: SocketAddr) -> Viewer {
@@ -336,7 +332,7 @@ fn foxglove(to: SocketAddr) -> Viewer {
     request.headers_mut().insert("Sec-WebSocket-Protocol", protocol);
     tungstenite::client(request, connect(to)).unwrap().0
 }
-/// The topics that are advertised, with their numbers.
+/// Advertised topics, with their numbers.
 fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
     let mut all = Vec::new();
     while all.len() < 22 {
@@ -376,7 +372,7 @@ fn foxglove_viewer_topics_and_rates() {
     let mission = all.iter().find(|(_, t)| t == "/mission").unwrap().0;
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{{"id":5,"channelId":{mission}}}]}}"#);
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
-    // Five seconds of a mission at 50 Hz, as fast as they go once the viewer has subscribed.
+    // Five seconds of a mission at 50 Hz, as fast as possible once the viewer has subscribed.
     let mut t = 0_i64;
     let mut step = |watcher: &mut Watcher| {
         t += 20_000_000;
@@ -384,15 +380,8 @@ fn foxglove_viewer_topics_and_rates() {
             state: Phase::Tracking,
             ..MissionState::default()
         };
-        let out = MissionOut {
-            state: Some(state),
-            ..MissionOut::default()
-        };
-        let input = MissionIn {
-            commands: Vec::<MissionCommand>::new(),
-            ..MissionIn::default()
-        };
-        watcher.step(Time::from_nanos(t), NodeStep::Mission(Time::EPOCH, &input, &out));
+        watcher.message(Time::from_nanos(t), &Message::Mission(&state));
+        watcher.show(Time::from_nanos(t));
     };
     let received = |viewer: &mut Viewer| {
         let message = viewer.read().unwrap();
@@ -432,14 +421,10 @@ fn foxglove_viewer_that_does_not_read() {
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{}]}}"#, all.join(","));
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
     // An hour of states, of which its queue keeps the newest; and whoever comes next is served.
-    let input = MissionIn::default();
+    let state = MissionState::default();
     for k in 0..36_000_i64 {
-        let out = MissionOut {
-            state: Some(MissionState::default()),
-            ..MissionOut::default()
-        };
-        let step = NodeStep::Mission(Time::EPOCH, &input, &out);
-        watcher.step(Time::from_nanos(k * 100_000_000), step);
+        watcher.message(Time::from_nanos(k * 100_000_000), &Message::Mission(&state));
+        watcher.show(Time::from_nanos(k * 100_000_000));
     }
     let mut other = foxglove(watcher.server.foxglove().unwrap());
     assert!(topics(&mut other).len() >= 22);

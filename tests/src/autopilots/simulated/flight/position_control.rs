@@ -9,8 +9,8 @@ use crate::autopilots::simulated::estimator::Estimate;
 use crate::autopilots::simulated::reference::PositionReference;
 
 impl SimulatedFlight {
-    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust
-    /// vector, attitude. Drone's NED, SI.
+    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust vector, attitude. In
+    /// the drone's NED, SI.
     pub(super) fn follow(&mut self, track: &PositionReference, e: &Estimate, dt: f64) -> AttitudeSetPoint {
         let c = &self.config;
         let gains = Vector3::new(c.position_gain_hz, c.position_gain_hz, c.height_gain_hz);
@@ -29,7 +29,7 @@ impl SimulatedFlight {
         let wanted =
             track.acceleration + Vector3::new(pid(p, d, 0), pid(p, d, 1), pid(pz, dz, 2)) + self.integral;
 
-        // Thrust along the body's down axis turned up: (g - a_z) against gravity, a_xy sideways.
+        // Thrust along the body's up axis: (g - a_z) against gravity, a_xy horizontally.
         let lift = (GRAVITY - wanted.z).max(0.05 * GRAVITY);
         let vertical = if c.decouple_vertical { GRAVITY } else { lift };
         let max_sideways = vertical * c.max_tilt_deg.to_radians().tan();
@@ -42,7 +42,7 @@ impl SimulatedFlight {
         let collective = self.hover_thrust * lift / GRAVITY / down.z;
         let thrust = collective.clamp(c.min_thrust, 1.0);
 
-        // Integrators stop where the output is limited in their direction.
+        // Integrators stop when the output is limited in their direction.
         let vertical_limited =
             (thrust > collective && error.z > 0.0) || (thrust < collective && error.z < 0.0);
         if !limited {
@@ -61,8 +61,7 @@ impl SimulatedFlight {
     }
 }
 
-/// NED from body with the body's down axis along `down` and the heading `yaw` (PX4's
-/// `bodyzToAttitude`).
+/// Rotation NED from body with the body's down axis along `down` and the heading `yaw` (PX4's `bodyzToAttitude`).
 fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let Some(forward) = right.cross(down).try_normalize(1e-6) else {

@@ -1,36 +1,34 @@
-//! Quality of a recording's channels: resolution, noise, held values and clipped peaks, and smoothing to
-//! the bandwidth that is left.
+//! Quality of a recording's channels (resolution, noise, held values and clipped peaks), and smoothing to the remaining
+//! bandwidth.
 //!
-//! A motion that is differentiated twice carries an error `e` of a sample at the interval `dt` as `e / dt²`: a
-//! heave in steps of 1 cm at 100 Hz is tens of m/s² that never were. Smoothing is a cubic fitted to the samples
-//! within half a window to either side (Savitzky and Golay 1964, at any spacing), whose bandwidth is 1.25 over
-//! the window (Schafer 2011, order 3). The window is the shortest that leaves [`ACCELERATION_LIMIT`].
+//! Two derivatives turn an error `e` of one sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm at 100
+//! Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within half a window to
+//! either side (Savitzky and Golay 1964, at any spacing); its bandwidth is 1.25 over the window (Schafer 2011, order
+//! 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
 
 use alight_shared::estimation::median;
 
 use super::{CHANNELS, HEADING, PITCH, QUANTITIES, ROLL};
 
-/// Error of the second derivative that may be left, m/s² or rad/s².
+/// Maximum error of the second derivative after smoothing, m/s² or rad/s².
 const ACCELERATION_LIMIT: f64 = 0.5;
-/// Bandwidth of a window, Hz s.
+/// Product of a window's bandwidth and length, Hz s.
 const BANDWIDTH: f64 = 1.25;
-/// Longest window, s.
 const MAX_WINDOW_S: f64 = 1.5;
-/// Noise whose level falls by less from each order of differences to the next is white: a motion that the
-/// samples carry falls by the half or more.
+/// Ratio of levels between successive orders of differences above which noise is white; sampled motion decreases by
+/// half or more.
 const WHITE: f64 = 0.85;
 
-/// A recording's knots, in radians and metres.
 pub(super) struct Knots<'a> {
     pub(super) t: &'a [f64],
     pub(super) y: &'a mut [[f64; CHANNELS]],
     /// Typical time between rows, s.
     pub(super) step: f64,
-    /// Longest time between rows that is no gap, s.
+    /// Maximum time between rows that is not a gap, s.
     pub(super) longest: f64,
 }
 
-/// Smooths the channels that need it; returns remarks on that.
+/// Smooths the channels that need it, and returns remarks.
 pub(super) fn smooth(mut knots: Knots<'_>, has: &[bool; CHANNELS]) -> Vec<String> {
     let channels = (0..CHANNELS).filter(|c| has[*c]);
     channels.filter_map(|c| smooth_channel(&mut knots, c)).collect()
@@ -48,11 +46,11 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if places > 0 {
         let limits: Vec<String> = limits.iter().map(|l| format!("{:.3}", l * factor)).collect();
         notes.push(format!(
-            "clipped at {} {unit} in {places} places, whose peaks are drawn on from their flanks",
+            "clipped at {} {unit} in {places} places, peaks are extrapolated from their flanks",
             limits.join(" and ")
         ));
     }
-    // The window that each error asks for, s.
+    // Window required by the errors, s.
     let mut window = 0.0_f64;
     let held = steps.changed < 0.4 && steps.typical > 2.5 * steps.size;
     if held {
@@ -88,20 +86,19 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     Some(text)
 }
 
-/// The shortest window that leaves the allowed error of a second derivative, s: of white noise `sd` at the
-/// interval `dt` (`sd sqrt(720 dt / W^5)`), of steps of `size`, whose error lasts (`12 size / W²` at worst).
+/// Shortest window for the permitted error of the second derivative, s: for white noise `sd` at the interval `dt` (`sd
+/// sqrt(720 dt / W^5)`), and for steps of `size`, whose error lasts (worst case `12 size / W²`).
 fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     let white = (720.0 * dt * (sd / ACCELERATION_LIMIT).powi(2)).powf(0.2);
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
 }
 
-/// Step sizes of a channel's values.
 struct Steps {
-    /// The resolution: all changes are multiples of it; 0 without one.
+    /// Resolution, of which all changes are multiples; 0 if there is none.
     size: f64,
-    /// Median change, where there is one.
+    /// Median change; 0 without changes.
     typical: f64,
-    /// Fraction of rows with another value than the row before.
+    /// Fraction of rows whose value differs from the previous row's.
     changed: f64,
 }
 
@@ -137,8 +134,8 @@ impl Steps {
     }
 }
 
-/// Standard deviation of white noise on a motion that is slow against the sampling; None where what the
-/// differences hold is the motion. `sd(D^k) = sigma sqrt(binomial(2k, k))` of white noise.
+/// Standard deviation of the white noise on a motion that is slow relative to the sampling; None if the motion itself
+/// dominates the differences. For white noise `sd(D^k) = sigma sqrt(binomial(2k, k))`.
 fn white_noise(values: &[f64]) -> Option<f64> {
     let mut differences = values.to_vec();
     let mut levels = Vec::new();
@@ -146,7 +143,7 @@ fn white_noise(values: &[f64]) -> Option<f64> {
         if order > 0 {
             differences = differences.windows(2).map(|w| w[1] - w[0]).collect();
         }
-        // The middle of the distribution: gaps and bumps do not count.
+        // The median ignores gaps and bumps.
         let size = median(differences.iter().map(|d| d.abs()))?;
         levels.push(size / 0.6745 / norm.sqrt());
     }
@@ -154,7 +151,7 @@ fn white_noise(values: &[f64]) -> Option<f64> {
     (a > 0.0 && b > WHITE * a && c > WHITE * b).then_some(c)
 }
 
-/// Values with clipped peaks drawn on, the number of places, and the limits that were met.
+/// Values with extrapolated peaks, the number of clipped places, and the limits at which they were clipped.
 fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, Vec<f64>) {
     let mut out = values.to_vec();
     let (mut places, mut limits) = (0, Vec::new());
@@ -165,7 +162,7 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
         let runs = runs(values, limit);
         let mut here = 0;
         for (first, last) in runs {
-            // Slopes of the flanks over as long as three rows, at least 0.1 s.
+            // Flank slopes extend over at least two rows and 0.1 s.
             let reach = ((0.1 / knots.step).ceil() as usize).max(2);
             let (Some(before), after) = (first.checked_sub(reach), last + reach) else {
                 continue;
@@ -180,7 +177,6 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
             }
             let up = (values[first] - values[before]) / (time(first) - time(before));
             let down = (values[after] - values[last]) / (time(after) - time(last));
-            // A cubic between the flanks rises so far.
             let rise = (up - down).abs() * duration / 8.0;
             if up * down >= 0.0 || rise < (4.0 * step).max(0.02 * range) {
                 continue;
@@ -201,7 +197,7 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
     (out, places, limits)
 }
 
-/// First and last row of every stretch of three rows or more at `limit`.
+/// First and last row of every stretch of at least three rows at `limit`.
 fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
     let mut runs = Vec::new();
     let mut begin = None;
@@ -218,8 +214,7 @@ fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
     runs
 }
 
-/// Cubics fitted about each row to the samples within half a `window`, weighted to its ends
-/// (`(1 - u²)`), across no gap.
+/// Cubic fits about each row to the samples within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
 fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
     let (t, half) = (knots.t, 0.6 * window);
     let mut from = 0;
@@ -240,7 +235,7 @@ fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
                 normal += row * row.transpose() * weight;
                 right += row * (weight * (values[j] - values[i]));
             }
-            // Fewer than four samples, at a gap, stay as they are.
+            // Fewer than four samples, next to a gap, are not smoothed.
             let fit = normal.cholesky().map_or(0.0, |l| l.solve(&right)[0]);
             values[i] + fit
         })
@@ -252,7 +247,7 @@ mod tests {
     use crate::physics::deck_motion::recording::{HEAVE, Recording};
     use crate::physics::streams::Streams;
 
-    /// A recording of roll, pitch and heave, heave as `f` writes it.
+    /// A recording of roll, pitch and heave, whose heave column is written by `f`.
     fn heave(hz: f64, seconds: f64, mut f: impl FnMut(f64) -> f64) -> Recording {
         let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m\n");
         for k in 0..(hz * seconds) as u32 {
@@ -269,14 +264,14 @@ mod tests {
     fn swell(t: f64) -> f64 {
         0.7 * (1.05 * t).sin() + 0.3 * (1.7 * t + 1.0).sin()
     }
-    /// Maximum errors of the heave and of its slope over three rows, against the swell.
+    /// Maximum errors of the heave, and of its slope over three rows, relative to the swell.
     fn errors(r: &Recording) -> [f64; 2] {
         let mut worst = [0.0_f64; 2];
         for k in 200..r.t.len() - 200 {
             worst[0] = worst[0].max((r.y[k][HEAVE] - swell(r.t[k])).abs());
             let slope = |f: &dyn Fn(usize) -> f64| (f(k + 1) - f(k - 1)) / (r.t[k + 1] - r.t[k - 1]);
-            let of = slope(&|k| r.y[k][HEAVE]) - slope(&|k| swell(r.t[k]));
-            worst[1] = worst[1].max(of.abs());
+            let slope_error = slope(&|k| r.y[k][HEAVE]) - slope(&|k| swell(r.t[k]));
+            worst[1] = worst[1].max(slope_error.abs());
         }
         worst
     }
@@ -291,7 +286,7 @@ mod tests {
             r.remarks
         );
         let [e, v] = errors(&r);
-        // As it was: 5 mm and 0.5 m/s.
+        // Without smoothing: 5 mm and 0.5 m/s.
         assert!(e < 0.005 && v < 0.05, "{e} {v}");
     }
 
@@ -306,7 +301,7 @@ mod tests {
                     .all(|(y, t)| (y[HEAVE] - swell(*t)).abs() < 1e-5)
             );
         }
-        // A millimetre at 10 Hz is no harm either.
+        // A resolution of 1 mm at 10 Hz is harmless.
         let r = heave(10.0, 60.0, |t| (swell(t) * 1e3).round() / 1e3);
         assert!(r.remarks.is_empty(), "{:?}", r.remarks);
     }

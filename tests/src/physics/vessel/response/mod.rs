@@ -1,15 +1,14 @@
-//! Linear seakeeping by a response table, in the place of the hull of
-//! [`crate::physics::vessel::Vessel`].
+//! Linear seakeeping by a response table, as an alternative to the hull of [`crate::physics::vessel::Vessel`].
 //!
-//! Motion about the mean path, which carries amidships at the still water line with the mean heading:
-//! `xi_d(t) = sum_j Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t +
-//! phase_j`, over the same components as the water's surface, whose phase at the mean place is `theta_j`
-//! (St. Denis and Pierson 1953; Fossen 2011, section 8.2.5). Under way the derivative of `theta_j` is minus the
-//! frequency of encounter, `omega - k U cos(beta)`, whatever its sign. The table, which is of zero speed, is
-//! looked up at the wave's own frequency: length and slope of the wave stay right.
+//! Motion about the mean path, which moves amidships at the still-water line with the mean heading: `xi_d(t) = sum_j
+//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, over the components
+//! of the water's surface, whose phase at the mean position is `theta_j` (St. Denis and Pierson 1953; Fossen 2011,
+//! section 8.2.5). Under way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U cos(beta)`,
+//! whatever its sign. The table is valid for zero speed and is evaluated at the wave's own frequency, so that the
+//! wave's length and slope are correct.
 //!
-//! Surge and sway lie in the mean heading's axes; trim, roll, pitch and yaw add as Euler angles. The table's
-//! axes (x forward, y to port, z up) end here: the state is NED and forward, right, down as all others.
+//! Surge and sway are in the axes of the mean heading; trim, roll, pitch and yaw add as Euler angles. The table's axes
+//! (x forward, y to port, z up) are used only here: the state is in NED and forward, right, down, as everywhere else.
 
 pub mod places;
 pub mod table;
@@ -33,8 +32,8 @@ use crate::physics::sea::{Sea, SeaComponent, sin_cos};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
-/// Hulls that come with the program: name, table, places. Made for it by linear potential flow (panel method)
-/// with viscous roll damping of 6 to 12 % of critical added by hand.
+/// Built-in hulls: name, table, places. Computed for Alight by linear potential flow (panel method), with viscous roll
+/// damping of 6 to 12 % of critical added by hand.
 const SUPPLIED: [(&str, &str, &str); 3] = [
     (
         "twin-5m",
@@ -53,7 +52,6 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
     ),
 ];
 
-/// Names of the hulls that come with the program.
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
 /// Step of the numerical derivatives in a turn: the world's tick, so that two of three poses are known.
@@ -62,43 +60,32 @@ const TURN_STEP: Span = Span::from_millis(10);
 /// Why a hull was rejected.
 #[derive(Debug, Error)]
 pub enum HullError {
-    /// A file could not be read.
     #[error(
         "reading hull {path}: {source}; give twin-5m, mono-5m, work-12m or the path of a response table \
          (CSV), with its places in a .toml of the same name next to it"
     )]
-    Read {
-        path: PathBuf,
-        /// Error of the system.
-        source: std::io::Error,
-    },
-    /// A row of the table that cannot be used.
+    Read { path: PathBuf, source: std::io::Error },
     #[error("response table {origin}, line {line}: {message}")]
     Row {
         origin: String,
-        /// Line of the table, counted from 1.
+        /// Line of the table, from 1.
         line: usize,
-        /// Fault of the line.
         message: String,
     },
-    /// The places cannot be used.
+    /// The places are invalid.
     #[error("places of a hull, {origin}: {message}")]
-    Places {
-        origin: String,
-        /// Fault of the places.
-        message: String,
-    },
+    Places { origin: String, message: String },
 }
 
 config! {
-    /// A vessel that is moved by a response table. Course, speed and heading are those of `vessel`.
+    /// A vessel moved by a response table. Course, speed and heading are those of `vessel`.
     pub struct HullConfig {
-        /// twin-5m, mono-5m, work-12m, or the path of a response table (CSV).
+        /// Built-in hull twin-5m, mono-5m or work-12m, or the path of a response table (CSV).
         pub table: String = String::new();
-        /// Bow up at rest instead of the value in the hull's file, deg.
+        /// Pitch at rest, positive bow up, deg; overrides the hull's file.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub trim_pitch_deg: Option<f64> = None, in -20.0..=20.0;
-        /// Starboard down at rest instead of the value in the hull's file, deg.
+        /// Roll at rest, positive starboard down, deg; overrides the hull's file.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub trim_roll_deg: Option<f64> = None, in -20.0..=20.0;
     }
@@ -112,7 +99,7 @@ config! {
     }
 }
 
-/// A response table with the places of what stands on the hull.
+/// A response table, with the places of the equipment on the hull.
 #[derive(Clone, Debug)]
 pub struct HullFiles {
     pub table: ResponseTable,
@@ -120,7 +107,7 @@ pub struct HullFiles {
 }
 
 impl HullFiles {
-    /// A hull that comes with the program, or the table of that path with the .toml next to it.
+    /// Loads a built-in hull, or the table of that path with the .toml next to it.
     pub fn load(name: &str) -> Result<HullFiles, HullError> {
         if let Some((name, table, places)) = SUPPLIED.iter().find(|s| s.0 == name) {
             return Ok(HullFiles {
@@ -145,7 +132,6 @@ impl HullFiles {
     }
 }
 
-/// One component of the sea as the vessel meets it.
 #[derive(Clone, Debug)]
 struct Wave {
     /// Amplitude, m.
@@ -161,7 +147,7 @@ struct Wave {
     responses: ResponseAtFrequency,
 }
 
-/// A pose: surge, sway, heave, roll, pitch, yaw in NED and FRD about the mean path, with derivatives.
+/// Pose about the mean path (surge, sway, heave, roll, pitch, yaw in NED and FRD) with derivatives.
 type Motion = [Jet; DOFS];
 
 #[derive(Clone)]
@@ -170,16 +156,16 @@ pub struct ResponseVessel {
     path: MeanPath,
     /// Roll and pitch at rest, rad.
     trim: [f64; 2],
-    /// Amplitude times response of each wave at a mean heading, rad.
+    /// A mean heading, rad, and the products of amplitude and response of each wave at it.
     straight: (f64, Vec<Response>),
-    /// Poses in a turn, the oldest first.
+    /// Poses during a turn, the oldest first.
     turning: [(Time<TrueTime>, Motion); 3],
     state: RigidState<VesselBody>,
 }
 
 impl ResponseVessel {
-    /// The vessel of `hull` in `sea` at the origin at time zero, heading drawn from `vessel/heading` where
-    /// not given.
+    /// The vessel of `hull` in `sea`, at the origin at time zero, at a heading drawn from `vessel/heading` unless
+    /// configured.
     pub fn new(
         hull: &HullFiles,
         config: &HullConfig,
@@ -213,23 +199,21 @@ impl ResponseVessel {
         vessel
     }
 
-    /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    /// The course's one turn or change of speed begins a drawn time after `t`.
+    /// Starts the course's turn or speed change a drawn time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
-    /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {
         self.state
     }
 
-    /// Amplitude times response of every wave at a mean heading, rad.
+    /// Product of amplitude and response of every wave at a mean heading, rad.
     fn responses(&self, heading: f64) -> impl Iterator<Item = Response> + '_ {
         self.waves.iter().map(move |w| {
-            // Compass angles run clockwise, the table's counter-clockwise.
+            // Compass angles are clockwise, those of the table counter-clockwise.
             let r = w.responses.towards(heading - w.towards);
             Response {
                 re: r.re.map(|v| w.amplitude * v),
@@ -238,7 +222,6 @@ impl ResponseVessel {
         })
     }
 
-    /// The state at `t`.
     pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
         let s = t.secs();
         let [north, east, down, roll, pitch, yaw] = if self.path.changes(s, 2.0 * TURN_STEP.secs()) {
@@ -275,15 +258,15 @@ impl ResponseVessel {
         }
     }
 
-    /// The pose at a time in a turn; its derivatives mean nothing.
+    /// Pose at a time during a turn; its derivatives are not valid.
     fn turning_pose(&self, t: Time<TrueTime>) -> Motion {
         let there = self.path.at(t.secs());
         let responses: Vec<Response> = self.responses(there.heading).collect();
         pose(&there, &self.motion(t.secs(), &responses))
     }
 
-    /// Motion about the mean path at `t` (s), forward, right, down, roll, pitch, yaw, with the derivatives at
-    /// a constant mean heading.
+    /// Motion about the mean path at `t` (s): forward, right, down, roll, pitch, yaw, with derivatives at a constant
+    /// mean heading.
     fn motion(&self, t: f64, responses: &[Response]) -> Motion {
         let here = self.path.at(t);
         let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
@@ -308,18 +291,18 @@ impl ResponseVessel {
     }
 }
 
-/// North, east, down, roll, pitch, yaw from the mean path and the motion about it; derivatives at a constant
-/// mean heading.
+/// North, east, down, roll, pitch and yaw, from the mean path and the motion about it; derivatives at a constant mean
+/// heading.
 fn pose(mean: &PathPoint, m: &Motion) -> Motion {
     let (s, c) = mean.heading.sin_cos();
     let mut out = *m;
-    let of = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {
+    let sum = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {
         y: fa * a.y + fb * b.y,
         d: fa * a.d + fb * b.d,
         dd: fa * a.dd + fb * b.dd,
     };
-    out[0] = of(&m[0], c, &m[1], -s);
-    out[1] = of(&m[0], s, &m[1], c);
+    out[0] = sum(&m[0], c, &m[1], -s);
+    out[1] = sum(&m[0], s, &m[1], c);
     for i in 0..2 {
         out[i].y += mean.position[i];
         out[i].d += mean.velocity[i];

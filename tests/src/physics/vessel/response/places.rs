@@ -1,5 +1,5 @@
-//! Places on a vessel, as an installer measures them: deck, sensors, trim. One TOML file next to the
-//! response table.
+//! Places on a vessel as an installer measures them: deck, sensors, trim. They are in a TOML file next to the response
+//! table.
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::HullError;
 
-/// A place, from amidships at the still water line, along the vessel's axes.
+/// A place relative to amidships at the still-water line, along the vessel's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HullPlace {
@@ -21,21 +21,20 @@ pub struct HullPlace {
 }
 
 impl HullPlace {
-    /// The place in the body frame (forward, right, down), m.
+    /// Position in the body frame (forward, right, down), m.
     pub fn body(&self) -> [f64; 3] {
         [self.forward_m, self.right_m, -self.above_water_m]
     }
 }
 
-/// The landing deck.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeckPlace {
-    /// Centre of the deck, as of [`HullPlace`].
+    /// Centre of the deck, forward of amidships, m; negative aft.
     pub forward_m: f64,
-    /// As of [`HullPlace`].
+    /// Centre of the deck, to starboard, m.
     pub right_m: f64,
-    /// As of [`HullPlace`].
+    /// Centre of the deck, above the water line, m.
     pub above_water_m: f64,
     /// Length along the vessel, m.
     pub length_m: f64,
@@ -43,34 +42,27 @@ pub struct DeckPlace {
     pub width_m: f64,
 }
 
-/// The attitude at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trim {
-    /// Bow up, deg.
+    /// Pitch, positive bow up, deg.
     pub pitch_deg: f64,
-    /// Starboard down, deg.
+    /// Roll, positive starboard down, deg.
     pub roll_deg: f64,
 }
 
-/// All of a vessel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Places {
-    /// Description of the vessel.
     pub description: String,
-    /// The landing deck.
     pub deck: DeckPlace,
-    /// The attitude at rest.
     pub trim: Trim,
-    /// The GNSS antenna.
     pub antenna: HullPlace,
-    /// The inertial sensor.
     pub imu: HullPlace,
 }
 
 impl Places {
-    /// Reads TOML; `origin` names it in errors.
+    /// Parses TOML; `origin` names it in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let wrong = |message: String| HullError::Places {
             origin: origin.into(),
@@ -99,7 +91,7 @@ impl Places {
         }
         Ok(places)
     }
-    /// The deck as nodes and world have it, with the tags that are suggested for it, or `base`'s one.
+    /// Geometry of the deck for nodes and world, with the tag layout suggested for it, or the layout of `base`.
     pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
         let deck = &self.deck;
         DeckGeometry {

@@ -1,9 +1,9 @@
-//! A hull's response to waves as a table: complex motion per metre of wave, by frequency and direction.
+//! Response of a hull to waves as a table: complex motion per metre of wave amplitude, by frequency and direction.
 //!
-//! Axes of the file: x forward, y to port, z up; the motion at the still water line amidships is
-//! `Re(H a exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. The direction is where the wave
-//! runs to, from the bow, counter-clockwise from above: 0 following, 90 from starboard to port, 180
-//! head sea. Waves to the other side are the mirror image: sway, roll and yaw change sign.
+//! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a exp(-i (omega
+//! t + phase)))` in the wave `a cos(omega t + phase)`. The direction is the one towards which the wave runs, relative
+//! to the bow, counter-clockwise viewed from above: 0 following, 90 from starboard to port, 180 head sea. Waves to the
+//! other side are the mirror image: sway, roll and yaw change sign.
 
 use core::f64::consts::PI;
 
@@ -11,7 +11,6 @@ use super::HullError;
 
 /// Degrees of freedom: surge, sway, heave, roll, pitch, yaw.
 pub const DOFS: usize = 6;
-/// The file's columns.
 pub const COLUMNS: [&str; 14] = [
     "omega_radps",
     "direction_deg",
@@ -30,11 +29,10 @@ pub const COLUMNS: [&str; 14] = [
 ];
 /// Sign of each degree of freedom in the mirror image.
 const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-/// Maximum response of a degree of freedom, m/m or rad/m: beyond it a unit was mistaken (deg for rad).
+/// Maximum response of a degree of freedom, m/m or rad/m; a larger one is a wrong unit (deg for rad).
 const MAX_RESPONSE: f64 = 20.0;
 const MAX_ROWS: usize = 200_000;
 
-/// Real and imaginary parts of the response in all degrees of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Response {
     /// Real parts, m/m and rad/m.
@@ -60,19 +58,19 @@ impl Response {
     }
 }
 
-/// The table: a full grid of frequencies and directions.
+/// Response table on a full grid of frequencies and directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResponseTable {
     /// Frequencies, ascending, rad/s.
     omega: Vec<f64>,
     /// Directions, ascending from 0 to pi, rad.
     direction: Vec<f64>,
-    /// By frequency, then direction.
+    /// Responses by frequency, then direction.
     responses: Vec<Response>,
 }
 
 impl ResponseTable {
-    /// Reads CSV text; `origin` names it in errors.
+    /// Parses CSV text; `origin` names it in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let at = |line: usize, message: String| HullError::Row {
             origin: origin.into(),
@@ -92,7 +90,7 @@ impl ResponseTable {
             direction: Vec::new(),
             responses: Vec::new(),
         };
-        // Place in the grid of the row to come.
+        // Grid position of the next row.
         let (mut column, mut last) = (0, first);
         for (line, row) in rows {
             last = line;
@@ -145,7 +143,7 @@ impl ResponseTable {
         Ok(table)
     }
 
-    /// Takes the direction of a row, deg: the first frequency's have to ascend, the others' to repeat them.
+    /// Reads the direction of a row, deg: those of the first frequency must ascend, and repeat for the others.
     fn take_direction(&mut self, column: usize, direction: f64) -> Result<(), String> {
         if self.omega.len() == 1 {
             if self
@@ -164,7 +162,7 @@ impl ResponseTable {
         Ok(())
     }
 
-    /// Directions from 0 to 180 deg, three or more.
+    /// Checks that at least three directions cover 0 to 180 deg.
     fn whole_circle(&self) -> Result<(), String> {
         let ends = self.direction.first().zip(self.direction.last());
         if self.direction.len() >= 3 && ends == Some((&0.0, &PI)) {
@@ -176,13 +174,12 @@ impl ResponseTable {
         ))
     }
 
-    /// Lowest and highest frequency, rad/s.
     pub fn range(&self) -> [f64; 2] {
-        let of = |v: Option<&f64>| v.copied().unwrap_or_default();
-        [of(self.omega.first()), of(self.omega.last())]
+        let value = |v: Option<&f64>| v.copied().unwrap_or_default();
+        [value(self.omega.first()), value(self.omega.last())]
     }
 
-    /// The responses at `omega` in all directions: linear between frequencies, held beyond the table's ends.
+    /// Responses at `omega` in all directions: linear between frequencies, constant beyond the table's ends.
     pub fn at_frequency(&self, omega: f64) -> ResponseAtFrequency {
         let [low, high] = self.range();
         let omega = omega.clamp(low, high);
@@ -200,7 +197,7 @@ impl ResponseTable {
             ])
         };
         let inner: Vec<(f64, Response)> = (0..n).map(|j| (self.direction[j], node(j))).collect();
-        // One node beyond either end, the mirror image of its neighbour.
+        // One node beyond either end, which mirrors its neighbour.
         let mut nodes = Vec::with_capacity(n + 2);
         let mirror = |about: f64, (d, r): (f64, Response)| (2.0 * about - d, r.mirrored());
         nodes.push(mirror(0.0, inner[1]));
@@ -210,7 +207,7 @@ impl ResponseTable {
     }
 }
 
-/// Fourteen finite numbers of a plausible size.
+/// Parses fourteen finite numbers of plausible magnitude.
 fn numbers(row: &str) -> Result<[f64; 14], String> {
     let mut values = [0.0; 14];
     let mut cells = row.split(',').map(str::trim);
@@ -236,16 +233,15 @@ fn numbers(row: &str) -> Result<[f64; 14], String> {
     }
 }
 
-/// The responses at one frequency by direction.
 #[derive(Clone, Debug)]
 pub struct ResponseAtFrequency {
     nodes: Vec<(f64, Response)>,
 }
 
 impl ResponseAtFrequency {
-    /// The response to a wave that runs towards `direction` from the bow (rad, counter-clockwise from
-    /// above, any turn): a cubic through the directions with the slopes of the neighbours (Catmull and Rom
-    /// 1974), so that the motion of a turning vessel has a finite acceleration.
+    /// Response to a wave that runs towards `direction` relative to the bow (rad, counter-clockwise viewed from above,
+    /// not wrapped): a cubic through the directions with slopes from the neighbours (Catmull and Rom 1974), so that a
+    /// turning vessel has a finite acceleration.
     pub fn towards(&self, direction: f64) -> Response {
         let wrapped = alight_shared::frames::wrap_angle(direction);
         let there = wrapped.abs();

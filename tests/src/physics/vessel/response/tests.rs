@@ -18,7 +18,7 @@ fn vessel_of(hull: &str, course: VesselCourse, sea: &Sea, seed: u64) -> Response
     ResponseVessel::new(&files, &HullConfig::default(), &vessel, sea, &Streams::new(seed))
 }
 
-/// A table of one response at all frequencies and directions.
+/// A table with one response at all frequencies and directions.
 fn flat(response: impl Fn(f64, f64) -> [f64; 12]) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for omega in [0.5, 1.0, 2.0, 4.0] {
@@ -35,7 +35,7 @@ fn supplied_hulls_in_long_waves() {
     for name in HULLS {
         let hull = HullFiles::load(name).unwrap();
         assert_eq!(hull.table.range(), [0.4, 5.0], "{name}");
-        // In waves much longer than the hull it heaves and surges with the water, whichever way they run.
+        // In waves much longer than the hull, the hull heaves and surges with the water, in all directions.
         for deg in [0.0, 45.0, 90.0, 135.0, 180.0, -45.0, -90.0, 270.0] {
             let r = hull.table.at_frequency(0.4).towards(f64::to_radians(deg));
             assert!(
@@ -132,7 +132,7 @@ fn bad_response_table() {
 
 #[test]
 fn response_in_a_long_wave() {
-    // 300 m long, from astern, abeam and ahead, to either side; slope and elevation as the water's.
+    // 300 m long, from astern, abeam and ahead, to either side; slope and elevation match the water's.
     for towards in [0.0, 0.8, 1.9, 3.1, -0.8, -2.2] {
         let wave = SeaComponent::deep(2.0, 0.453, towards, 0.7);
         let sea = Sea::of_linear_components(vec![wave]);
@@ -142,7 +142,7 @@ fn response_in_a_long_wave() {
             let t = at(0.5 * f64::from(k));
             let state = vessel.state_at(t);
             let p = state.position.0;
-            // Surge and sway shift the place by 2 m of 300.
+            // Surge and sway shift the position by 2 m of 300.
             let water = sea.surface(t, 0.0, 0.0);
             assert!(
                 (water.elevation_m + p.z).abs() < 0.06,
@@ -173,7 +173,7 @@ fn response_motion_derivatives() {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
         let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
         for k in 0..6000 {
-            // Over a straight leg, a turn and what comes after; off the tick grid.
+            // Over a straight leg, a turn and the following leg; off the tick grid.
             let t = 0.503 + 0.01 * f64::from(k);
             let h = 1e-3;
             let [a, b, c] = [t - h, t, t + h].map(|t| vessel.state_at(at(t)));
@@ -202,7 +202,7 @@ fn response_motion_derivatives() {
 
 #[test]
 fn response_frequency_of_encounter() {
-    // omega - k U cos(beta): head, following and overtaking a short following wave.
+    // omega - k U cos(beta): head sea, following sea, and overtaking a short following wave.
     for (beta, omega, speed) in [
         (core::f64::consts::PI, 1.2, 3.0),
         (0.0, 1.2, 3.0),
@@ -226,7 +226,7 @@ fn response_frequency_of_encounter() {
         let sea = Sea::of_linear_components(vec![SeaComponent::deep(0.5, omega, beta, 0.0)]);
         let mut vessel = ResponseVessel::new(&files, &HullConfig::default(), &vessel, &sea, &Streams::new(1));
         let encounter = omega - omega * omega / GRAVITY * speed * f64::cos(beta);
-        // Heave equals the water's elevation at the mean place, and turns at the frequency of encounter.
+        // Heave equals the water's elevation at the mean position, and oscillates at the frequency of encounter.
         let mut ups = Vec::new();
         let mut before = 0.0;
         for k in 0..20_000 {
@@ -259,7 +259,7 @@ fn square_path_closure_and_speed() {
         let round = 4.0 * side / speed;
         let mut widest = 0.0_f64;
         let mut t = 0.0;
-        // On the first leg; the corner that it began at is cut later on.
+        // On the first leg; a later leg cuts the corner at which the first began.
         let start = path.at(0.3 * side / speed).position;
         let mut nearest_after = f64::INFINITY;
         while t < 1.2 * round {
@@ -289,7 +289,7 @@ fn sea_heights_and_periods() {
     for seed in 0..3 {
         let sea = Sea::linear(&config, &Streams::new(seed));
         assert!((4.0 * sea.variance().sqrt() - 1.5).abs() < 1e-9);
-        // Twenty minutes at a place, elevation by zero crossings and variance.
+        // Elevation at a position for twenty minutes: zero crossings and variance.
         let z: Vec<f64> = (0..12_000)
             .map(|i| sea.elevation(at(0.1 * f64::from(i)), 3.0, -7.0))
             .collect();
@@ -299,16 +299,16 @@ fn sea_heights_and_periods() {
         // JONSWAP 3.3: T_z = 0.78 Tp (Goda 2000).
         let crossing = 1200.0 / ups as f64;
         assert!((crossing / (0.78 * 6.0) - 1.0).abs() < 0.1, "{crossing}");
-        // Half of a JONSWAP's energy lies within about 0.85 to 1.25 of its peak.
+        // Half of JONSWAP's energy is between about 0.85 and 1.25 of the peak.
         let peak = TAU / 6.0;
         let near = |c: &&SeaComponent| (0.85..1.25).contains(&(c.frequency / peak));
-        let share = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
-        assert!((0.5..0.8).contains(&share), "{share}");
+        let fraction = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
+        assert!((0.5..0.8).contains(&fraction), "{fraction}");
     }
     let cross: SeaConfig = "jonswap:0.8,4.5+jonswap:1,8@90".parse().unwrap();
     let sea = Sea::linear(&cross, &Streams::new(2));
     assert!((16.0 * sea.variance() - 0.64 - 1.0).abs() < 1e-9);
-    // Each system runs its own way.
+    // Each system runs in its own direction.
     let mean = |low: f64, high: f64| {
         let in_band = |c: &&SeaComponent| (low..high).contains(&c.frequency);
         let sum: Vector2<f64> = sea.components().iter().filter(in_band).map(|c| c.direction).sum();

@@ -1,9 +1,8 @@
-//! The course that a grant states, and drones that want a steady one.
+//! Course in the grant, and requests for a steady course.
 
 use super::*;
 use alight_shared::msg::ReasonCode;
 
-/// The course that the grant of this time states.
 fn stated(rig: &Rig) -> Course {
     rig.arbiter.course(Time::from_secs(rig.t_s))
 }
@@ -18,7 +17,7 @@ fn promise_of_a_steady_course_and_a_turn() {
     rig.run(&[], 0.5);
     assert_eq!(stated(&rig), Course::Unknown);
     rig.order(DeckOrder::Steady(60));
-    // Between two grants, too.
+    // An order also applies between two periodic grants.
     rig.t_s += 0.01 - 0.5;
     assert_eq!(rig.order(DeckOrder::Turning).course, Course::Turning);
     rig.run(&[], 600.0);
@@ -66,13 +65,13 @@ fn wanted_steady_course() {
         rig.run(&[(1, state)], 1.0);
         assert_eq!(wants(&rig), wanted, "{state:?}");
     }
-    // It may be on its way down for as long as a descent lasts.
+    // A silent drone may be descending for as long as a descent lasts.
     rig.run(&[(1, State::Descent)], 1.0);
     rig.run(&[], 59.0);
     assert!(wants(&rig));
     rig.run(&[], 1.5);
     assert!(!wants(&rig));
-    // One that begins no descent because of the course asks for a better one.
+    // A drone that does not descend because of the course asks for a steady one.
     rig.sequence += 1;
     let waits = DroneStatus {
         waiting: ReasonCode::VesselTurns.into(),

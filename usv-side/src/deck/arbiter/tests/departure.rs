@@ -1,10 +1,10 @@
-//! The crew's clearances for take-offs.
+//! Take-off clearances.
 
 use super::*;
 use crate::deck::ClearanceEnd;
 use alight_shared::msg::TAKE_OFF_CLEARANCE_S;
 
-/// The clearance of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
+/// A clearance applies to the drone on the deck, for a limited time, until the deck is closed.
 #[test]
 fn clearance_for_a_take_off() {
     let mut rig = Rig::new();
@@ -14,20 +14,20 @@ fn clearance_for_a_take_off() {
     );
     assert_eq!(rig.run(&[(1, State::Landed)], 2.0), 1);
     let cleared = |rig: &Rig| rig.arbiter.take_off;
-    assert!(cleared(&rig), "given before it was known there");
+    assert!(cleared(&rig), "given before the drone was known to stand there");
     rig.run(&[(1, State::Preparing)], 2.0);
     rig.run(&[(1, State::SpinUp)], 2.0);
     assert!(cleared(&rig));
     assert!(!rig.order(DeckOrder::Closed).take_off);
     assert!(
         !rig.order(DeckOrder::Open).take_off,
-        "what was cleared before it was closed"
+        "a clearance from before the deck was closed"
     );
     assert!(!rig.order(DeckOrder::TakeOff(2)).take_off, "another's");
     assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
     rig.run(&[(1, State::SpinUp)], TAKE_OFF_CLEARANCE_S + 1.0);
     assert!(!cleared(&rig), "it has expired");
-    // The deck stays the drone's until it has left for sure.
+    // The deck remains the drone's until it has certainly left.
     rig.order(DeckOrder::TakeOff(1));
     assert_eq!(rig.run(&[(1, State::TakeOff), (2, State::Approach)], 3.0), 1);
     assert!(!cleared(&rig));
@@ -36,7 +36,7 @@ fn clearance_for_a_take_off() {
     assert!(!cleared(&rig), "the clearance was for one take-off");
 }
 
-/// A take-off that is stopped on the deck, or is not begun in time, leaves no clearance for another.
+/// A take-off that is stopped on the deck, or not begun in time, uses the clearance up.
 #[test]
 fn clearance_after_a_stopped_take_off() {
     let cleared = |before, after| {
@@ -59,7 +59,7 @@ fn clearance_after_a_stopped_take_off() {
     assert!(cleared(State::Countdown, State::Preparing));
 }
 
-/// It outlasts take-offs, and a preparation that came to nothing; not one that was stopped on the deck.
+/// A standing clearance outlasts take-offs and an abandoned preparation, but not a take-off stopped on the deck.
 #[test]
 fn standing_clearance_after_the_end_of_a_take_off() {
     let stands = |states: &[State]| {
@@ -82,7 +82,7 @@ fn standing_clearance_after_the_end_of_a_take_off() {
     assert!(!stands(&[State::Countdown, State::Idle]));
 }
 
-/// Clearances that stand for two drones, each for its take-offs, until the deck is closed; and who waits for the deck.
+/// Standing clearances of two drones, each for its own take-offs until the deck is closed; the deck is also requested.
 #[test]
 fn standing_clearance_of_two_drones() {
     let mut rig = Rig::new();
@@ -93,7 +93,7 @@ fn standing_clearance_of_two_drones() {
     for (here, comes) in [(1, 2), (2, 1), (1, 2)] {
         assert_eq!(rig.run(&[(here, there)], TAKE_OFF_CLEARANCE_S + 1.0), here);
         assert!(cleared(&rig), "drone {here}, after hours as well");
-        // The other one asks: the deck is wanted, and given once it is free.
+        // The other drone requests the deck and receives it once it is free.
         assert!(!rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
         rig.run(&[(here, there), (comes, State::Approach)], 1.0);
         assert!(rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
@@ -111,10 +111,10 @@ fn standing_clearance_of_two_drones() {
     assert!(!rig.order(DeckOrder::Closed).take_off);
     rig.order(DeckOrder::Open);
     rig.run(&[(2, State::Landed)], 2.0);
-    assert!(!cleared(&rig), "closed once, it stands no more");
+    assert!(!cleared(&rig), "closing the deck ended it");
 }
 
-/// The first drone stands there with a standing clearance, as these statuses show.
+/// Rig whose first drone stands on the deck with a standing clearance.
 fn standing_with(config: &DeckConfig, inputs: DeckInputs) -> Rig {
     let mut rig = Rig::of(config, inputs);
     rig.run(&[(1, State::Landed)], 2.0);
@@ -144,7 +144,7 @@ fn standing_clearance_that_was_forgotten() {
         assert_eq!(rig.arbiter.ended_clearances(), [(1, ClearanceEnd::Time)]);
         assert!(rig.order(DeckOrder::TakeOff(1)).take_off, "given again");
     }
-    // A sortie does not use it up, and each stay on the deck has its own time.
+    // A sortie does not use up a standing clearance, and each stay on the deck has its own time limit.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for state in [State::TakeOff, State::ClimbOut, State::Hold, State::Descent] {
         rig.run(&[(1, state)], 200.0);
@@ -153,7 +153,7 @@ fn standing_clearance_that_was_forgotten() {
     assert!(rig.arbiter.take_off);
 }
 
-/// Somebody has been at the drone: its battery was changed, its computer restarted, or it was lifted.
+/// Signs that somebody was at the drone: changed battery, restarted computer, lifted drone.
 #[test]
 fn clearance_after_somebody_was_at_the_drone() {
     type Change = fn(&mut DroneStatus);
@@ -184,7 +184,7 @@ fn clearance_after_somebody_was_at_the_drone() {
     };
     assert_eq!(silent(restarted), (false, vec![(1, ClearanceEnd::Computer)]));
     assert_eq!(silent(|_| ()), (true, vec![]));
-    // A charger is slower.
+    // A charger raises the charge more slowly than a battery change.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for k in 0..800 {
         rig.t_s += 0.5;

@@ -11,7 +11,7 @@ fn single_status_from_beyond_the_deck() {
         let owners = [rig.run_as(status, 1), rig.run_as(status, 6)];
         (owners, rig.arbiter.occupied(Time::from_secs(rig.t_s)))
     };
-    // Several over seconds, armed and in the air: it has left.
+    // Several statuses over seconds, armed and in the air, show that it has left.
     assert_eq!(far(|_| {}), ([1, 2], false));
     let contrary: [fn(&mut DroneStatus); 6] = [
         |s| s.armed = false,
@@ -19,13 +19,13 @@ fn single_status_from_beyond_the_deck() {
         |s| s.landed = LandedState::Unknown,
         |s| s.deck_distance_m = None,
         |s| s.deck_distance_m = Some(14.0),
-        // Its own mission has it on the deck, whose position it has wrong.
+        // The drone's own mission reports that it stands on the deck, with a wrong position.
         |s| s.state = State::Landed,
     ];
     for (k, change) in contrary.into_iter().enumerate() {
         assert_eq!(far(change), ([1, 1], true), "{k}");
     }
-    // The same of one that was on its way down when it was received last.
+    // The same applies to a drone that was descending when last received.
     for (state, distance_m) in [
         (State::Hold, None),
         (State::GaveUp, None),
@@ -48,7 +48,7 @@ fn evidence_of_a_departure_between_contrary_statuses() {
     for _ in 0..20 {
         assert_eq!([rig.run_as(far, 5), rig.run_as(near, 1)], [1, 1]);
     }
-    // A silence, or another start of the drone, ends it as well.
+    // A silence or a restart of the drone resets the evidence.
     for _ in 0..3 {
         assert_eq!(
             [rig.run_as(far, 5), rig.run(&[(2, State::Approach)], 3.0)],
@@ -61,7 +61,7 @@ fn evidence_of_a_departure_between_contrary_statuses() {
         rig.run(&[(2, State::Approach)], 1.5);
         assert_eq!(rig.run_as(restarted, 5), 1);
     }
-    // Many at once are no time.
+    // Statuses that arrive at once do not span the required time.
     let mut rig = Rig::with_a_landed_drone();
     let burst = (1..20).map(|k| {
         let mut far = rig.flying(200.0);
@@ -86,7 +86,7 @@ fn deck_of_a_drone_carried_off() {
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run_as(ashore, 4), 2, "{distance_m:?}");
     }
-    // In the air above the deck it is not freed by an order.
+    // An order does not release a drone in the air above the deck.
     let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Flare, 1.0)]);
     let mut blind = rig.flying(1.0);
     blind.deck_distance_m = None;
@@ -110,11 +110,11 @@ fn drone_switched_on_without_a_position() {
         let (_, mut rig, status) = parked(landed, None);
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
         assert_eq!(rig.arbiter.unplaced().collect::<Vec<_>>(), [1]);
-        // Also when it is switched off, and the vessel is restarted.
+        // No drone receives the deck, even when this one is switched off, and after a restart of the vessel.
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
         rig.restart(Some(rig.arbiter.checkpoint()));
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
-        // One position may be wrong; several locate it.
+        // One position may be wrong; several are evidence.
         let far = DroneStatus {
             deck_distance_m: Some(200.0),
             ..status
@@ -123,13 +123,13 @@ fn drone_switched_on_without_a_position() {
         other.run_as(status, 4);
         assert_eq!([other.run_as(far, 1), other.run_as(status, 4)], [0, 0]);
         assert_eq!(other.run_as(far, 8), 2, "{landed:?}");
-        // Or the crew sees that nothing stands there.
+        // The crew may also report that nothing stands on the deck.
         let (_, mut rig, status) = parked(landed, None);
         rig.run_as(status, 4);
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run_as(status, 4), 2, "{landed:?}");
     }
-    // It takes the deck from no drone that has it.
+    // A drone without a position does not take the deck from its owner.
     let mut rig = Rig::new();
     rig.run(&[(2, State::TrackingStable)], 0.5);
     let status = DroneStatus {
@@ -149,9 +149,9 @@ fn drone_reporting_from_the_deck() {
     let cases = [
         (Some(1.0), LandedState::OnGround, 1),
         (Some(200.0), LandedState::OnGround, 2),
-        // It may stand there.
+        // The drone may stand on the deck.
         (None, LandedState::OnGround, 0),
-        // Above it, whatever it means to do there.
+        // The drone is above the deck, whatever its intention.
         (Some(1.0), LandedState::InAir, 0),
     ];
     for (distance_m, landed, owner) in cases {

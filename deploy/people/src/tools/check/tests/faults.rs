@@ -1,13 +1,12 @@
-//! The finding on each fault of a computer.
+//! Finding on each fault of a computer.
 
 use alight_shared::msg::SourceStatus;
 
 use super::*;
 use crate::tools::check::facts::{DeckInputCheck, SourceCheck};
 
-/// A fault: the change, and a part of the finding.
+/// Change that makes a fault, and a part of the finding's text.
 type Fault = (fn(&mut CheckFacts), &'static str);
-/// Faults of a computer's facts, and the level of their finding.
 type FaultTable = (fn() -> CheckFacts, FindingLevel, &'static [Fault]);
 
 fn own(f: &mut CheckFacts) -> &mut Identity {
@@ -42,7 +41,6 @@ fn input(f: &mut CheckFacts, level: Result<bool, String>) {
     }];
 }
 
-/// Faults that break a vessel.
 const VESSEL_BROKEN: &[Fault] = &[
     (|f| f.clock_s = 40, "never set"),
     (
@@ -57,7 +55,7 @@ const VESSEL_BROKEN: &[Fault] = &[
         "permission denied",
     ),
     (|f| own(f).key_fits = Some(false), "does not belong"),
-    (|f| own(f).of_authority = Some(false), "another authority"),
+    (|f| own(f).of_authority = Some(false), "the trusted authority"),
     (|f| f.identity = None, "names no files"),
     (|f| f.ports[0].state = PortState::Busy, "another program"),
     (
@@ -66,7 +64,6 @@ const VESSEL_BROKEN: &[Fault] = &[
     ),
 ];
 
-/// Faults of a vessel to be warned of.
 const VESSEL_WARNINGS: &[Fault] = &[
     (|f| f.sync = None, "no program reports"),
     (
@@ -90,7 +87,6 @@ const VESSEL_WARNINGS: &[Fault] = &[
     (|f| f.governors[2] = "powersave".into(), "powersave"),
 ];
 
-/// Faults of a drone to be warned of.
 const DRONE_WARNINGS: &[Fault] = &[
     (
         |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
@@ -134,7 +130,7 @@ const DRONE_WARNINGS: &[Fault] = &[
                 ..exposed(0.6, 0.0)
             })))
         },
-        "has no control: its own automatic exposes",
+        "has no control: the camera's own automatic exposure is in use",
     ),
     (
         |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
@@ -177,7 +173,6 @@ const DRONE_WARNINGS: &[Fault] = &[
     (|f| f.processors = 1, "one processor"),
 ];
 
-/// Faults that break a drone.
 const DRONE_BROKEN: &[Fault] = &[
     (|f| f.signing = signed(Err("no such file"), 0), "no such file"),
     (|f| f.signing = signed(Ok(0o600), 4), "not signed"),
@@ -210,7 +205,7 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
 ];
 
-/// Frames from before the autopilot had the key, or of others, break no link on which its own are admitted.
+/// On a link that admits the autopilot's own frames, others' frames or those from before it had the key are harmless.
 #[test]
 fn frames_left_out_of_a_link_that_works() {
     let mut facts = drone();

@@ -1,12 +1,13 @@
-//! Set-point loss: distinction of PX4's own hold, after our set-points ceased, from a person's.
+//! Set-point loss: distinguishes PX4's own hold after a loss of our set-points from a hold that the pilot chose.
 //!
-//! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point that it has taken and ends with the
-//! next one; any other is the will of a person, who has taken the drone over. Set-points cease where the pilot or this link
-//! pauses, where the whole computer stands still (then the link itself does not step), and where the autopilot does, or the
-//! wire, which its silence shows. A computer that was suspended with its clock knows of no gap: the autopilot's clock, which went
-//! on, shows it. Before this link's first set-point all is a gap: what an armed drone holds for then is not known, and a link
-//! before this one may have died. A hold that may have begun in a gap is PX4's own; for a person's it then counts as
-//! soon as set-points do not end it. ArduCopter never holds by itself: its Brake is chosen.
+//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point it received, and
+//! ends with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
+//! pauses, when the whole computer is suspended (the link itself does not step then), and when the autopilot or the
+//! serial line stalls, which its silence shows. A computer that was suspended with its clock sees no gap; the
+//! autopilot's clock, which continued, shows it. The time before this link's first set-point is treated as a gap: the
+//! reason for a hold is unknown then, and a previous link may have died. A hold that may have begun in a gap is
+//! attributed to PX4 at first, and to the pilot if set-points do not end it. ArduCopter never holds by itself: its
+//! Brake is a pilot's choice.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -15,46 +16,39 @@ use super::clock::RemoteClock;
 use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 
-/// Nothing was sent for longer than this, s: five periods of the set-points.
+/// Time without a set-point above which it is a gap, s: five periods.
 const GAP_S: f64 = 0.1;
-/// PX4 leaves OFFBOARD and reports so no later than this after COM_OF_LOSS_T, s: its commander's period, its failsafe, and
-/// half of a heartbeat's period.
+/// Maximum time after COM_OF_LOSS_T until PX4 leaves OFFBOARD and reports it, s: its commander's period, its failsafe,
+/// and half of a heartbeat's period.
 const REPORTED_WITHIN_S: f64 = 0.5;
-/// PX4 that holds by itself comes back with the first set-points; one that has been sent them for so long, s, does not
-/// because a person chose the hold.
+/// Time within which set-points end PX4's own hold, s. A hold that lasts longer is the pilot's.
 const RETURNS_WITHIN_S: f64 = 3.0;
 
-/// Observation of the link in a step.
 #[derive(Clone, Copy, Debug)]
 struct Observed {
-    /// The autopilot's mode.
     mode: AutopilotMode,
-    /// Motors may turn.
     armed: bool,
-    /// Something of the autopilot arrived in this step.
     received: bool,
-    /// When the last set-point went out.
     sent_at: Option<DroneTime>,
-    /// Without one PX4 leaves OFFBOARD after this, s; None for a firmware that does not.
+    /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for firmware that does not.
     loss_s: Option<f64>,
-    /// This computer stood still with its clock: known since, and for how long, s.
+    /// Suspension of this computer with its clock: time of detection, and duration, s.
     stood_still: Option<(DroneTime, f64)>,
 }
 
-/// A stream's newest gap: when it ended, and how long it was, s.
+/// Newest gap of a stream: its end, and its length, s.
 #[derive(Clone, Copy, Debug, Default)]
 struct Gaps {
     last: Option<DroneTime>,
     newest: Option<(DroneTime, f64)>,
 }
 
-/// A gap in which PX4 that waits `loss_s` for set-points may have begun to hold, of which it may report by `now`.
+/// Whether a gap may have caused a hold of PX4 that was reported by `now`; `loss_s` is PX4's set-point timeout.
 fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bool {
     gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
 }
 
 impl Gaps {
-    /// The stream has gone on at `at`, known now.
     fn goes_on(&mut self, now: DroneTime, at: DroneTime) {
         let gap_s = self.last.map_or(f64::INFINITY, |last| (at - last).secs());
         if gap_s > GAP_S {
@@ -67,26 +61,24 @@ impl Gaps {
     }
 }
 
-/// The hold's origin, decided where the mode changes and kept until it changes again.
+/// Origin of a hold, decided when the mode changes and kept until it changes again.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct LapseMonitor {
-    /// None: not reported yet.
+pub(super) struct SetPointLossMonitor {
+    /// Newest mode; None before the first report.
     mode: Option<AutopilotMode>,
-    lapsed: bool,
-    /// Set-points have been sent into the hold since.
+    lost: bool,
+    /// Time since which set-points have been sent into the hold.
     streams: Option<DroneTime>,
-    /// The step before this one.
     stepped: Option<DroneTime>,
-    /// Gaps of our set-points, and of the autopilot's messages.
+    /// Gaps in our set-points and in the autopilot's messages.
     sent: Gaps,
     received: Gaps,
 }
 
-impl LapseMonitor {
-    pub(super) fn is_lapsed(&self) -> bool {
-        self.lapsed
+impl SetPointLossMonitor {
+    pub(super) fn is_lost(&self) -> bool {
+        self.lost
     }
-    /// Judges a hold where it begins.
     fn step(&mut self, now: DroneTime, o: &Observed) {
         let before = self.stepped.replace(now).unwrap_or(now);
         if let Some(at) = o.sent_at.filter(|at| self.sent.last != Some(*at)) {
@@ -102,14 +94,14 @@ impl LapseMonitor {
                 let suspended = o.stood_still.is_some_and(|gap| explains(gap, now, loss_s));
                 suspended || self.follows_a_gap(now, before, o.sent_at, loss_s)
             };
-            self.lapsed = left && holds && o.loss_s.is_some_and(follows);
+            self.lost = left && holds && o.loss_s.is_some_and(follows);
             self.mode = Some(o.mode);
         }
         let sent_at = o.sent_at;
-        let sends = self.lapsed && sent_at.is_some_and(|at| (now - at).secs() <= GAP_S);
+        let sends = self.lost && sent_at.is_some_and(|at| (now - at).secs() <= GAP_S);
         self.streams = self.streams.filter(|_| sends).or(sends.then_some(now));
         let returns = |since: DroneTime| (now - since).secs() <= RETURNS_WITHIN_S;
-        self.lapsed &= o.armed && self.streams.is_none_or(returns);
+        self.lost &= o.armed && self.streams.is_none_or(returns);
     }
     /// Whether a hold that began between the step `before` and `now` may be PX4's own.
     fn follows_a_gap(
@@ -123,7 +115,7 @@ impl LapseMonitor {
             .is_none_or(|at| (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S);
         ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
-    /// Judges a hold that has just begun; `received`: something of the autopilot arrived in this step.
+    /// Classifies a hold that has just begun; `received`: the autopilot sent a message in this step.
     pub(super) fn watch(
         &mut self,
         now: DroneTime,
@@ -165,28 +157,28 @@ mod tests {
             stood_still: None,
         }
     }
-    /// Steps of 10 ms between these times, s.
+    /// Times in steps of 10 ms, s.
     fn steps(from_s: f64, to_s: f64) -> impl Iterator<Item = f64> {
         (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
     }
 
-    /// Whether a hold that is observed so long after the last set-point is a lapse.
-    fn lapsed(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
-        let mut m = LapseMonitor::default();
+    /// Whether a hold `after_s` after the last set-point is classified as a set-point loss.
+    fn lost(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
+        let mut m = SetPointLossMonitor::default();
         for t in steps(-1.0, after_s) {
             m.step(at(t), &observed(from, t.min(0.0), loss_s));
         }
         m.step(at(after_s), &observed(to, 0.0, loss_s));
-        m.is_lapsed()
+        m.is_lost()
     }
 
     #[test]
-    fn lapse_as_a_hold_after_offboard() {
+    fn set_point_loss_as_a_hold_after_offboard() {
         use AutopilotMode::{Hold, Land, Offboard, Other};
         for (from, to, after_s, loss_s, expected) in [
             (Offboard, Hold, 0.35, Some(0.25), true),
             (Offboard, Hold, 0.7, Some(0.25), true),
-            // Set-points went out: a person chose it.
+            // Set-points were sent, so the pilot chose the hold.
             (Offboard, Hold, 0.02, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.5), true),
@@ -195,32 +187,32 @@ mod tests {
             (Other, Hold, 0.35, Some(0.25), false),
             (Offboard, Land, 0.35, Some(0.25), false),
         ] {
-            let found = lapsed(from, to, after_s, loss_s);
+            let found = lost(from, to, after_s, loss_s);
             assert_eq!(found, expected, "{from:?} to {to:?} after {after_s} s");
         }
     }
 
-    /// This computer, or the autopilot's, stands still for so long, s; the hold is reported so long after the gap. Its
-    /// set-points go on meanwhile where it is the autopilot that is silent.
+    /// This computer or the autopilot stalls for `gap_s`; the hold is reported `after_s` after the gap. Set-points
+    /// continue while the autopilot is silent.
     #[test]
-    fn lapse_after_a_standstill() {
+    fn set_point_loss_after_a_standstill() {
         use AutopilotMode::{Hold, Offboard};
         for (own, gap_s, after_s, expected) in [
             (true, 0.5, 0.0, true),
             (true, 0.8, 0.0, true),
             (true, 1.5, 0.0, true),
-            // Of the frames that have queued up, those of the hold come later.
+            // The frames that report the hold are late in the queue.
             (true, 1.5, 0.4, true),
             (false, 0.76, 0.0, true),
             (false, 0.76, 0.4, true),
-            // A person's, a second after it or after a hiccup.
+            // The pilot's hold: a second after the gap, or after a delay too short for a set-point loss.
             (true, 1.5, 1.0, false),
             (false, 0.76, 1.0, false),
             (true, 0.12, 0.2, false),
             (false, 0.12, 0.2, false),
         ] {
-            let mut m = LapseMonitor::default();
-            let goes_on = |m: &mut LapseMonitor, t: f64, mode, received| {
+            let mut m = SetPointLossMonitor::default();
+            let goes_on = |m: &mut SetPointLossMonitor, t: f64, mode, received| {
                 m.step(
                     at(t),
                     &Observed {
@@ -235,8 +227,8 @@ mod tests {
             for t in steps(0.0, if own { 0.0 } else { gap_s }) {
                 goes_on(&mut m, t, Offboard, false);
             }
-            // The step's own set-point goes out after it.
-            let observe = |m: &mut LapseMonitor, t: f64, mode| {
+            // The step's own set-point is sent after the observation.
+            let observe = |m: &mut SetPointLossMonitor, t: f64, mode| {
                 let sent_s = if t > gap_s || !own { t - 0.01 } else { -0.01 };
                 m.step(at(t), &observed(mode, sent_s, Some(0.25)));
             };
@@ -244,15 +236,15 @@ mod tests {
                 observe(&mut m, t, Offboard);
             }
             observe(&mut m, gap_s + after_s, Hold);
-            assert_eq!(m.is_lapsed(), expected, "own {own}, {gap_s} s, {after_s} s after");
+            assert_eq!(m.is_lost(), expected, "own {own}, {gap_s} s, {after_s} s after");
         }
     }
 
-    /// This computer was suspended with its clock: its own set-points show no gap.
+    /// Suspension of this computer with its clock: its own set-points show no gap.
     #[test]
-    fn lapse_of_a_suspended_computer() {
+    fn set_point_loss_of_a_suspended_computer() {
         for (gap_s, expected) in [(1.5, true), (0.1, false)] {
-            let mut m = LapseMonitor::default();
+            let mut m = SetPointLossMonitor::default();
             for t in steps(-1.0, 0.0) {
                 m.step(at(t), &observed(AutopilotMode::Offboard, t, Some(0.25)));
             }
@@ -261,16 +253,16 @@ mod tests {
                 ..observed(AutopilotMode::Hold, -0.01, Some(0.25))
             };
             m.step(at(0.0), &back);
-            assert_eq!(m.is_lapsed(), expected, "{gap_s}");
+            assert_eq!(m.is_lost(), expected, "{gap_s}");
         }
     }
 
-    /// A link without its predecessor's checkpoint, which has sent nothing, or its first set-point so long before (s).
+    /// Link without its predecessor's checkpoint, before its first set-point or just after it.
     #[test]
     fn hold_found_at_the_start() {
         use AutopilotMode::{Hold, Offboard, Other};
         let first = |before: &[AutopilotMode], armed, sent_s: Option<f64>, loss_s| {
-            let mut m = LapseMonitor::default();
+            let mut m = SetPointLossMonitor::default();
             for (k, mode) in before.iter().chain([&Hold]).enumerate() {
                 let t = 20.0 * k as f64;
                 let sent_at = sent_s.filter(|_| *mode == Hold).map(|s| at(t - s));
@@ -281,14 +273,14 @@ mod tests {
                 };
                 m.step(at(t), &o);
             }
-            m.is_lapsed()
+            m.is_lost()
         };
         let px4 = Some(0.25);
         for (before, armed, sent_s, loss_s, expected) in [
             (&[][..], true, None, px4, true),
             (&[Offboard], true, None, px4, true),
             (&[Offboard], true, Some(0.01), px4, true),
-            // A pilot flew it; it stands disarmed; ArduCopter.
+            // A pilot flew the drone; the drone is disarmed; the firmware is ArduCopter.
             (&[Other], true, None, px4, false),
             (&[], false, None, px4, false),
             (&[], true, None, None, false),
@@ -302,15 +294,15 @@ mod tests {
     }
 
     #[test]
-    fn lapse_not_ended_by_set_points() {
-        let mut m = LapseMonitor::default();
+    fn set_point_loss_not_ended_by_set_points() {
+        let mut m = SetPointLossMonitor::default();
         let mut step = |t: f64, mode, sent_s: f64| {
             m.step(at(t), &observed(mode, sent_s, Some(0.25)));
-            m.is_lapsed()
+            m.is_lost()
         };
         step(0.0, AutopilotMode::Offboard, 0.0);
         step(0.3, AutopilotMode::Hold, 0.0);
-        // The pilot does not react, so that nothing shows who chose the mode.
+        // The pilot does not react, so the origin of the mode stays unknown.
         assert!(step(60.0, AutopilotMode::Hold, 0.0));
         for k in 0..40 {
             let t = 60.0 + 0.1 * f64::from(k);

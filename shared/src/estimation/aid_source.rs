@@ -1,0 +1,61 @@
+//! Record of a source of measurements of a filter, after the aid sources of PX4's EKF2: by it the source continues, stops,
+//! and is taken back after rejections.
+
+use crate::time::{Clock, Time};
+
+/// Factor between innovations of one run of rejections: a jump of the source is about constant, a noisy source is not.
+const CONSISTENT: f64 = 2.0;
+
+/// Newest measurement of a source against a filter's prediction.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AidSource<C: Clock> {
+    /// Time of the newest measurement.
+    pub measured_at: Option<Time<C>>,
+    /// Time of the newest that was fused.
+    pub fused_at: Option<Time<C>>,
+    /// Innovation of the newest of a scalar.
+    pub innovation: f64,
+    /// Consecutive rejections.
+    pub rejections: u32,
+    /// First of the newest rejections whose innovations are consistent, and its innovation.
+    run: Option<(Time<C>, f64)>,
+}
+
+impl<C: Clock> AidSource<C> {
+    /// Records a measurement of the time `at`, of a scalar with its innovation.
+    pub fn record(&mut self, at: Time<C>, innovation: f64, fused: bool) {
+        self.measured_at = self.measured_at.max(Some(at));
+        self.innovation = innovation;
+        if fused {
+            self.fused_at = self.fused_at.max(Some(at));
+            (self.rejections, self.run) = (0, None);
+            return;
+        }
+        self.rejections = self.rejections.saturating_add(1);
+        let continues = |(_, first): &(Time<C>, f64)| {
+            let ratio = innovation / first;
+            (1.0 / CONSISTENT..=CONSISTENT).contains(&ratio)
+        };
+        self.run = self.run.filter(continues).or(Some((at, innovation)));
+    }
+    /// The gate `closed`, or none after `limit` consecutive rejections: the filter is wrong then.
+    pub fn gate(&self, closed: f64, limit: u32) -> f64 {
+        if self.rejections < limit {
+            closed
+        } else {
+            f64::INFINITY
+        }
+    }
+    /// Duration of the rejections with consistent innovations, s, and the change of the innovation meanwhile.
+    pub fn contradiction(&self) -> (f64, f64) {
+        self.run
+            .zip(self.measured_at)
+            .map_or((0.0, 0.0), |((since, first), at)| {
+                ((at - since).secs(), self.innovation - first)
+            })
+    }
+    /// Time since the newest fused measurement, s; infinite before the first.
+    pub fn age_s(&self, now: Time<C>) -> f64 {
+        self.fused_at.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
+    }
+}

@@ -1,0 +1,381 @@
+//! Channels that repeat their numbers bit by bit while the boat moves: a driver that repeats its last sentence, an instrument
+//! that aligns itself, a field that no instrument fills.
+//!
+//! Swings of any channel of any sensor of the boat are the witnesses: a value that turns, and turns again, by more than its
+//! noise. A manoeuvre does not turn back; waves do, twice a period. Each swing implies a smallest movement of the other
+//! channels. A channel stands still when several swings, each of which implies clearly more than the channel's resolution,
+//! leave its numbers as they are. The resolution is the smallest of its newest changes; a channel that never changed is
+//! taken for a coarse one; a heading of exactly zero from the start is a placeholder, for which a tenth of that is enough.
+
+use core::f64::consts::PI;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::Datum;
+use alight_shared::time::{Time, VesselClock};
+
+use super::{has_height, has_place, has_velocity};
+use crate::sensors::Measurement;
+
+/// Channels that may stand still, in the order of their evidence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Channel {
+    Tilt,
+    Heading,
+    Heave,
+    Height,
+    Place,
+    Rates,
+    RateOfTurn,
+}
+const CHANNELS: usize = 7;
+
+/// Smallest time, number of equal values and of swings before a channel stands still. A gateway that repeats a sensor of 1 Hz
+/// is below the time.
+const STILL_S: f64 = 4.0;
+const STILL_VALUES: u32 = 5;
+const STILL_SWINGS: u32 = 3;
+/// Movement that a swing implies, in resolutions of the channel that should show it.
+const CLEARLY: f64 = 2.0;
+/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s. A tenth of it is
+/// the finest that counts.
+const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
+const FINE: f64 = 0.1;
+/// Numbers this near are the same (rad, m, deg of a place): rotations leave as much of the same angles.
+const SAME: f64 = 1e-9;
+/// Factor on the smallest change with every further change: changes of long ago are of another setting.
+const FORGETTING: f64 = 1.005;
+/// Way by the velocity of its own fix after which a place stands still, m: places are cut to thousandths of a minute at most.
+const WAY_M: f64 = 10.0;
+
+/// Witnesses: their names, and the smallest swing from turn to turn that is no noise, SI. Rates are integrated over some seconds
+/// first: their own turns are those of noise.
+const WITNESSES: [(&str, f64); 7] = [
+    ("roll", 0.005),
+    ("pitch", 0.005),
+    ("heading", 0.0175),
+    ("heave", 0.1),
+    ("height", 0.15),
+    ("roll rate", 0.005),
+    ("pitch rate", 0.005),
+];
+/// Time over which a rate is integrated, and longest time between two of its values, s.
+const RATE_S: f64 = 3.0;
+const MAX_STEP_S: f64 = 0.35;
+/// Further, the swing of a height in its standard deviations.
+const HEIGHT_SDS: f64 = 6.0;
+/// A swing that takes longer, or has a longer gap, is no wave, s.
+const MAX_SWING_S: f64 = 15.0;
+/// Fractions of a movement that go over into another, chosen low: a hull follows the slope of a wave, rolls while it yaws and
+/// yaws while it rolls, and heaves with the wave that makes it roll.
+const OF_SLOPE: f64 = 0.5;
+const OF_TILT: f64 = 0.5;
+const TILT_OF_YAW: f64 = 0.1;
+const YAW_OF_TILT: f64 = 0.05;
+const HEAVE_OF_TILT: f64 = 0.1;
+/// Steepest wave's slope, rad: beyond it the witness is noise.
+const MAX_SLOPE: f64 = 0.4;
+/// A hull that rolls more slowly heels in her turns, half a period, s.
+const MAX_ROLL_S: f64 = 4.0;
+const G: f64 = 9.81;
+
+/// A channel that stands still: since when, its first number (SI), and the witness that moves meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Standstill {
+    pub(super) since: Time<VesselClock>,
+    pub(super) value: f64,
+    pub(super) by: &'static str,
+    /// This is the first value of it.
+    pub(super) is_new: bool,
+}
+
+/// Channels of a measurement that stand still.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Still([Option<Standstill>; CHANNELS]);
+
+impl Still {
+    pub(super) fn of(&self, channel: Channel) -> Option<Standstill> {
+        self.0.get(channel as usize).copied().flatten()
+    }
+}
+
+/// The newest numbers of a channel, and what moved while they stayed the same.
+#[derive(Clone, Copy, Debug)]
+struct Repetition {
+    numbers: [f64; 4],
+    since: Time<VesselClock>,
+    newest: Time<VesselClock>,
+    count: u32,
+    /// Smallest of its newest changes; None before the first.
+    step: Option<f64>,
+    swings: u32,
+    way_m: f64,
+    by: &'static str,
+    is_named: bool,
+}
+
+impl Repetition {
+    fn new(at: Time<VesselClock>, numbers: [f64; 4], step: Option<f64>) -> Self {
+        Repetition {
+            numbers,
+            since: at,
+            newest: at,
+            count: 1,
+            step,
+            swings: 0,
+            way_m: 0.0,
+            by: "",
+            is_named: false,
+        }
+    }
+    fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
+        let changes = self.numbers.iter().zip(numbers).map(|(a, b)| (a - b).abs());
+        let change = changes.fold(0.0, f64::max);
+        if change <= SAME && at >= self.newest {
+            self.way_m += speed_mps * (at - self.newest).secs().min(1.0);
+            (self.newest, self.count) = (at, self.count.saturating_add(1));
+            return;
+        }
+        let step = self.step.map_or(change, |step| change.min(FORGETTING * step));
+        *self = Repetition::new(at, numbers, Some(step));
+    }
+    fn resolution(&self, channel: usize) -> f64 {
+        let coarse = COARSE.get(channel).copied().unwrap_or(f64::INFINITY);
+        let is_zero = channel == Channel::Heading as usize && self.numbers.iter().all(|x| *x == 0.0);
+        match self.step {
+            Some(step) => step.max(FINE * coarse),
+            None if is_zero => FINE * coarse,
+            None => coarse,
+        }
+    }
+    fn still(&mut self) -> Option<Standstill> {
+        let by = match self.way_m >= WAY_M {
+            true => "velocity",
+            false if self.swings >= STILL_SWINGS => self.by,
+            false => return None,
+        };
+        let lasts = self.count >= STILL_VALUES && (self.newest - self.since).secs() >= STILL_S;
+        lasts.then(|| Standstill {
+            since: self.since,
+            value: self.numbers[0],
+            by,
+            is_new: !core::mem::replace(&mut self.is_named, true),
+        })
+    }
+}
+
+/// Turns of a witness.
+#[derive(Clone, Copy, Debug, Default)]
+struct Turns {
+    newest: Option<(Time<VesselClock>, f64)>,
+    /// The last turn, the extreme since then, and whether the value rises.
+    turn: Option<(Time<VesselClock>, f64)>,
+    extreme: Option<(Time<VesselClock>, f64)>,
+    rises: Option<bool>,
+}
+
+/// A swing from one turn to the next: its begin, half its range, and its time, s.
+#[derive(Clone, Copy, Debug)]
+struct Swing {
+    begun: Time<VesselClock>,
+    amplitude: f64,
+    half_s: f64,
+}
+
+impl Turns {
+    /// Takes a value; the swing that ends with the last extreme, once the value is back from it by `noise`.
+    fn take(&mut self, at: Time<VesselClock>, x: f64, noise: f64) -> Option<Swing> {
+        let gap_s = self.newest.map_or(0.0, |(then, _)| (at - then).secs());
+        if !(0.0..MAX_SWING_S).contains(&gap_s) || !x.is_finite() {
+            *self = Turns::default();
+            return None;
+        }
+        self.newest = Some((at, x));
+        let (then, extreme) = *self.extreme.get_or_insert((at, x));
+        let Some(rises) = self.rises else {
+            // The first value may lie between two turns.
+            if (x - extreme).abs() > 0.5 * noise {
+                (self.rises, self.turn, self.extreme) = (Some(x > extreme), self.extreme, self.newest);
+            }
+            return None;
+        };
+        let further = if rises { x - extreme } else { extreme - x };
+        if further >= 0.0 {
+            self.extreme = self.newest;
+        }
+        if further >= -noise {
+            return None;
+        }
+        let (begun, from) = self.turn.replace((then, extreme))?;
+        (self.extreme, self.rises) = (self.newest, Some(!rises));
+        let half_s = (then - begun).secs();
+        (half_s > 0.0 && half_s < MAX_SWING_S).then_some(Swing {
+            begun,
+            amplitude: 0.5 * (extreme - from).abs(),
+            half_s,
+        })
+    }
+}
+
+impl Swing {
+    /// Smallest movement of each channel that this swing of a witness implies, SI.
+    fn implied(&self, witness: usize) -> [f64; CHANNELS] {
+        let (a, w) = (self.amplitude, PI / self.half_s);
+        let slope = a * w * w / G;
+        let of_roll = if self.half_s < MAX_ROLL_S {
+            HEAVE_OF_TILT * a * G / (w * w)
+        } else {
+            0.0
+        };
+        let [tilt, vertical, yaw] = match witness {
+            2 => [TILT_OF_YAW * a, 0.0, OF_TILT * a],
+            3 | 4 if slope > MAX_SLOPE => [0.0; 3],
+            3 | 4 => [OF_SLOPE * slope, a, YAW_OF_TILT * OF_SLOPE * slope],
+            _ => [OF_TILT * a, of_roll, YAW_OF_TILT * a],
+        };
+        [tilt, yaw, vertical, vertical, 0.0, tilt * w, yaw * w]
+    }
+}
+
+/// Channels and witnesses of one sensor.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sensor {
+    channels: [Option<Repetition>; CHANNELS],
+    turns: [Turns; WITNESSES.len()],
+    /// Heading without its jump at north, rad.
+    course: Option<f64>,
+    /// Integrals of the rates of roll and pitch, rad, and the rates' newest time.
+    integrals: [f64; 2],
+    rated: Option<Time<VesselClock>>,
+}
+
+/// The channels of all sensors of a boat.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Movement {
+    sensors: Vec<Sensor>,
+}
+
+impl Movement {
+    /// Takes a measurement of a sensor of this number; its channels that stand still.
+    pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Still {
+        let k = usize::from(number);
+        if self.sensors.len() <= k {
+            self.sensors.resize_with(k + 1, Sensor::default);
+        }
+        let Some(sensor) = self.sensors.get_mut(k) else {
+            return Still::default();
+        };
+        let swings = sensor.take(m);
+        for (witness, swing) in swings.into_iter().flatten() {
+            let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
+            for s in &mut self.sensors {
+                for (k, (channel, smallest)) in s.channels.iter_mut().zip(implied).enumerate() {
+                    let Some(channel) = channel else { continue };
+                    let shows = smallest > CLEARLY * channel.resolution(k);
+                    if shows && swing.begun >= channel.since {
+                        (channel.swings, channel.by) = (channel.swings.saturating_add(1), name);
+                    }
+                }
+            }
+        }
+        let mut still = Still::default();
+        let channels = self.sensors.get_mut(k).map(|s| s.channels.iter_mut());
+        for (to, channel) in still.0.iter_mut().zip(channels.into_iter().flatten()) {
+            let own = channel.as_mut().filter(|c| c.newest == m.at());
+            *to = own.and_then(Repetition::still);
+        }
+        still
+    }
+}
+
+impl Sensor {
+    fn channel(&mut self, channel: Channel, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
+        if let Some(slot) = self.channels.get_mut(channel as usize) {
+            match slot {
+                Some(known) => known.take(at, numbers, speed_mps),
+                None => *slot = Some(Repetition::new(at, numbers, None)),
+            }
+        }
+    }
+    /// The newest seconds of rates, integrated, rad.
+    fn integrate(&mut self, at: Time<VesselClock>, rates: [f64; 2]) -> [f64; 2] {
+        let dt = self.rated.replace(at).map_or(0.0, |then| (at - then).secs());
+        if !(0.0..MAX_STEP_S).contains(&dt) {
+            self.integrals = [0.0; 2];
+            self.turns
+                .iter_mut()
+                .skip(5)
+                .for_each(|turns| *turns = Turns::default());
+            return self.integrals;
+        }
+        let kept = 1.0 - dt / RATE_S;
+        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+        self.integrals = core::array::from_fn(|k| finite(kept * (self.integrals[k] + rates[k] * dt)));
+        self.integrals
+    }
+    /// Takes a measurement; the swings that it ends, each with its witness.
+    fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 5] {
+        let at = m.at();
+        let mut found = [None; 5];
+        match m {
+            Measurement::Imu(m) => {
+                let [p, q, _] = m.gyro;
+                let [roll, pitch] = self.integrate(at, [p, q]);
+                (found[0], found[1]) = (Some((5, roll)), Some((6, pitch)));
+            }
+            Measurement::Attitude(m) => {
+                let [roll, pitch] = m.tilt;
+                self.channel(Channel::Tilt, at, [roll, pitch, 0.0, 0.0], 0.0);
+                (found[0], found[1]) = (Some((0, roll)), Some((1, pitch)));
+                if let Some(heave) = m.heave {
+                    self.channel(Channel::Heave, at, [heave, 0.0, 0.0, 0.0], 0.0);
+                    found[2] = Some((3, heave));
+                }
+                if let Some([p, q, r]) = m.rates {
+                    self.channel(Channel::Rates, at, [p, q, r, 0.0], 0.0);
+                    let [roll, pitch] = self.integrate(at, [p, q]);
+                    (found[3], found[4]) = (Some((5, roll)), Some((6, pitch)));
+                }
+            }
+            Measurement::Heading(m) => {
+                self.channel(Channel::Heading, at, [m.heading, 0.0, 0.0, 0.0], 0.0);
+                let last = self.course.unwrap_or(m.heading);
+                let course = last + wrap_angle(m.heading - last);
+                (self.course, found[0]) = (Some(course).filter(|c| c.is_finite()), Some((2, course)));
+                if let Some(rate) = m.rate {
+                    self.channel(Channel::RateOfTurn, at, [rate, 0.0, 0.0, 0.0], 0.0);
+                }
+            }
+            Measurement::Gnss(m) => {
+                let Datum {
+                    latitude_deg,
+                    longitude_deg,
+                    height_m,
+                } = m.datum;
+                let [x, y, z] = m.position;
+                let [north, east, _] = m.velocity;
+                if has_place(m) {
+                    let speed = if has_velocity(m) { north.hypot(east) } else { 0.0 };
+                    self.channel(Channel::Place, at, [latitude_deg, longitude_deg, x, y], speed);
+                }
+                if has_height(m) {
+                    self.channel(Channel::Height, at, [height_m - z, 0.0, 0.0, 0.0], 0.0);
+                    let is_fine = HEIGHT_SDS * m.position_sd[2] <= WAY_M;
+                    found[0] = is_fine.then_some((4, height_m - z));
+                }
+            }
+        }
+        let sd = match m {
+            Measurement::Gnss(m) => HEIGHT_SDS * m.position_sd[2],
+            Measurement::Imu(_) | Measurement::Attitude(_) | Measurement::Heading(_) => 0.0,
+        };
+        found.map(|found| {
+            let (witness, x) = found?;
+            let (_, noise) = WITNESSES.get(witness)?;
+            let swing = self.turns.get_mut(witness)?.take(at, x, noise.max(sd))?;
+            Some((witness, swing))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
