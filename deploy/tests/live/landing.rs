@@ -12,8 +12,9 @@ use crate::ground::{self, GroundStation};
 use crate::hostile::Attack;
 use crate::view;
 
-const PROCESSES: [&str; 7] = [
+const PROCESSES: [&str; 8] = [
     "world",
+    "sensors",
     "vessel",
     "bridge",
     "predictor",
@@ -155,7 +156,8 @@ fn replay_of_a_landing_among_hostile_packets() {
     let child = land(
         &name,
         &format!(
-            "--warm-up 15 --transport udp --log {} --record {} --plot {} --ground-station {}",
+            "--warm-up 15 --transport udp --scenario {} --log {} --record {} --plot {} --ground-station {}",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/moving-base.toml"),
             log.display(),
             recording.display(),
             plot.display(),
@@ -166,6 +168,9 @@ fn replay_of_a_landing_among_hostile_packets() {
     let watched = ground::watch(&name);
     Attack::assert_counted(&name);
     let shown = status_when(&name, |s| s["mission"]["state"] == "Approach");
+    // The vessel's frames of RTCM have reached the drone's receiver.
+    let passed_on = &shown["metrics"]["autopilot"]["rtcm_frames_passed_on"];
+    assert!(passed_on.as_f64() > Some(0.0), "{shown}");
     ground::assert_status_shown(&name);
     let pids = pids(&shown);
     assert_eq!(pids.len(), PROCESSES.len(), "{shown}");
@@ -183,8 +188,8 @@ fn replay_of_a_landing_among_hostile_packets() {
 
     assert_eq!(
         logs(&log),
-        10,
-        "vessel, bridge, predictor, mission, planner, pilot, autopilot, supervisor, the truth; the summary"
+        11,
+        "sensors, vessel, bridge, predictor, mission, planner, pilot, autopilot, supervisor, the truth; the summary"
     );
     let listed = printed(&run(format!("flights {} --json", log.display())));
     assert!(listed.contains("\"outcome\":\"landed\""), "{listed}");
