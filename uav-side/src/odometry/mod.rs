@@ -190,8 +190,8 @@ impl Odometry {
     /// `p' = v + drift`, `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump of its estimate since the
     /// last call.
     ///
-    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part, `k_p / (k_p
-    /// + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
+    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part,
+    /// `k_p / (k_p + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
     /// every landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
     pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
         let smoothed = self.smoothed(reported, counted);

@@ -79,7 +79,7 @@ fn parameters_that_stay() {
             p.notes.clear();
             p.inject(STATION, &set(component, "ALIGHT_APPR_H", value));
             p.run(0.1);
-            let text = format!("ALIGHT_APPR_H stays: {why}");
+            let text = format!("ALIGHT_APPR_H unchanged: {why}");
             let known = core::mem::take(&mut p.parameters);
             assert!(p.settings.is_empty(), "{firmware:?} {why}");
             (p.notes.iter().any(|(_, t)| *t == text), known.len())
