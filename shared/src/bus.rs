@@ -172,7 +172,7 @@ pub struct RowStep<N: Node> {
 }
 
 impl<N: Wired> RowStep<N> {
-    /// As observers see it, of the start of a process with this boot id.
+    /// The step as an observer sees it, from the start of a process with this boot id.
     pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
         Step {
             process,
@@ -365,13 +365,13 @@ macro_rules! computer {
                 make(nodes, boot)
             }
         })*
-        /// Does something for a row, whichever node it is.
+        /// Operation on a row, for any node type.
         pub trait $visitor: Sized {
             /// Result for a row.
             type Found;
-            /// For the row of this node.
+            /// Performs the operation on the row of this node.
             fn row<N: $kind + 'static>(self) -> Self::Found;
-            /// For the row of this process; None: the computer has none.
+            /// Performs the operation on the row of this process. None if the computer has no such row.
             fn visit(self, process: $crate::process::ProcessKind) -> Option<Self::Found> {
                 $(if process == $process {
                     return Some(self.row::<$node>());

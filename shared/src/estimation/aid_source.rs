@@ -1,28 +1,29 @@
-//! Record of a source of measurements of a filter, after the aid sources of PX4's EKF2: by it the source continues, stops,
-//! and is taken back after rejections.
+//! Record of one measurement source of a filter, modelled on the aid sources of PX4's EKF2. From it the filter decides
+//! whether to use the source, to stop using it, or to accept it again after rejections.
 
 use crate::time::{Clock, Time};
 
-/// Factor between innovations of one run of rejections: a jump of the source is about constant, a noisy source is not.
+/// Maximum ratio between the innovations of one run of rejections. A jump of the source is roughly constant; noise is
+/// not.
 const CONSISTENT: f64 = 2.0;
 
-/// Newest measurement of a source against a filter's prediction.
+/// Newest measurement of a source, compared with a filter's prediction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AidSource<C: Clock> {
     /// Time of the newest measurement.
     pub measured_at: Option<Time<C>>,
-    /// Time of the newest that was fused.
+    /// Time of the newest fused measurement.
     pub fused_at: Option<Time<C>>,
-    /// Innovation of the newest of a scalar.
+    /// Innovation of the newest scalar measurement.
     pub innovation: f64,
     /// Consecutive rejections.
     pub rejections: u32,
-    /// First of the newest rejections whose innovations are consistent, and its innovation.
+    /// Time and innovation of the first rejection in the current run of consistent innovations.
     run: Option<(Time<C>, f64)>,
 }
 
 impl<C: Clock> AidSource<C> {
-    /// Records a measurement of the time `at`, of a scalar with its innovation.
+    /// Records a scalar measurement made at `at`, with its innovation.
     pub fn record(&mut self, at: Time<C>, innovation: f64, fused: bool) {
         self.measured_at = self.measured_at.max(Some(at));
         self.innovation = innovation;
@@ -38,7 +39,8 @@ impl<C: Clock> AidSource<C> {
         };
         self.run = self.run.filter(continues).or(Some((at, innovation)));
     }
-    /// The gate `closed`, or none after `limit` consecutive rejections: the filter is wrong then.
+    /// Gate to apply: `closed`, or an open gate after `limit` consecutive rejections, since the filter is then assumed
+    /// wrong.
     pub fn gate(&self, closed: f64, limit: u32) -> f64 {
         if self.rejections < limit {
             closed
@@ -46,7 +48,7 @@ impl<C: Clock> AidSource<C> {
             f64::INFINITY
         }
     }
-    /// Duration of the rejections with consistent innovations, s, and the change of the innovation meanwhile.
+    /// Duration of the current run of consistent rejections, s, and the change of the innovation over it.
     pub fn contradiction(&self) -> (f64, f64) {
         self.run
             .zip(self.measured_at)

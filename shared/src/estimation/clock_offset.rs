@@ -1,13 +1,13 @@
-//! Offset between two clocks, from time stamps of what goes from one to the other.
+//! Offset between two clocks, from the time stamps of messages exchanged between them.
 
 use crate::time::{Clock, Span, Time};
 
-/// Bounds of the offset of the own clock `C`, less the other, whose times are nanoseconds since an epoch of its own. Nothing
-/// arrives before it left: `t1 - t2 <= o <= t4 - t3` with a request that left at `t1` and arrived at `t2`, and its reply that
-/// left at `t3` and arrived at `t4` (Mills' on-wire protocol, RFC 5905, section 8).
+/// Bounds on the offset of the local clock `C` minus the remote clock, whose times are in ns since its own epoch. No
+/// message arrives before it is sent: `t1 - t2 <= o <= t4 - t3` for a request sent at `t1` and received at `t2`, and
+/// its reply sent at `t3` and received at `t4` (Mills' on-wire protocol, RFC 5905, section 8).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffsetBounds<C: Clock> {
-    /// Time at which they hold.
+    /// Time at which the bounds hold.
     pub at: Time<C>,
     /// Smallest offset.
     pub low: Span,
@@ -16,14 +16,14 @@ pub struct OffsetBounds<C: Clock> {
 }
 
 impl<C: Clock> OffsetBounds<C> {
-    /// Bounds by a request and its reply, `t2` and `t3` of the other clock, ns.
+    /// Bounds from a request and its reply; `t2` and `t3` are on the remote clock, ns.
     pub fn of_exchange(t1: Time<C>, t2_ns: i64, t3_ns: i64, t4: Time<C>) -> Self {
         OffsetBounds {
             low: t1 - Time::from_nanos(t2_ns),
             ..Self::of_message(t3_ns, t4)
         }
     }
-    /// Upper bound by a message that left at `sent_ns` of the other clock and arrived at `at`.
+    /// Upper bound from a message sent at `sent_ns` on the remote clock and received at `at`.
     pub fn of_message(sent_ns: i64, at: Time<C>) -> Self {
         OffsetBounds {
             at,
@@ -31,7 +31,7 @@ impl<C: Clock> OffsetBounds<C> {
             high: at - Time::from_nanos(sent_ns),
         }
     }
-    /// Bounds at `now`, looser by what the clocks may drift apart since, `drift` in s/s.
+    /// Bounds at `now`, widened by the possible drift since `self.at`; `drift` in s/s.
     pub fn drifted(self, now: Time<C>, drift: f64) -> Self {
         let by = Span::from_nanos(((now - self.at).nanos().max(0) as f64 * drift) as i64);
         OffsetBounds {
@@ -40,7 +40,7 @@ impl<C: Clock> OffsetBounds<C> {
             high: self.high + by,
         }
     }
-    /// Bounds by both, which hold at one time.
+    /// Intersection of two bounds that hold at the same time.
     pub fn and(self, other: Self) -> Self {
         OffsetBounds {
             low: self.low.max(other.low),
@@ -48,7 +48,7 @@ impl<C: Clock> OffsetBounds<C> {
             ..self
         }
     }
-    /// Whether no offset is within both.
+    /// Whether the two bounds have no offset in common.
     pub fn contradicts(self, other: Self) -> bool {
         self.low > other.high || self.high < other.low
     }

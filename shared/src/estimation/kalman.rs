@@ -1,5 +1,5 @@
-//! A Kalman filter for systems whose transition is mostly zeros: prediction by the non-zero entries and
-//! updates by one scalar after the other.
+//! Kalman filter for systems with a sparse transition: prediction uses the non-zero entries, updates are scalar and
+//! sequential.
 //!
 //! Notation (Bar-Shalom, Li, Kirubarajan 2001): state `x` (n), covariance `P` (n x n), transition
 //! `A`, process noise `Q`, measurement `z = h x + v`, `v ~ (0, r)`, innovation `nu = z - h x`,
@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// A transition matrix stored by rows without its zeros.
+/// Transition matrix stored by rows, non-zero entries only.
 #[derive(Clone, Debug, Default)]
 pub struct LinearTransition {
     starts: Vec<usize>,
@@ -15,7 +15,7 @@ pub struct LinearTransition {
 }
 
 impl LinearTransition {
-    /// From a square matrix; exact zeros are left out.
+    /// Builds a transition from a square matrix; exact zeros are dropped.
     pub fn from_dense(a: &DMatrix<f64>) -> Self {
         let mut t = LinearTransition {
             starts: vec![0],
@@ -36,11 +36,11 @@ impl LinearTransition {
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
-    /// No state at all.
+    /// Whether the state is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// The non-zero entries of row `i`: (column, value).
+    /// Non-zero entries of row `i`: (column, value).
     pub fn row(&self, i: usize) -> &[(usize, f64)] {
         match (self.starts.get(i), self.starts.get(i + 1)) {
             (Some(&a), Some(&b)) => self.entries.get(a..b).unwrap_or(&[]),
@@ -57,23 +57,23 @@ pub enum Update {
         /// Normalised innovation squared.
         nis: f64,
     },
-    /// The gate rejected it: state and covariance are untouched.
+    /// Rejected by the gate; state and covariance are unchanged.
     Gated {
         /// Normalised innovation squared.
         nis: f64,
     },
-    /// Not finite, of wrong size, or `S` not positive definite: untouched.
+    /// Not finite, of wrong size, or `S` not positive definite; state and covariance are unchanged.
     Invalid,
 }
 
 impl Update {
-    /// It was fused.
+    /// Whether the measurement was fused.
     pub const fn fused(self) -> bool {
         matches!(self, Update::Fused { .. })
     }
 }
 
-/// Mean and covariance of a Gaussian belief, with scratch memory so that no step allocates.
+/// Mean and covariance of a Gaussian belief, with scratch memory to avoid allocation in each step.
 #[derive(Clone, Debug)]
 pub struct Gaussian {
     /// Mean.
@@ -85,7 +85,7 @@ pub struct Gaussian {
 }
 
 impl Gaussian {
-    /// Zero mean, given standard deviations, uncorrelated.
+    /// Zero mean and uncorrelated components with these standard deviations.
     pub fn new(sd: &[f64]) -> Self {
         let n = sd.len();
         Gaussian {
@@ -95,17 +95,17 @@ impl Gaussian {
             column: DVector::zeros(n),
         }
     }
-    /// Dimension.
+    /// Dimension of the state.
     pub fn len(&self) -> usize {
         self.x.len()
     }
-    /// No state at all.
+    /// Whether the state is empty.
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
     }
-    /// Every number is finite.
+    /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        // All of them, not until the first: so the processor takes eight at a time.
+        // No short circuit, so that the processor tests eight values at a time.
         let all = |values: &[f64]| values.iter().fold(true, |ok, v| ok & v.is_finite());
         all(self.x.as_slice()) & all(self.p.as_slice())
     }
@@ -169,9 +169,9 @@ impl Gaussian {
     }
 }
 
-/// Covariance after a scalar measurement, `P -= P h' h P / S` in `n²` operations: `columns` of `P`, or its rows, and
-/// `projected = P h'`, all of n. With the optimal gain this equals the Joseph form; it is symmetric by construction
-/// (Bar-Shalom, Li, Kirubarajan 2001, section 5.2).
+/// Covariance after a scalar measurement, `P -= P h' h P / S`, in `n²` operations. `columns` are the columns (or rows)
+/// of `P` and `projected` is `P h'`, each of length n. With the optimal gain this equals the Joseph form and is
+/// symmetric by construction (Bar-Shalom, Li, Kirubarajan 2001, section 5.2).
 pub fn reduce_covariance<'a>(columns: impl Iterator<Item = &'a mut [f64]>, projected: &[f64], s: f64) {
     let k = 1.0 / s;
     for (i, (column, c)) in columns.zip(projected).enumerate() {
@@ -202,7 +202,7 @@ fn multiply_rows(a: &LinearTransition, p: &DMatrix<f64>, out: &mut DMatrix<f64>)
     }
 }
 
-/// `to += f column`: of slices, so that the processor takes several at a time.
+/// `to += f column`, on slices so that the compiler vectorises the loop.
 #[inline]
 fn add_scaled(to: &mut [f64], f: f64, column: &[f64]) {
     to.iter_mut().zip(column).for_each(|(t, c)| *t += f * c);
@@ -224,7 +224,7 @@ pub fn symmetrise(p: &mut DMatrix<f64>) {
 mod tests {
     use super::*;
 
-    /// A small deterministic normal generator (sum of 12 uniforms; xorshift, Marsaglia 2003).
+    /// Deterministic normal generator (sum of 12 uniforms; xorshift, Marsaglia 2003).
     struct Noise(u64);
     impl Noise {
         fn next(&mut self) -> f64 {
@@ -244,7 +244,7 @@ mod tests {
         &l * l.transpose() + DMatrix::identity(n, n)
     }
 
-    /// Fuses `z` of row `h` with variance `r`; the normalised innovation squared.
+    /// Fuses `z` measured by row `h` with variance `r`. Returns the normalised innovation squared.
     fn fuse(g: &mut Gaussian, h: &[(usize, f64)], z: f64, r: f64) -> f64 {
         let innovation = z - h.iter().map(|&(j, gain)| gain * g.x[j]).sum::<f64>();
         let s = g.project(h) + r;

@@ -2,8 +2,9 @@
 
 use core::ops::{Add, Mul, Sub};
 
-/// Output of a first-order low-pass filter with the time constant `time_s` (s), `x' = (u - x) / T`, `dt` (s) after it was
-/// `before`: `x + (u - x)` [`low_pass_gain`]`(dt, T)` with the sample `u`, a number or a vector; begins with `u`.
+/// First-order low-pass filter `x' = (u - x) / T` with time constant `time_s` (s). Returns the output `dt` (s) after
+/// `before`: `x + (u - x)` [`low_pass_gain`]`(dt, T)` for the sample `u`, a number or a vector. Without `before` the
+/// output is `u`.
 pub fn low_pass<T>(before: impl Into<Option<T>>, u: T, dt: f64, time_s: f64) -> T
 where
     T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
@@ -13,8 +14,8 @@ where
         .map_or(u, |x| x + (u - x) * low_pass_gain(dt, time_s))
 }
 
-/// Fraction of a sample that a first-order filter with the time constant `time_s` takes over in `dt` (s), discretised
-/// exactly: `1 - exp(-dt / T)`. Without a time constant all of it, backwards in time nothing.
+/// Gain on a new sample of a first-order low-pass filter with time constant `time_s` after `dt` (s), discretised
+/// exactly: `1 - exp(-dt / T)`. It is 1 without a time constant and 0 for negative `dt`.
 pub fn low_pass_gain(dt: f64, time_s: f64) -> f64 {
     if time_s > 0.0 {
         1.0 - (-dt.max(0.0) / time_s).exp()

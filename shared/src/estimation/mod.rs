@@ -1,4 +1,4 @@
-//! Estimation: Kalman filter, record of a filter's source, low-pass filter, offset of clocks, clock of a source, statistics of samples.
+//! Estimation: Kalman filter, measurement sources, low-pass filter, clock offsets, source clocks, statistics.
 
 mod aid_source;
 mod clock_offset;

@@ -1,55 +1,61 @@
-//! A source's clock against the own one's. A source answers no time requests; known is only that no measurement
-//! arrives before it is made. The smallest difference between arrival and source time is the offset plus the
-//! smallest delay, of which the configuration may subtract what is known of the sensor. Measurements keep the
-//! intervals that their source gives them, however they were delayed.
+//! Offset between a sensor's clock and the local clock.
 //!
-//! A wrong time stamp that lies ahead makes a smallest difference, too. Others do not come near it, and it is forgotten.
+//! A sensor answers no time requests; the only constraint is that no measurement arrives before it is made. The
+//! smallest difference between arrival time and source time is the clock offset plus the minimum delay, from which the
+//! configured latency of the sensor may be subtracted. Measurements keep the intervals given by their source, however
+//! they were delayed.
+//!
+//! A wrong time stamp that lies ahead also produces a small difference. No other measurement comes near it, so it is
+//! discarded after a timeout.
 
 use super::OffsetBounds;
 use crate::time::{Clock, Span, Time};
 
 /// Drift between two crystals, s/s.
 pub const CLOCK_DRIFT: f64 = 1e-4;
-/// Largest deviation from the offset that is delay, s: beyond, the time is wrong or the source has restarted.
+/// Maximum deviation from the offset that counts as delay, s. Beyond it, the time stamp is wrong or the source has
+/// restarted.
 const MAX_DELAY_S: f64 = 2.0;
-/// After so many times in a row that are later by as much than any delay the source has restarted.
+/// Number of consecutive times, all later by the same amount and by more than any delay, after which the source is
+/// assumed to have restarted.
 const AGREEING: u32 = 10;
-/// A delay above this is no jitter of the arrival, s: an admitted fix or heading is at most about as old.
+/// Maximum arrival jitter, s. An admitted fix or heading is at most about this old.
 pub const JITTER_S: f64 = 0.3;
-/// Times that all deviate from the offset by as much, in a row for this long, are of a clock that was set, s: where no
-/// delay explains them, as they begin with a time that came again while the arrivals went on (it was set back, as at a
-/// leap second), or would arrive before they are (it was set forward). Two times at 1 Hz with the arrival's jitter do.
+/// Time over which consecutive time stamps must deviate from the offset by the same amount before the source's clock is
+/// assumed to have been set, s. It applies when no delay explains the deviation: a time stamp was repeated while
+/// messages kept arriving (set back, as at a leap second), or the measurement would arrive before it was made (set
+/// forward). Two time stamps at 1 Hz with arrival jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// Time for others, s: what was held up is caught up with before.
+/// Same for deviations that a delay may explain, s. A backlog is cleared within this time.
 pub const HELD_UP_S: f64 = 10.0;
-/// An offset supports a smaller one that is this near, s.
+/// Maximum difference at which a second offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;
-/// An offset without support is forgotten after this time, s, and [`AGREEING`] others, but not before it has been without
-/// support for as long as it had some: a line may be congested.
+/// Time without confirmation after which an offset is discarded, s. [`AGREEING`] others are required as well, and the
+/// offset is kept for at least as long as it was confirmed, because a line may be congested.
 const UNSUPPORTED_S: f64 = 3.0;
 
-/// The offset of a source's clock.
+/// Estimate of a source's clock offset.
 #[derive(Clone, Debug, Default)]
 pub struct SourceClock<C: Clock> {
-    /// Own clock's less source's, at the last update.
+    /// Local clock minus source clock, at the last update.
     offset: Option<Smallest<C>>,
-    /// Another offset observed since.
+    /// A different offset observed since.
     other: Option<Other<C>>,
-    /// The source time that arrived last, ns.
+    /// Newest source time, ns.
     newest_ns: Option<i64>,
     restarts: u64,
     /// Change of the source's clock at its newest restart, s, forward positive.
     step_s: f64,
 }
 
-/// The smallest offset.
+/// Smallest offset observed.
 #[derive(Clone, Copy, Debug)]
 struct Smallest<C: Clock> {
     bounds: OffsetBounds<C>,
-    /// First and newest offset that supports it.
+    /// Times of the first and the newest offset that confirm it.
     since: Time<C>,
     supported: Time<C>,
-    /// Smallest of those later than that, and their number.
+    /// Smallest of the later offsets that do not confirm it, and their number.
     later: (Span, u32),
 }
 
@@ -62,12 +68,13 @@ impl<C: Clock> Smallest<C> {
             later: (Span::MAX, 0),
         }
     }
-    /// The smallest of this one, `drifted`, and `measured`; or of those since this one had support.
+    /// Minimum of this offset, `drifted`, and `measured`. Falls back to the later ones if this one is no longer
+    /// confirmed.
     fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
         let now = measured.at;
         let excess_s = (measured.high - drifted.high).secs();
         if excess_s <= SUPPORT_S {
-            // The support was of another offset, by as much as this one is smaller.
+            // The new offset is smaller, so it inherits only part of the confirmation.
             let lost = (-excess_s / SUPPORT_S).clamp(0.0, 1.0);
             return Smallest {
                 since: self.since + Span::from_secs(lost * (now - self.since).secs()),
@@ -91,15 +98,15 @@ impl<C: Clock> Smallest<C> {
     }
 }
 
-/// Offsets in a row that deviate from the one in use, and agree.
+/// Consecutive offsets that agree with each other but not with the one in use.
 #[derive(Clone, Copy, Debug)]
 struct Other<C: Clock> {
-    /// Smallest and largest.
+    /// Range of the offsets.
     min: Span,
     max: Span,
     count: u32,
     since: Time<C>,
-    /// It began with a time that no delay explains.
+    /// The first time stamp cannot be explained by a delay.
     stepped: bool,
 }
 
@@ -107,12 +114,12 @@ struct Other<C: Clock> {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rollover<const PERIOD_NS: i64> {
     periods: i64,
-    /// The last unwrapped time, ns.
+    /// Newest unwrapped time, ns.
     pub last: Option<i64>,
 }
 
 impl<const PERIOD_NS: i64> Rollover<PERIOD_NS> {
-    /// The time in the period that brings it nearest to the last.
+    /// Unwrapped time nearest to the previous one.
     pub fn unwrap(&mut self, in_period_ns: i64) -> i64 {
         if let Some(last) = self.last {
             let off = last - (self.periods * PERIOD_NS + in_period_ns);
@@ -127,8 +134,8 @@ impl<const PERIOD_NS: i64> Rollover<PERIOD_NS> {
 }
 
 impl<C: Clock> SourceClock<C> {
-    /// The own clock's time of a measurement that its source dates at `at_ns` and that arrives at `now`, at least
-    /// `latency` after it was made. None when that time is implausible.
+    /// Local time of a measurement with source time `at_ns` that arrives at `now`, at least `latency` after it was
+    /// made. None if that time is implausible.
     pub fn local_time(&mut self, now: Time<C>, at_ns: i64, latency: Span) -> Option<Time<C>> {
         let measured = OffsetBounds::of_message(at_ns, now);
         let max_delay = Span::from_secs(MAX_DELAY_S);
@@ -136,10 +143,10 @@ impl<C: Clock> SourceClock<C> {
             (self.offset, self.newest_ns) = (Some(Smallest::new(measured)), Some(at_ns));
             return Some(now - latency);
         };
-        // The smallest observed, enlarged by the drift possible since.
+        // Smallest offset so far, plus the maximum drift since.
         let drifted = known.bounds.drifted(now, CLOCK_DRIFT);
         let excess = measured.high - drifted.high;
-        // A clock that is set back shows a time again while the arrivals go on.
+        // A clock that is set back repeats a time while messages keep arriving.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
         if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
             self.other = None;
@@ -154,7 +161,8 @@ impl<C: Clock> SourceClock<C> {
         }
         Some(Time::from_nanos(at_ns) + self.offset?.bounds.high - latency)
     }
-    /// Counts an offset that deviates by `excess`, of a time that came `again`; the new one once there is evidence enough.
+    /// Counts an offset that deviates by `excess`; `again` if its time was repeated. Returns the new offset once it is
+    /// confirmed.
     fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
         let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
         let own = Other {
@@ -162,7 +170,7 @@ impl<C: Clock> SourceClock<C> {
             max: measured,
             count: 1,
             since: now,
-            // Two messages of one time, held up together, are no clock that was set back.
+            // Two delayed messages with the same time do not indicate a clock that was set back.
             stepped: excess < Span::ZERO || self.other.map_or(again, |o| o.stepped),
         };
         let other = self.other.map_or(own, |o| Other {
@@ -171,7 +179,7 @@ impl<C: Clock> SourceClock<C> {
             count: o.count.saturating_add(1),
             ..o
         });
-        // A clock that runs: what stands still, or is being caught up with, drifts apart.
+        // A running clock keeps its offset. The offset drifts if the clock stands still or a backlog is being cleared.
         let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
         let other = if agrees { other } else { own };
         self.other = Some(other);
@@ -183,11 +191,11 @@ impl<C: Clock> SourceClock<C> {
         let for_s = (now - other.since).secs();
         (other.count >= enough && for_s >= long_enough).then_some(other.min)
     }
-    /// Restarts and steps of the source's clock.
+    /// Number of restarts and steps of the source's clock.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }
-    /// By how much it changed at the newest of them, s, forward positive.
+    /// Change of the source's clock at its newest restart or step, s, forward positive.
     pub fn step_s(&self) -> f64 {
         self.step_s
     }
@@ -239,7 +247,8 @@ mod tests {
         assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
     }
 
-    /// Times at 5 Hz with an arrival jitter of 50 ms; the errors of the dates from `from` s on, None where rejected.
+    /// Time stamps at 5 Hz with 50 ms arrival jitter. Returns the errors of the local times from `from` s on; None
+    /// where rejected.
     fn dated(
         step_at_s: f64,
         step_s: f64,
@@ -251,7 +260,7 @@ mod tests {
         for k in 0..(5.0 * until_s) as i64 {
             let made_s = 0.2 * k as f64;
             let jitter = 0.05 * ((k * 37) % 10) as f64 / 10.0;
-            // What is held up arrives at the end of it, in its order.
+            // Delayed messages arrive at the end of the delay, in order.
             let arrives_s = match held_up {
                 Some((from, to)) if (from..to).contains(&made_s) => to + 0.001 * made_s,
                 _ => made_s + jitter,
@@ -266,7 +275,7 @@ mod tests {
 
     #[test]
     fn source_clock_across_a_step_of_utc() {
-        // A leap second, the first almanac of a receiver, an hour after midnight of a wrong zone.
+        // A leap second, a receiver's first almanac, one hour after midnight in a wrong time zone.
         for step_s in [-1.0, 1.0, -2.0, -3.0, -40.0, 2.5, 3600.0, -3600.0] {
             let (errors, c) = dated(60.0, step_s, None, 90.0);
             let late = errors.iter().filter(|(at, _)| *at >= 61.1);
@@ -274,7 +283,7 @@ mod tests {
             for (at, e) in errors.iter().filter(|(at, _)| *at < 60.0 || *at >= 61.1) {
                 assert!(e.abs() < 0.06, "{step_s} at {at}: {e}");
             }
-            // Forward the smallest offset shows it at once.
+            // A forward step is visible at once in the smallest offset.
             let counted = u64::from(!(0.0..=MAX_DELAY_S).contains(&step_s));
             assert_eq!(c.restarts(), counted, "{step_s}");
             if counted > 0 {
@@ -302,7 +311,7 @@ mod tests {
 
     #[test]
     fn source_clock_while_the_line_is_held_up() {
-        // Held up for 1.5 or 5 s and then caught up with: the dates stay those of the source.
+        // Messages are delayed for 1.5 or 5 s and then delivered: the local times stay correct.
         for held_up_s in [1.5, 5.0] {
             let (errors, c) = dated(1e9, 0.0, Some((60.0, 60.0 + held_up_s)), 120.0);
             assert_eq!(c.restarts(), 0);
@@ -322,7 +331,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
-        /// Stamps ahead, in runs: 4 s after as long as a run lasts each date is right again.
+        /// Runs of time stamps that lie ahead: local times are correct again after the duration of a run plus 4 s.
         #[test]
         fn source_clock_after_runs_of_stamps_ahead(
             hz in 5_i64..50,

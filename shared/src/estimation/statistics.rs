@@ -12,21 +12,21 @@ pub struct ValueWithSd {
 }
 
 impl ValueWithSd {
-    /// A value with its standard error.
+    /// Creates a value with its standard error.
     pub const fn new(value: f64, sd: f64) -> ValueWithSd {
         ValueWithSd { value, sd }
     }
-    /// A value that is known to this fraction of itself.
+    /// A value with a standard error of this fraction of its magnitude.
     pub fn relative(value: f64, fraction: f64) -> ValueWithSd {
         ValueWithSd::new(value, value * fraction)
     }
-    /// It, times a known factor.
+    /// Multiplies value and error by an exactly known factor.
     pub fn scaled(&self, factor: f64) -> ValueWithSd {
         ValueWithSd::new(factor * self.value, factor * self.sd)
     }
 }
 
-/// The median of what is finite; None without any.
+/// Median of the finite values; None without any.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut all: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
     all.sort_unstable_by(f64::total_cmp);
@@ -34,14 +34,14 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some((low? + high?) / 2.0)
 }
 
-/// The `q` quantile by the nearest rank, 0 to 1, of `values`, which it sorts; None without any.
+/// The `q` quantile (0 to 1) by nearest rank. Sorts `values`; None if empty.
 pub fn quantile(values: &mut [f64], q: f64) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let rank = ((q * values.len() as f64).ceil() as usize).clamp(1, values.len().max(1));
     values.get(rank - 1).copied()
 }
 
-/// Mean and standard deviation; of nothing both are no number.
+/// Mean and standard deviation; NaN for an empty slice.
 pub fn moments(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;

@@ -1,25 +1,26 @@
-//! Whether two witnesses of the deck agree: its height by the rangefinder and by the camera, its place by the camera and by the
-//! radio. Neither is ever wrong alone without showing here: images that are stamped late show a heaving deck where it
-//! was, the tags of a neighbour's deck are the right tags in the wrong place.
+//! Agreement of independent measurements of the deck: its height by the rangefinder and by the camera, its position by
+//! the camera and by the radio. A fault in one of them shows as a disagreement: images with late time stamps show a
+//! heaving deck at a past height; the tags of a neighbouring deck have the right ids at the wrong position.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::time::{DroneClock, Time};
 
 use super::axis::AxisNoise;
 
-/// The rangefinder's disagreement is averaged over this time, s: half a period of a swell.
+/// Averaging time of the rangefinder's disagreement, s: half the period of a swell.
 const MEMORY_S: f64 = 3.0;
-/// One reading stands for no longer than this, s: after a gap a single echo from the water next to the deck proves nothing.
+/// Maximum weight of one reading, as a time, s. After a gap, a single echo from the water next to the deck proves
+/// nothing.
 const READING_S: f64 = 0.2;
-/// A contradiction is forgotten within this time, s: longer than a lull between two groups of waves.
+/// Decay time of a contradiction, s: longer than a lull between two wave groups.
 const RELEASE_S: f64 = 30.0;
-/// One reading counts no more than this, in variances: a gull below the drone is no contradiction.
+/// Upper limit on one squared innovation, in variances: a gull below the drone is not a contradiction.
 const MAX_SQUARE: f64 = 100.0;
-/// The place by vision is the radio's within so many standard deviations of their slow errors; Rayleigh: one sound
-/// landing in 3000 is refused.
+/// Maximum distance between the positions by vision and by radio, in standard deviations of their slow errors. Rayleigh
+/// distributed: one valid landing in 3000 is rejected.
 pub(super) const PLACE_SD: f64 = 4.0;
 
-/// Height by the rangefinder against what is known without it.
+/// Rangefinder height compared with the height known without it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct HeightAgreement {
     newest: Option<Averaged>,
@@ -30,12 +31,12 @@ struct Averaged {
     at: Time<DroneClock>,
     /// Mean of the normalised innovation squared.
     mean: f64,
-    /// The largest recent mean: a source that was wrong is trusted again slowly.
+    /// Decaying maximum of the mean: trust in a faulty source returns slowly.
     peak: f64,
 }
 
 impl HeightAgreement {
-    /// A reading that differs by so many standard deviations of both.
+    /// Adds a reading with this innovation, in standard deviations.
     pub(super) fn take(&mut self, at: Time<DroneClock>, innovation_sd: f64) {
         let squared = innovation_sd.powi(2).min(MAX_SQUARE);
         let since = |then: Time<DroneClock>| (at - then).secs().max(0.0);
@@ -47,7 +48,8 @@ impl HeightAgreement {
         let peak = mean.max(peak * (-dt / RELEASE_S).exp());
         self.newest = Some(Averaged { at, mean, peak });
     }
-    /// The largest mean of late, 1 where both err as they state; None while there are no readings and nothing to remember.
+    /// Recent maximum of the mean, 1 if the errors are as stated. None without readings and without a remembered
+    /// contradiction.
     pub(super) fn value(&self, now: Time<DroneClock>) -> Option<f64> {
         let n = self.newest?;
         let since = (now - n.at).secs().max(0.0);
@@ -56,9 +58,9 @@ impl HeightAgreement {
     }
 }
 
-/// The place by vision less the place by radio, horizontal, and how far it may be by the spread of both, m; `offset`: of
-/// both, north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was
-/// detected; `more`: variance of the offset besides, m².
+/// Horizontal distance between the positions by vision and by radio, and its limit from the spread of both, m. `offset`
+/// is vision minus radio, north and east; `taken` is the part caused by jumps of the autopilot's estimate since the
+/// deck was detected; `more` is a further variance of the offset, m².
 pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
@@ -85,7 +87,7 @@ mod tests {
     #[test]
     fn rangefinder_that_contradicts_for_seconds() {
         let at = Time::from_secs(6.0);
-        // As stated; one echo from elsewhere; late images of a deck that heaves.
+        // Errors as stated; one false echo; late images of a heaving deck.
         let sound = after(6.0, |t| 1.4 * (40.0 * t).sin()).value(at).unwrap();
         assert!((0.7..1.6).contains(&sound), "{sound}");
         let gull = after(6.0, |t| if (3.0..3.1).contains(&t) { 40.0 } else { 1.0 })
@@ -94,14 +96,14 @@ mod tests {
         assert!(gull < 9.0, "{gull}");
         let late = after(6.0, |t| 6.0 * (1.3 * t).sin()).value(at).unwrap();
         assert!(late > 12.0, "{late}");
-        // The first reading after a station without any; a contradiction that lasts is found.
+        // The first reading after a station without readings; a lasting contradiction is found.
         let mut station = after(6.0, |_| 1.0);
         station.take(Time::from_secs(60.0), 40.0);
         let spot = station.value(Time::from_secs(60.0)).unwrap();
         assert!(spot < 9.0, "{spot}");
         (1..20).for_each(|k| station.take(Time::from_secs(60.0 + 0.04 * f64::from(k)), 40.0));
         assert!(station.value(Time::from_secs(61.0)).unwrap() > 9.0);
-        // None there: neither agreed nor contradicted, but for what is remembered.
+        // Without readings there is neither agreement nor contradiction, unless a contradiction is remembered.
         assert_eq!(after(6.0, |_| 1.0).value(Time::from_secs(9.1)), None);
         let remembered = after(6.0, |t| 6.0 * (1.3 * t).sin())
             .value(Time::from_secs(12.0))

@@ -1,25 +1,24 @@
-//! The Kalman filter of one degree of freedom of the deck.
+//! Kalman filter of one degree of freedom of the deck.
 //!
-//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of
-//! vision, (value, rate) per oscillator]`. The deck is `mean + sum of values`; the radio measures that plus
-//! its slow error (the vessel's GNSS error, compass error), vision that plus its own (the drone's
-//! GNSS error, camera mount). Both errors are first-order Gauss-Markov processes, and so is the
-//! drift, the error of the odometry's velocity, which carries vision's error along; the rotation
-//! (camera mount, attitude) shifts distant detections, north and east, and becomes observable as
-//! the drone sinks; the oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
+//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of vision,
+//! (value, rate) per oscillator]`. The deck is `mean + sum of values`. The radio measures the deck plus its own slow
+//! error (the vessel's GNSS and compass errors), vision the deck plus its own (the drone's GNSS error, camera mount).
+//! Both errors are first-order Gauss-Markov processes. So is the drift, the velocity error of the odometry, which
+//! integrates into vision's slow error. The rotation (camera mount, attitude) shifts distant detections north and east
+//! and becomes observable during the descent. The oscillators are Fossen's wave filter (2011, section 8.2.6),
+//! discretised exactly.
 //!
-//! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
-//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `lever_arm_heave`), and the tilt as
-//! that of a vessel heading north by the vessel's compass,
-//! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
-//! joint one.
+//! The degrees of freedom are chosen to be decoupled: position of the deck's centre (not of the vessel's reference
+//! point) in NED, its height for a level vessel (see `lever_arm_heave`), and the tilt for a vessel that heads north by
+//! its own compass, so that a turn does not affect the waves. Six filters of at most 18 states cost a tenth of a joint
+//! one.
 
 use alight_shared::estimation::reduce_covariance;
 
 use super::config::PredictorConfig;
 use super::waves::{AXES, HandOver, MAX_OSCILLATORS, Oscillator};
 
-/// Slots before the oscillators.
+/// Number of states before the oscillators.
 pub const HEAD: usize = 6;
 /// Mean level, m, rad.
 pub const MEAN: usize = 0;
@@ -29,36 +28,35 @@ pub const RATE: usize = 1;
 pub const RADIO: usize = 2;
 /// Slow error of vision.
 pub const VISION: usize = 3;
-/// Drift of vision: the odometry's error of velocity.
+/// Drift of vision: velocity error of the odometry.
 pub const DRIFT: usize = 4;
-/// Rotation of vision, which shifts a detection along this axis by itself times the distance along the
-/// line of sight, rad.
+/// Rotation of vision, rad. Times the distance along the line of sight, it is the shift of a detection along this axis.
 pub const TURN: usize = 5;
-/// Largest state.
+/// Maximum number of states.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
-/// By how much the vessel's compass reads more than the drone's, by the state of the heading, rad: tilt is that of a
-/// vessel heading north by the vessel's compass, for its modes and estimates are by far the most that is known of it.
+/// Reading of the vessel's compass minus that of the drone's, from the heading state, rad. Tilt refers to a vessel that
+/// heads north by its own compass, because its modes and estimates are by far the best information on tilt.
 pub fn compass(heading: &[f64; MAX_STATES]) -> f64 {
     heading[RADIO] - heading[VISION]
 }
 
-/// The row of the measurement matrix.
+/// Row of the measurement matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeasurementRow {
-    /// Mean and waves, without any slow error.
+    /// Mean and waves, without slow errors.
     Level,
-    /// As the radio measures it.
+    /// Radio measurement: level plus the radio's slow error.
     Radio,
-    /// Place in the drone's frame.
+    /// Position in the drone's frame: level plus vision's slow error.
     Vision,
-    /// As the camera measures it, over this lever arm of vision's rotation, m.
+    /// Camera measurement; the value is the lever arm of vision's rotation, m.
     Camera(f64),
-    /// Vision's slow error less the radio's.
+    /// Vision's slow error minus the radio's.
     Offset,
     /// Vision's rotation.
     Turn,
-    /// The rate of mean and waves.
+    /// Rate of mean and waves.
     Rate,
     /// Residual of the modes.
     Residual,
@@ -71,15 +69,15 @@ pub enum MeasurementRow {
 pub struct Innovation {
     /// Row of the measurement matrix `dh/dx`.
     pub row: MeasurementRow,
-    /// Measured less predicted, m, rad, and per second of a rate.
+    /// Measured minus predicted, m or rad, or their rates.
     pub value: f64,
     /// Variance of the measurement.
     pub variance: f64,
 }
 
-/// Entries of the measurement matrix in `row` other than 0, of a filter with `n` states.
+/// Non-zero entries of measurement matrix row `row`, for a filter with `n` states.
 fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> {
-    // Entries besides the oscillators', and the first oscillator's that counts.
+    // Entries of the head, and index of the first oscillator included.
     let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
         MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
         MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
@@ -95,7 +93,7 @@ fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> 
     head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
 }
 
-/// The noise parameters of one degree of freedom that do not depend on the waves.
+/// Noise parameters of one degree of freedom that do not depend on the waves.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
     /// Spread and correlation time of the radio's slow error.
@@ -110,16 +108,15 @@ pub struct AxisNoise {
     pub mean_walk: f64,
     /// Variance per second of the mean rate's random walk.
     pub rate_walk: f64,
-    /// Random walk of the mean rate (1 s) per mean speed.
+    /// Random walk of the mean rate (1 s) as a fraction of the mean speed.
     pub speed_walk: f64,
-    /// Random walk of the mean rate (1 s) per acceleration across in a turn, s.
+    /// Random walk of the mean rate (1 s) per lateral acceleration in a turn, s.
     pub turn_walk: f64,
-    /// Time after which the mean rate dies out, s.
+    /// Decay time of the mean rate, s.
     pub rate_time: f64,
 }
 
 impl AxisNoise {
-    /// Noise of each degree of freedom.
     pub fn all(c: &PredictorConfig) -> [AxisNoise; AXES] {
         core::array::from_fn(|i| AxisNoise {
             radio: (c.radio_bias_sd_m_rad[i], c.radio_bias_time_s[i]),
@@ -139,18 +136,17 @@ impl AxisNoise {
     }
 }
 
-/// Transition of all oscillators over one time, shared by the six filters.
+/// Transition of all oscillators over one time step, shared by the six filters.
 #[derive(Clone, Debug)]
 pub struct OscillatorStep {
-    /// s.
+    /// Time step, s.
     pub dt: f64,
-    /// Number of oscillators.
     pub count: usize,
-    /// Per degree of freedom.
+    /// By degree of freedom.
     transitions: [OscillatorTransition; AXES],
 }
 
-/// Blocks per oscillator.
+/// Blocks by oscillator.
 #[derive(Clone, Copy, Debug)]
 pub struct OscillatorTransition {
     /// Row-major 2 x 2 blocks.
@@ -160,8 +156,8 @@ pub struct OscillatorTransition {
 }
 
 impl OscillatorStep {
-    /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its
-    /// stationary covariance `diag(1, omega²) sd²`.
+    /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its stationary covariance
+    /// `diag(1, omega²) sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
         OscillatorStep {
             dt,
@@ -169,7 +165,6 @@ impl OscillatorStep {
             transitions: core::array::from_fn(|axis| OscillatorTransition::new(oscillators, axis, dt)),
         }
     }
-    /// Transition of one degree of freedom.
     pub fn of(&self, axis: usize) -> &OscillatorTransition {
         &self.transitions[axis]
     }
@@ -203,16 +198,14 @@ impl OscillatorTransition {
 /// Mean and covariance of one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
-    /// States in use.
+    /// Number of states in use.
     pub n: usize,
-    /// Mean.
     pub x: [f64; MAX_STATES],
-    /// Covariance.
     pub p: [[f64; MAX_STATES]; MAX_STATES],
 }
 
 impl Axis {
-    /// A level known to `sd`, a rate known to `rate_sd`, waves and errors at their spread.
+    /// Level with standard deviation `sd`, rate with `rate_sd`, waves and errors at their stationary spread.
     pub fn new(
         noise: &AxisNoise,
         oscillators: &[Oscillator],
@@ -239,7 +232,7 @@ impl Axis {
         a
     }
 
-    /// A further oscillator at rest with its stationary spread.
+    /// Appends an oscillator at rest with its stationary spread.
     pub fn append(&mut self, o: &Oscillator, axis: usize) {
         if self.n + 2 > MAX_STATES {
             return;
@@ -258,7 +251,7 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
-    /// Oscillators in the place of modes, which the residual one was about.
+    /// Replaces the modes, and the residual oscillator about them, by these oscillators.
     pub fn hold(&mut self, oscillators: &[Oscillator], axis: usize, held: &HandOver) {
         let left = [self.x[HEAD], self.x[HEAD + 1]];
         self.n = HEAD;
@@ -274,7 +267,7 @@ impl Axis {
             }
         }
     }
-    /// One oscillator in the place of all: their sum, with its covariance `T P T'`.
+    /// Replaces all oscillators by one, their sum, with covariance `T P T'`.
     pub fn fold_oscillators(&mut self) {
         for k in (HEAD + 2..self.n).step_by(2) {
             for (to, from) in [(HEAD, k), (HEAD + 1, k + 1)] {
@@ -344,20 +337,20 @@ impl Axis {
         }
     }
 
-    /// Measurement predicted by `row`, and its variance.
+    /// Predicted measurement of `row`, and its variance.
     pub fn project(&self, row: MeasurementRow) -> (f64, f64) {
         let mut ph = [0.0; MAX_STATES];
         (self.predicted(row), self.predict_variance(row, &mut ph))
     }
-    /// Measurement predicted by `row`.
+    /// Predicted measurement of `row`.
     pub fn predicted(&self, row: MeasurementRow) -> f64 {
         entries(row, self.n).map(|(i, h)| h * self.x[i]).sum()
     }
 
-    /// Variance of `row`; `ph` becomes `P h'`.
+    /// Predicted variance of `row`; sets `ph` to `P h'`.
     fn predict_variance(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> f64 {
         let n = self.n;
-        // Symmetric: rows of P are read as columns.
+        // P is symmetric: its rows are read as columns.
         for (i, h) in entries(row, n) {
             for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
                 *a += h * b;
@@ -367,7 +360,7 @@ impl Axis {
         var.max(0.0)
     }
 
-    /// Innovation of `value`, measured by `row` with variance `variance`.
+    /// Innovation of `value`, measured by `row` with this variance.
     pub fn innovation(&self, row: MeasurementRow, value: f64, variance: f64) -> Innovation {
         Innovation {
             row,
@@ -381,7 +374,7 @@ impl Axis {
         innovation.value.abs() / (var + innovation.variance).max(1e-300).sqrt()
     }
 
-    /// Fuses one scalar with variance `r`.
+    /// Fuses a scalar measurement with variance `r`.
     pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
         self.correct(&self.innovation(row, value, r));
     }
@@ -400,7 +393,7 @@ impl Axis {
         reduce_covariance(self.p.iter_mut().map(|row| &mut row[..]), &ph[..self.n], s);
     }
 
-    /// Forgets state `k`: back to its spread `sd` about nothing, known apart from all others.
+    /// Resets state `k` to zero with spread `sd`, uncorrelated with all other states.
     pub fn forget(&mut self, k: usize, sd: f64) {
         for j in 0..self.n {
             (self.p[k][j], self.p[j][k]) = (0.0, 0.0);
@@ -408,7 +401,7 @@ impl Axis {
         (self.x[k], self.p[k][k]) = (0.0, sd * sd);
     }
 
-    /// All numbers in use are finite.
+    /// Whether all numbers in use are finite.
     pub fn is_finite(&self) -> bool {
         self.x.iter().take(self.n).all(|v| v.is_finite())
             && self
@@ -419,10 +412,10 @@ impl Axis {
     }
 }
 
-/// Transition of the head over one time.
+/// Transition of the head over one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Head {
-    /// Gain of the mean rate on the mean, s.
+    /// Gain from the mean rate to the mean, s.
     pub reach: f64,
     /// Decay of the mean rate.
     pub rate: f64,
@@ -430,7 +423,7 @@ pub struct Head {
     pub radio: f64,
     /// Decay of vision's slow error.
     pub vision: f64,
-    /// Gain of the drift on vision's slow error, s.
+    /// Gain from the drift to vision's slow error, s.
     pub wander: f64,
     /// Decay of the drift.
     pub drift: f64,
@@ -438,29 +431,23 @@ pub struct Head {
     pub turn: f64,
 }
 
-/// Noise of the head over one time.
+/// Process noise of the head over one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadNoise {
-    /// Variance of the mean.
     pub mean: f64,
     /// Covariance of mean and rate.
     pub cross: f64,
-    /// Variance of the rate.
     pub rate: f64,
-    /// Variance of the radio's slow error.
     pub radio: f64,
-    /// Variance of vision's slow error.
     pub vision: f64,
     /// Covariance of vision's slow error and its drift.
     pub wander: f64,
-    /// Variance of the drift.
     pub drift: f64,
-    /// Variance of vision's rotation.
     pub turn: f64,
 }
 
 impl Head {
-    /// Over `dt`.
+    /// Transition over `dt`.
     pub fn new(n: &AxisNoise, dt: f64) -> Self {
         let rate = (-dt / n.rate_time).exp();
         let drift = (-dt * decays(n).1).exp();
@@ -475,7 +462,7 @@ impl Head {
             turn: (-dt / n.turn.1).exp(),
         }
     }
-    /// `v <- A v` for a state, or a row of the covariance; `oscillators` are the blocks behind the head.
+    /// `v <- A v` for a state or a row of the covariance. `oscillators` are the blocks after the head.
     fn advance(&self, v: &mut [f64; MAX_STATES], oscillators: &[[f64; 4]]) {
         v[MEAN] += self.reach * v[RATE];
         v[RATE] *= self.rate;
@@ -490,10 +477,10 @@ impl Head {
             v[i + 1] = a[2] * value + a[3] * rate;
         }
     }
-    /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which
-    /// errs on the side of more; the drift's and what it adds to vision's slow error exactly: with
-    /// decays `a` and `b` of the two, a pulse of drift has added `g(s) = (e^-bs - e^-as) / (a - b)`
-    /// after `s`, and the (co)variances are the integrals of `g²` and `g e^-bs`.
+    /// Process noise over `dt`. The random walk of the rate ignores the decay over `dt`, which is conservative. The
+    /// drift and its effect on vision's slow error are exact: with decays `a` and `b` of the two, a pulse of drift has
+    /// added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`, and the (co)variances are the integrals of `g²` and `g
+    /// e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
         let (sd, left) = (n.drift.0, self.drift);
         let (a, b, apart) = decays(n);
@@ -515,7 +502,7 @@ impl Head {
     }
 }
 
-/// Decays of vision's slow error and of its drift (1/s), and their difference, never quite zero.
+/// Decay rates of vision's slow error and of its drift (1/s), and their difference, which is never exactly zero.
 fn decays(n: &AxisNoise) -> (f64, f64, f64) {
     let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
     let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };

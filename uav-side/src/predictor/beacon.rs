@@ -1,5 +1,5 @@
-//! Place of the vessel by its beacon, or by what was known of it last: place and velocity of each horizontal axis by a
-//! Kalman filter, with the beacon's slow error in addition, which the camera measures once it detects the deck.
+//! Position of the vessel from its beacon or from its last known position: a Kalman filter of position and velocity per
+//! horizontal axis, plus the beacon's slow error, which the camera measures once it detects the deck.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
@@ -20,33 +20,36 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Correlation time of a receiver's slow error, s: as that of the vessel's own.
+/// Correlation time of a receiver's slow error, s; same as for the vessel's receiver.
 const BIAS_TIME_S: f64 = 300.0;
-/// The share of a beacon's stated error that is white from one message to the next.
+/// Fraction of a beacon's stated error that is white between messages.
 const WHITE: f64 = 1.0 / 3.0;
-/// Random walk of a vessel's velocity after 1 s, m/s: one that lies still, and this much of its speed besides, as in a turn.
+/// Random walk of a vessel's velocity after 1 s: constant part for a vessel at rest, m/s, and a fraction of the speed,
+/// as in a turn.
 const VELOCITY_WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
-/// The drone's own receiver errs by this, m, each axis.
+/// Error of the drone's own receiver per axis, m.
 const OWN_SD_M: f64 = 1.0;
-/// Mean sea level errs by this as the level of the water, m: tides, geoid, the receiver's height; half of what it errs by at
-/// most as the mission's witness of a height.
+/// Error of mean sea level as the water level, m: tides, geoid, the receiver's height. Half the maximum that the
+/// mission allows when it checks a height against the sea.
 const SEA_SD_M: f64 = 4.0;
-/// A deck that is not detected tilts by this, rad, and heaves at this speed, m/s: an unknown boat in a moderate sea.
+/// Tilt (rad) and heave rate (m/s) of an undetected deck: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
-/// A beacon that is silent for longer may be replaced by another that is no less exact, s: three messages of the slower ones.
+/// Silence after which a beacon may be replaced by another of at least equal accuracy, s: three messages of slow
+/// beacons.
 const REPLACED_AFTER_S: f64 = 3.0;
-/// One that goes on is replaced by one that errs by this share of its error, half of the variance: velocity and offset of the
-/// track are lost with it, and two that err alike do not take turns.
+/// Maximum error of a second beacon, as a fraction of the active one's, for it to replace an active beacon: half the
+/// variance. A change discards velocity and offset of the track, and two beacons of similar accuracy must not
+/// alternate.
 const MORE_EXACT: f64 = 0.7;
-/// A vessel of which nothing is received or detected any more is where its last velocity brings it for so long, s: of one that lies
-/// still more than a search reaches is possible by then.
+/// Time for which the last velocity is extrapolated when nothing is received or detected any more, s. By then even a
+/// vessel at rest may be outside the range of a search.
 const LAST_KNOWN_S: f64 = 300.0;
-/// Below this speed a course is no heading, m/s.
+/// Minimum speed at which the course is used as heading, m/s.
 const COURSE_MPS: f64 = 0.5;
 
-/// One horizontal axis: place and velocity by the beacon, with their covariance.
+/// One horizontal axis: position and velocity by the beacon, with covariance.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     x: Vector2<f64>,
@@ -60,7 +63,7 @@ impl Axis {
             p: Matrix2::from_diagonal(&noise(m)),
         }
     }
-    /// So much later, s, of a vessel at this speed, m/s.
+    /// State `dt` s later, for a vessel at this speed, m/s.
     fn after(&self, dt: f64, speed_mps: f64) -> Axis {
         let f = Matrix2::new(1.0, dt, 0.0, 1.0);
         let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
@@ -80,17 +83,17 @@ impl Axis {
     }
 }
 
-/// Variances of a message's place and velocity that are white.
+/// White-noise variances of position and velocity in a message.
 fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
 
-/// Knowledge by the beacon now.
+/// Present estimate by the beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconEstimate {
-    /// The deck's centre, north and east in the drone's NED, m.
+    /// Centre of the deck, north and east in the drone's NED, m.
     pub(super) place: Vector2<f64>,
-    /// Standard deviation of the place, each axis, m.
+    /// Standard deviation of the position per axis, m.
     pub(super) sd_m: f64,
     velocity: Vector2<f64>,
     velocity_sd_mps: f64,
@@ -98,18 +101,19 @@ pub(super) struct BeaconEstimate {
     pub(super) age_s: f64,
 }
 
-/// The beacon that is followed.
+/// Track of the selected beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconTrack {
-    /// Origin of its local frame: the place of the first message, so that no jump of the drone's frame moves it.
+    /// Origin of the local frame: the position in the first message, so that jumps of the drone's frame do not affect
+    /// it.
     origin: Datum,
     newest: DeckBeacon,
     axes: [Axis; 2],
-    /// The deck's place by vision less the beacon's, m, and when.
+    /// Deck position by vision minus that by the beacon, m, and its time.
     offset: Option<(Time<DroneClock>, Vector2<f64>)>,
 }
 
-/// Place or velocity of a vessel, north and east, m or m/s, and its standard deviation, each axis.
+/// Position or velocity of a vessel, north and east, m or m/s, and its standard deviation per axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
     pub(super) value: [f64; 2],
@@ -117,8 +121,8 @@ pub(super) struct Level {
 }
 
 impl BeaconTrack {
-    /// The vessel as it is known at `now` by radio and camera, as a beacon from then on: its deck's `place` in the drone's NED and
-    /// mean `velocity`. None where that is no beacon: of a vessel too fast or too far for one.
+    /// Track that starts from the vessel as known at `now` by radio and camera: `place` of the deck in the drone's NED,
+    /// and mean `velocity`. None if the vessel is too fast or too far away for a beacon message.
     pub(super) fn of_vessel(
         now: Time<DroneClock>,
         drone: &DroneState,
@@ -160,18 +164,19 @@ impl BeaconTrack {
         let [north, east] = self.axes.map(|a| a.x[1]);
         self.axes.map(|a| a.after(dt, north.hypot(east)))
     }
-    /// Standard deviation of the place at `t` without what the camera has measured, m.
+    /// Standard deviation of the position at `t` without the camera's correction, m.
     fn sd_m(&self, t: Time<DroneClock>) -> f64 {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
-    /// Standard deviation of a message's place at `t`, m: what it states, and what the vessel may have gone otherwise since.
+    /// Standard deviation of a message's position at `t`, m: as stated, plus the vessel's possible change of velocity
+    /// since.
     fn message_sd_m(m: &DeckBeacon, t: Time<DroneClock>) -> f64 {
         let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
         (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
     }
-    /// Takes a message, checked, to the track: that of another source where the one that is followed has ended, is clearly less
-    /// exact, or is silent and no more exact. Whether it counts.
+    /// Adds a checked message to the track. A message from another source replaces the track if the current one has
+    /// ended, is clearly less accurate, or is silent and not more accurate. Returns whether the message is used.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
         let known = track.filter(|t| t.lasts(now));
@@ -202,19 +207,21 @@ impl BeaconTrack {
         *track = Some(known);
         true
     }
-    /// Takes the error of the beacon from the deck's place by vision, `detected` (north and east in the drone's NED, m).
+    /// Updates the beacon's error from the deck's position by vision, `detected` (north and east in the drone's NED,
+    /// m).
     pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, detected: Vector2<f64>) {
         if let Some(at) = self.placed(now, drone) {
             self.offset = Some((now, detected - at));
         }
     }
-    /// The autopilot's estimate has jumped: what was detected has moved with the drone, the beacon's place with the datum.
+    /// Applies a jump of the autopilot's estimate: the detection moves with the drone, the beacon's position with the
+    /// datum.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some((_, offset)) = &mut self.offset {
             *offset += jump.moved.xy() - jump.datum.xy();
         }
     }
-    /// The place by the beacon alone, in the drone's NED, m; None where that is too far for a tangent plane.
+    /// Position by the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
     fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
         let origin = Datum {
             height_m: 0.0,
@@ -225,12 +232,12 @@ impl BeaconTrack {
         let place = begins.0.xy() + Vector2::from(local) + drone.datum_offset().xy();
         (place.norm() < MAX_POSITION_M).then_some(place)
     }
-    /// The beacon's present state; None once it has ended.
+    /// Present estimate; None once the track has ended.
     pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<BeaconEstimate> {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
-        // What was measured of the slow error fades with it.
+        // The measured part of the slow error decays with it.
         let (offset, slow) = self.offset.map_or((Vector2::zeros(), slow), |(at, offset)| {
             let keeps = (-(now - at).secs().max(0.0) / BIAS_TIME_S).exp();
             (offset * keeps, slow * (1.0 - keeps * keeps))
@@ -247,7 +254,7 @@ impl BeaconTrack {
 }
 
 impl BeaconEstimate {
-    /// Distance of `o` from the beacon's place, and its maximum, m.
+    /// Distance of `o` from the beacon's position, and its limit, m.
     pub(super) fn apart(&self, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
@@ -256,7 +263,7 @@ impl BeaconEstimate {
         let limit = PLACE_SD * self.sd_m;
         Some([apart, limit])
     }
-    /// Course of the vessel, rad; north of a vessel that does not make way.
+    /// Course of the vessel, rad; north if it makes no way.
     pub(super) fn course_rad(&self) -> f64 {
         let [north, east] = self.velocity.into();
         if self.velocity.norm() > COURSE_MPS {
@@ -265,7 +272,7 @@ impl BeaconEstimate {
             0.0
         }
     }
-    /// The deck at the level `deck_z` (NED, m), ahead every `step_s`: a straight course, level.
+    /// Predicted stages every `step_s`: a level deck at height `deck_z` (NED, m) on a straight course.
     pub(super) fn stages(&self, deck_z: f64, step_s: f64) -> Seq<DeckStage, FORECAST_STAGES> {
         let (v, v_sd) = (self.velocity, self.velocity_sd_mps);
         Seq::filled((0..FORECAST_STAGES).map(|k| {
@@ -313,7 +320,7 @@ mod tests {
             ..DroneState::default()
         }
     }
-    /// A vessel that goes north at 2 m/s, by a message each second until `until_s`.
+    /// Track of a vessel that moves north at 2 m/s, with a message per second until `until_s`.
     fn followed(until_s: u32) -> Option<BeaconTrack> {
         let mut track = None;
         for k in 0..=until_s {
@@ -337,12 +344,13 @@ mod tests {
             "{known:?}"
         );
         assert!(track.known(Time::from_secs(30.5), &drone()).is_none());
-        // Less is known the longer it is silent.
+        // The uncertainty grows during silence.
         let later = track.known(Time::from_secs(29.0), &drone()).unwrap();
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
     }
 
-    /// A vessel that was known to 0.3 m and 0.1 m/s when nothing came any more: its place grows vague as that of a sortie's.
+    /// Reception ends with the vessel known to 0.3 m and 0.1 m/s: the position becomes as uncertain as that of a
+    /// sortie's beacon.
     #[test]
     fn vessel_known_last() {
         let level = |value, sd| Level { value, sd };
@@ -370,7 +378,7 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame has moved since, and the place with it.
+        // The drone's frame has moved, and the position with it.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()
@@ -401,12 +409,12 @@ mod tests {
         let now = Time::from_secs(20.5);
         let phone = message(BeaconSource::FollowTarget, 20.4, 500.0, 50.0);
         assert!(!BeaconTrack::receive(&mut track, now, &phone));
-        // It stands in once the other has ended.
+        // The other beacon takes over once the track has ended.
         let late = Time::from_secs(32.0);
         let phone = message(BeaconSource::FollowTarget, 32.0, 500.0, 50.0);
         assert!(BeaconTrack::receive(&mut track, late, &phone));
         assert!((track.unwrap().known(late, &drone()).unwrap().place.x - 500.0).abs() < 0.1);
-        // One of two that err alike is followed while it goes on; a clearly more exact one replaces it at once.
+        // With two beacons of similar accuracy, the active one stays. A clearly more accurate one replaces it at once.
         let mut track = followed(20);
         for (place_sd_m, at_s, counts) in [(5.0, 20.5, false), (4.9, 21.0, false), (3.0, 21.5, true)] {
             let m = message(BeaconSource::FollowTarget, at_s, 40.0, place_sd_m);
@@ -416,7 +424,7 @@ mod tests {
         let (mut track, now) = (followed(20), Time::from_secs(23.5));
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
-        // One that is old errs by more than it states.
+        // The error of an old message exceeds the stated one.
         let now = Time::from_secs(200.0);
         for (at_s, counts) in [(20.0, false), (200.0, true)] {
             let mut track = None;
@@ -429,7 +437,7 @@ mod tests {
             let taken = BeaconTrack::receive(&mut track, now, &ais);
             assert_eq!(taken, counts, "AIS of {at_s} s");
         }
-        // A track that has ended leaves no beacon.
+        // No estimate remains after the track has ended.
         let mut none = None;
         let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);
         assert!(!BeaconTrack::receive(&mut none, now, &old) && none.is_none());

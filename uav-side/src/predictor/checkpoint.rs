@@ -1,6 +1,6 @@
-//! The predictor's checkpoint: the offset between the camera's view of the deck and the radio's. In the last
-//! half of a metre the deck is too near to be detected, and a predictor that began there would know the deck to the error of
-//! two GNSS receivers.
+//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. In the last half metre
+//! the camera cannot detect the deck, so a predictor restarted there would know its position only to the error of two
+//! GNSS receivers.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
@@ -12,7 +12,7 @@ use super::track::JUMP_M;
 use super::waves::AXES;
 use alight_shared::checkpoint::validate;
 
-/// Whether `m` counts for this drone and this start of the vessel.
+/// Whether `m` applies to this drone and this start of the vessel.
 pub(super) fn is_valid(
     now: Time<DroneClock>,
     drone: &DroneState,
@@ -22,7 +22,7 @@ pub(super) fn is_valid(
     validate(now, drone.header.drone, m).is_ok() && m.vessel_boot == vessel_boot && same_frame(drone, m)
 }
 
-/// The variances of its offsets at `now`.
+/// Variances of the checkpoint's offsets at `now`.
 pub(super) fn variances(
     now: Time<DroneClock>,
     noise: &[AxisNoise; AXES],
@@ -32,7 +32,7 @@ pub(super) fn variances(
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
-/// The odometry's origin is where it was: the drone has moved by its velocities.
+/// Whether the odometry's origin is unchanged: the drone has moved according to its velocities.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
         return false;
@@ -48,7 +48,8 @@ fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     (moved - mean * dt).norm() <= JUMP_M
 }
 
-/// The variance of an offset after `age` (s): both slow errors walk on, the odometry's drift at worst steadily.
+/// Variance of an offset after `age` (s). Both slow errors continue; the odometry's drift is constant in the worst
+/// case.
 fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
     let walk = |(sd, time): (f64, f64)| 2.0 * sd * sd * age / time;
     variance + walk(noise.radio) + walk(noise.vision) + (noise.drift.0 * age).powi(2)

@@ -3,21 +3,21 @@
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
-/// Three lengths (m) and three angles from degrees.
+/// Three lengths (m), and three angles (degrees, converted to rad).
 fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
     let ([n, e, d], [r, p, y]) = (lengths, degrees.map(f64::to_radians));
     [n, e, d, r, p, y]
 }
 
 config! {
-    /// The predictor's model of deck, drone, sensors and sea. Lists of six are in the order
-    /// north, east, down (m), deck normal about north, about east (rad), heading (rad).
+    /// The predictor's model of deck, drone, sensors and sea. Lists of six are in the order north, east, down (m), deck
+    /// normal about north, about east (rad), heading (rad).
     pub struct PredictorConfig {
         /// Forecasts per second.
         /// Source: `topics::FORECAST`.
         pub rate_hz: f64 = 50.0, in 1.0..=200.0;
         /// Time between the stages of a forecast, s.
-        /// Source: 41 stages reach 4 s: twice the paper's horizon of 2 s.
+        /// Source: 41 stages span 4 s, twice the paper's horizon of 2 s.
         pub stage_s: f64 = 0.1, in 0.01..=1.0;
         /// The deck; from the drone's common settings.
         #[serde(skip)]
@@ -25,7 +25,7 @@ config! {
         /// The drone; from the drone's common settings.
         #[serde(skip)]
         pub drone: DroneGeometry;
-        /// Beacons are listened to: what the mission permits.
+        /// Use beacons; set from the mission.
         #[serde(skip)]
         pub beacons: bool = false;
         /// Spread of the radio's slow error.
@@ -37,10 +37,10 @@ config! {
         /// Source: GNSS of the drone: 1 m; camera mount 1 deg with the drone's own attitude error.
         pub vision_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [1.2, 1.2, 1.5]), in 0.0..=100.0;
         /// Correlation time of vision's slow error, s.
-        /// Source: The frame of the smooth odometry moves by its drift alone.
+        /// Source: the frame of the smooth odometry moves only by its drift.
         pub vision_bias_time_s: [f64; 6] = [1e6, 1e6, 1e6, 200.0, 200.0, 100.0], in 0.1..=1e6;
-        /// Spread of the odometry's error of velocity, each axis, m/s.
-        /// Source: Of the smooth odometry in a landing, as measured, each axis.
+        /// Spread of the odometry's velocity error per axis, m/s.
+        /// Source: measured on the smooth odometry in landings.
         pub odometry_drift_mps: f64 = 0.07, in 0.0..=5.0;
         /// Correlation time of that drift, s.
         pub odometry_drift_s: f64 = 6.0, in 0.1..=1e3;
@@ -49,66 +49,63 @@ config! {
         /// Random walk of the mean rate after 1 s, m/s, rad/s.
         /// Chosen: between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
         pub rate_walk_mps_radps: [f64; 6] = [0.05, 0.05, 0.0, 0.0, 0.0, 0.05], in 0.0..=10.0;
-        /// Random walk of the mean velocity after 1 s as a fraction of the mean speed, in addition.
-        /// Chosen: tuned on a square at 2 m/s; nothing of it on a drifting vessel.
+        /// Additional random walk of the mean velocity after 1 s, as a fraction of the mean speed.
+        /// Chosen: tuned on a square course at 2 m/s; zero for a drifting vessel.
         pub speed_walk: f64 = 0.08, in 0.0..=10.0;
-        /// Random walk of the mean velocity after 1 s as a multiple of the acceleration across in a
-        /// turn, in addition.
+        /// Additional random walk of the mean velocity after 1 s, per lateral acceleration in a turn, s.
         pub turn_walk_s: f64 = 0.6, in 0.0..=10.0;
-        /// Time after which a mean rate dies out, s.
+        /// Decay time of the mean rate, s.
         pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
-        /// Minimum of the motion that is assumed to be outside the vessel's modes.
+        /// Minimum spread of the motion outside the vessel's modes.
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
-        /// Angular frequency of what they leave, rad/s, until they are known.
+        /// Angular frequency of the residual motion until it is known, rad/s.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
-        /// Damping ratio of that motion.
+        /// Damping ratio of the residual motion.
         pub residual_damping: f64 = 0.1, in 0.05..=0.95;
-        /// Damping ratio of what fresh modes leave of heave, tilt and heading: an error of prediction fades within a
-        /// quarter of a wave.
+        /// Damping ratio of the residual motion in heave, tilt and heading with fresh modes: a prediction error fades
+        /// within a quarter of a wave.
         pub residual_fresh_damping: f64 = 0.9, in 0.05..=0.95;
-        /// Until the vessel has sent a wave model: angular frequencies, rad/s.
-        /// Source: As the vessel model's broad default.
+        /// Angular frequencies of the default oscillators, used until the vessel sends a wave model, rad/s.
+        /// Source: same as the vessel model's broad default.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
-        /// Damping ratio of these.
+        /// Damping ratio of the default oscillators.
         pub bank_damping: f64 = 0.1, in 1e-3..=0.95;
-        /// Spread of each of these.
+        /// Spread of each default oscillator.
         pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
-        /// Fraction of the vessel's stated variance that is common to all its estimates and stays.
+        /// Fraction of the vessel's stated variance that is common to all its estimates and does not average out.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
         /// Minimum standard deviation of a tag's position, m.
-        /// Chosen: what remains however near the tag is; far away the detector's own variance counts.
+        /// Chosen: what remains at close range; at long range the detector's own variance dominates.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;
         /// Minimum standard deviation of a tag's attitude, rad.
         pub tag_min_sd_rad: f64 = f64::to_radians(0.6), in 1e-4..=1.0;
-        /// Fraction of the drone's stated position variance that is fused as noise of vision; the rest is
-        /// the same in the drone's position now and does not matter.
+        /// Fraction of the drone's stated position variance that is fused as noise of vision. The rest is common to the
+        /// drone's present position and cancels.
         /// Chosen: tuned at Moderate.
         pub drone_variance_fraction: f64 = 0.0, in 0.0..=1.0;
-        /// Error of vision in proportion to the distance, besides the mount's, that is the same from one
-        /// detection to the next.
+        /// Error of vision as a fraction of the distance, without the mount's error; it is the same in all detections.
         /// Chosen: a tag of 71 px at 7 m appears 11 cm too near.
         pub vision_scale_sd: f64 = 0.012, in 0.0..=0.5;
         /// Position error of the camera's mount, m.
-        /// Source: Camera mount 1 cm wrong.
+        /// Source: camera mounted with an error of 1 cm.
         pub camera_mount_sd_m: f64 = 0.01, in 0.0..=1.0;
-        /// Minimum time between two readings of the rangefinder that are used, s.
+        /// Minimum time between two rangefinder readings that are used, s.
         pub range_period_s: f64 = 0.04, in 0.0..=10.0;
-        /// Distance that a rangefinder's spot keeps from the deck's edge, m.
+        /// Minimum distance of the rangefinder's spot from the deck's edge, m.
         pub range_margin_m: f64 = 0.2, in 0.0..=10.0;
-        /// Minimum standard deviation of a rangefinder's reading, m.
-        /// Source: Rangefinder 3 cm.
+        /// Minimum standard deviation of a rangefinder reading, m.
+        /// Source: rangefinder accuracy of 3 cm.
         pub range_min_sd_m: f64 = 0.03, in 1e-3..=1.0;
         /// Innovations beyond this many standard deviations are rejected.
         pub gate_sd: f64 = 5.0, in 2.0..=20.0;
-        /// The vessel's wave model is used.
-        /// Source: Less than all is for comparisons.
+        /// Use the vessel's wave model.
+        /// Source: always on; switched off only for comparisons.
         pub use_wave_model: bool = true;
-        /// The vessel's estimates are used only while the newest tag detection is older than this, s; 0
-        /// for always.
+        /// Use the vessel's estimates only while the newest tag detection is older than this, s; 0 to use them always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;
-        /// Radio and vision are fresh for this long, s.
+        /// Time for which radio and vision count as fresh, s.
         pub fresh_s: f64 = 1.0, in 0.1..=10.0;
-        /// Without radio and vision for this long there is no forecast, s.
+        /// Silence of both radio and vision after which no forecast is published, s.
         pub silence_s: f64 = 30.0, in 1.0..=600.0;
     }
 }

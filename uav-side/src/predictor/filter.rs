@@ -1,5 +1,4 @@
-//! The six filters over time: observations are fused at their own time of validity, however late
-//! and in whatever order they come.
+//! The six filters over time: observations are fused at their own time of validity, in any order of arrival.
 
 use std::collections::VecDeque;
 
@@ -19,62 +18,60 @@ use super::shift;
 use super::track::FrameJump;
 use super::waves::{AXES, TILT, Waves};
 
-/// Observations that can be put in order.
+/// Maximum number of observations kept for reordering.
 const MAX_ENTRIES: usize = 96;
-/// Observations further back than this are rejected, s.
+/// Maximum age of an observation relative to the newest one, s.
 const MAX_LATE_S: f64 = 1.0;
 /// Consecutive rejections after which vision or radio is accepted again.
 const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
-/// More than any of our vessels accelerates across in a turn, m/s².
+/// Maximum lateral acceleration in a turn, m/s²; above that of all supported vessels.
 const MAX_TURN_MPS2: f64 = 2.0;
-/// Faster than the vessels we land on, m/s.
+/// Maximum speed, m/s; above that of all supported vessels.
 const MAX_SPEED_MPS: f64 = 10.0;
-/// A turn by more than this in one step is nonsense, rad.
+/// Maximum turn in one step, rad; a larger one is invalid.
 const MAX_BEND_RAD: f64 = 1.0;
 
-/// Degrees of freedom that are rejected together.
+/// Degrees of freedom that are rejected as a group.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 
 /// Outcome of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fused {
-    /// All of it was used.
+    /// Fused completely.
     All,
-    /// This many groups of degrees of freedom were rejected as outliers.
+    /// Number of groups of degrees of freedom rejected as outliers.
     Gated(u32),
-    /// Older than anything kept.
+    /// Older than the stored history.
     Late,
-    /// An observation of this time and source was taken already.
+    /// An observation with this time and source has already been fused.
     Duplicate,
 }
 
-/// The six degrees of freedom.
 pub type FilterState = [Axis; AXES];
 
 #[derive(Clone, Debug)]
 struct Entry {
     at: Time<DroneClock>,
     observation: Option<DeckObservation>,
-    /// State after it.
+    /// State after the observation.
     after: Box<FilterState>,
 }
 
-/// The filters and their recent past.
+/// The filters and their recent history.
 #[derive(Clone, Debug)]
 pub struct Filter {
     noise: [AxisNoise; AXES],
     gate: f64,
-    /// Error of the vessel's own tilt that all its estimates share, rad.
+    /// Error of the vessel's tilt that all its estimates share, rad.
     common_tilt: f64,
     entries: VecDeque<Entry>,
     spare: Vec<Box<FilterState>>,
-    /// By [`ObservationKind`].
+    /// Indexed by [`ObservationKind`].
     sources: [AidSource<DroneClock>; ObservationKind::COUNT],
-    /// The radio is received.
     radio_available: bool,
-    /// Degrees of freedom that were ever measured by the camera or the rangefinder.
+    /// Degrees of freedom measured at least once by the camera or the rangefinder.
     observed: [bool; AXES],
-    /// The newest measurement of the place in the drone's frame is a relative place.
+    /// Whether the newest position in the drone's frame is a relative position of the moving base.
     by_relative: bool,
     /// Jumps of the autopilot's estimate that separate vision's slow error from the radio's, north and east, m.
     taken: [f64; 2],
@@ -82,7 +79,7 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Filters that begin with `first`, whose missing degrees of freedom are level.
+    /// Initialises the filters from `first`. Degrees of freedom that it lacks start level.
     pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &DeckObservation) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
@@ -119,7 +116,7 @@ impl Filter {
         f
     }
 
-    /// Takes the camera's rotation, as another filter knows it, into a filter that has just begun.
+    /// Initialises the camera's rotation from another filter, if this one has just started.
     pub fn adopt_mount(&mut self, known: &FilterState) {
         let Some(first) = self.entries.front_mut().filter(|e| e.observation.is_none()) else {
             return;
@@ -132,40 +129,37 @@ impl Filter {
         }
     }
 
-    /// The state at `t`: predicted from what was known then.
+    /// State at `t`, predicted from the observations up to then.
     pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> FilterState {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);
         let Some(before) = self.entries.get(i - 1) else {
-            // Never empty; a level deck stands in.
+            // Unreachable, since entries are never empty; returns a level deck.
             return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0));
         };
         let mut state = *before.after;
         self.advance(&mut state, waves, before.at, t);
         state
     }
-    /// Time of the first observation.
     pub fn started(&self) -> Time<DroneClock> {
         self.started
     }
-    /// The state after the newest observation.
+    /// State after the newest observation.
     pub fn last(&self) -> Option<&FilterState> {
         self.entries.back().map(|e| &*e.after)
     }
-    /// Record of the observations of this kind.
     pub fn source(&self, kind: ObservationKind) -> &AidSource<DroneClock> {
         &self.sources[kind as usize]
     }
-    /// Time of the newest observation.
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.entries.back().map(|e| e.at)
     }
-    /// Whether the radio is received, from now on.
+    /// Sets whether the radio is received.
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
-    /// Noise parameters in state `s`: under way a helmsman and the waves change the mean velocity, in
-    /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
-    /// course is taken to go on: vision cannot distinguish a new mean velocity from waves.
+    /// Noise parameters in state `s`. Under way the helmsman and the waves change the mean velocity; in a turn it
+    /// changes by more than the turn itself, because the hull slips sideways and slows down. Without the radio a
+    /// constant course is assumed, because vision cannot distinguish a change of the mean velocity from waves.
     pub fn noise(&self, s: &FilterState) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
         if let Some(t) = turning(s).filter(|_| self.radio_available) {
@@ -177,15 +171,15 @@ impl Filter {
         }
         noise
     }
-    /// Every number is finite.
+    /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         self.entries
             .back()
             .is_some_and(|e| e.after.iter().all(Axis::is_finite))
     }
 
-    /// Takes a state on from one time to another, from the modes that were the newest then to those of the later time:
-    /// the difference of a newer message from the one before is no motion of the deck, so the residual takes it.
+    /// Propagates a state between two times, from the newest modes at `from` to the newest at `to`. The difference
+    /// between two messages is not motion of the deck, so it is moved into the residual.
     fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -201,10 +195,10 @@ impl Filter {
         if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
-                // Where the path of a velocity begins is no motion of the waves.
+                // The starting point of an integrated velocity is arbitrary and not wave motion.
                 a.x[if course { MEAN } else { HEAD }] += change.value[i];
                 a.x[HEAD + 1] += change.rate[i];
-                // That the newer modes leave no more than usual is what the vessel has measured since.
+                // Pseudo-measurement: according to the vessel, the newer modes leave a residual of the usual size.
                 if let Some(o) = oscillators.first() {
                     let var = o.sd[i].powi(2);
                     if !course {
@@ -215,7 +209,7 @@ impl Filter {
             }
         }
     }
-    /// Forgets all but the newest state: what came before was computed with other oscillators.
+    /// Drops all but the newest state: older ones were computed with other oscillators.
     fn keep_newest(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -223,7 +217,7 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
-    /// Vision's slow error less the radio's was known before the filters began, with this variance now.
+    /// Fuses the predecessor's difference between vision's slow error and the radio's, with its variance now.
     pub fn resume(&mut self, m: &PredictorCheckpoint, variance: &[f64; AXES]) {
         self.observed = [true; AXES];
         self.sources[ObservationKind::Tag as usize].fused_at = m.tag_at;
@@ -233,8 +227,8 @@ impl Filter {
             a.update(MeasurementRow::Offset, m.offset[i], variance[i]);
         }
     }
-    /// The place in the drone's frame was measured wrong, by `apart_m`: each axis is as uncertain as that now, and the camera's rotation,
-    /// which may have taken a part of it, is unknown again.
+    /// Discards a wrong measured position in the drone's frame: the uncertainty of each axis grows by `apart_m`, and
+    /// the camera's rotation, which may have absorbed part of the error, is reset.
     pub fn give_up_place(&mut self, apart_m: f64) {
         let noise = self.noise;
         self.by_relative = false;
@@ -244,19 +238,19 @@ impl Filter {
             a.forget(TURN, n.turn.0);
         }
     }
-    /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
+    /// Switches from the default oscillators to the vessel's identified modes; their motion becomes modes and residual.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.keep_newest() else { return };
         let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
-            // Where the path of a velocity begins is no motion of the waves.
+            // The starting point of an integrated velocity is arbitrary and not wave motion.
             a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i];
             a.x[HEAD + 1] -= modes.rate[i];
         }
     }
-    /// The modes are too old to be rolled on: the filters hold them from the newest observation on, each as an
-    /// oscillator. What the residual one held is theirs in proportion to their variances.
+    /// Replaces modes that are too old to extrapolate by oscillators, from the newest observation on. The residual
+    /// motion is distributed among them in proportion to their variances.
     pub fn hold_modes(&mut self, waves: &mut Waves) {
         let Some(at) = self.newest() else { return };
         let Some(held) = waves.hand_over(at) else {
@@ -268,12 +262,12 @@ impl Filter {
             a.hold(&oscillators, i, &held);
         }
     }
-    /// A newer message has come: what was known since its time of validity is computed again about its modes.
+    /// Recomputes the states since `since` with the modes of a newer message.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
     }
 
-    /// Fuses `o` where it belongs in time and everything later again after it.
+    /// Fuses `o` at its own time, and replays all later observations.
     pub fn fuse(&mut self, waves: &Waves, o: &DeckObservation) -> Fused {
         let i = self.entries.partition_point(|e| e.at <= o.at);
         let late = self
@@ -327,7 +321,7 @@ impl Filter {
         }
     }
 
-    /// Notes what was measured in the drone's frame; `used`: the groups of degrees of freedom that were not rejected.
+    /// Records which degrees of freedom were measured in the drone's frame; `used` tells whether a group was accepted.
     fn note(&mut self, o: &DeckObservation, used: impl Fn(usize) -> bool) {
         match o.kind {
             ObservationKind::Estimate => return,
@@ -369,7 +363,7 @@ impl Filter {
         }
     }
 
-    /// The autopilot's estimate has jumped.
+    /// Applies a jump of the autopilot's estimate.
     pub fn shift(&mut self, jump: &FrameJump) {
         let before = self.offsets();
         let by_relative = self.by_relative;
@@ -398,7 +392,7 @@ impl Filter {
             self.taken = [0.0; 2];
         }
     }
-    /// Vision's slow error less the radio's, north and east, m.
+    /// Vision's slow error minus the radio's, north and east, m.
     fn offsets(&self) -> [f64; 2] {
         let offset = |i: usize| {
             self.last()
@@ -406,15 +400,15 @@ impl Filter {
         };
         [offset(0), offset(1)]
     }
-    /// The place by vision less the place by radio, and how far it may be, m; None without vision.
+    /// Distance between the positions by vision and by radio, and its limit, m. None without vision.
     pub fn place_apart_m(&self) -> Option<[f64; 2]> {
         let [north, east, ..] = self.observed;
         let last = self.last().filter(|_| north && east)?;
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// Distance of the present detection from the radio's place, by the state `s` of its time, where it
-    /// is further apart than it may be. None, too, of a deck that is `followed` and detected where it was before.
+    /// Distance of a detection from the radio's position and its limit, m, if the limit is exceeded; `s` is the state
+    /// at its time. None as well for a `followed` deck that is detected at its previous position.
     pub fn elsewhere(
         &self,
         waves: &Waves,
@@ -430,7 +424,7 @@ impl Filter {
         let [apart, limit] = self.apart(waves, s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Distance of the present detection from the radio's place, by the state `s` of its time, and its maximum, m.
+    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at its time.
     pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
         let variance = |i: usize| {
@@ -442,8 +436,8 @@ impl Filter {
         Some(agreement::place(apart, more, &self.noise, self.taken))
     }
 
-    /// A source that is rejected again and again is right and the filter wrong: the states that may be
-    /// wrong become uncertain.
+    /// Records the result. A source that is rejected many times in a row is taken as right and the filter as wrong: the
+    /// uncertainty of the states concerned is increased.
     fn record(&mut self, o: &DeckObservation, gated: u32) {
         let source = &mut self.sources[o.kind as usize];
         source.record(o.at, 0.0, gated == 0);
@@ -471,7 +465,6 @@ impl Filter {
     }
 }
 
-/// A turn under way.
 struct Turning {
     /// Mean rate of the heading, rad/s.
     rate: f64,
@@ -479,7 +472,7 @@ struct Turning {
     speed: f64,
 }
 
-/// The turn, when there is enough speed for one.
+/// Turn of a vessel that is fast enough to steer.
 fn turning(s: &FilterState) -> Option<Turning> {
     let speed = s[0].x[RATE].hypot(s[1].x[RATE]);
     (speed > STEERAGE_MPS).then_some(Turning {
@@ -488,8 +481,8 @@ fn turning(s: &FilterState) -> Option<Turning> {
     })
 }
 
-/// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
-/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only; and so have heel and trim.
+/// Rotates the mean velocity of a turning vessel over the last `dt` (s): `v' = omega x v`, the coordinated turn
+/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), means only. Heel and trim rotate as well.
 fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
@@ -510,7 +503,7 @@ fn propagate_turn(s: &mut FilterState, dt: f64) {
     }
 }
 
-/// Innovations of a detection's place, north and east, as if measured by `row`.
+/// Innovations of a detection's position, north and east, as if measured by `row`.
 fn place(
     s: &FilterState,
     waves: &Waves,
@@ -524,12 +517,12 @@ fn place(
     Some([(0, north), (1, east)].map(|(i, (v, r))| s[i].innovation(row, v - modes[i], r)))
 }
 
-/// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
-/// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
+/// Updates vision's rotation from the tag's attitude: measured minus predicted tilt. `common` (rad) is the error of the
+/// vessel's own tilt; it is in all measurements, so it does not average out.
 fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>; AXES], common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some(nu) = &innovations[j] else { continue };
-        // About the level without vision's slow error.
+        // Relative to the level without vision's slow error.
         let measured = nu.value + s[j].x[VISION];
         let (_, var) = s[j].project(MeasurementRow::Level);
         s[i].update(
@@ -541,11 +534,11 @@ fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>
     }
 }
 
-/// Fuses an observation into a state of the same time; the groups rejected, a bit each.
+/// Fuses an observation into a state of the same time. Returns a bit mask of the rejected groups.
 fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, common: f64) -> u32 {
     let modes = waves.motion(o.at);
     let innovations = innovations(s, &modes, waves.lever_arm(), o);
-    // An invalid value is an outlier, too.
+    // An invalid value also counts as an outlier.
     let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
     let rate =
         |a: &Axis, i: usize| o.rate[i].map(|(v, r)| a.innovation(MeasurementRow::Rate, v - modes.rate[i], r));

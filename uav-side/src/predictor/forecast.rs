@@ -1,4 +1,4 @@
-//! Forecast: the deck's motion over the horizon from the filters' state now.
+//! Forecast: the deck's motion over the horizon, from the present state of the filters.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Seq;
@@ -13,16 +13,16 @@ use super::axis::{
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
-/// Stages at which the variance is computed; between them it is interpolated.
+/// Stages at which the variance is computed; in between it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
-/// Less normal force than this holds nothing, m/s².
+/// Minimum normal force per mass, m/s²; below it nothing stays on the deck.
 const MIN_NORMAL_MPS2: f64 = 0.5;
-/// Steps of the mean of the apparent slope over a second, before and after.
+/// Half-width of the averaging window of the apparent slope, in steps; the window is one second.
 const SLOPE_STEPS: usize = 2;
-/// Below this speed a turn does not bend the path, m/s.
+/// Minimum speed at which a turn bends the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
 
-/// Transitions over the horizon, kept while the oscillators' frequencies stay the same.
+/// Transitions over the horizon, reused while the oscillators' frequencies stay the same.
 #[derive(Clone, Debug)]
 pub struct Horizon {
     oscillators: Vec<Oscillator>,
@@ -32,7 +32,6 @@ pub struct Horizon {
 }
 
 impl Horizon {
-    /// Transitions for these oscillators.
     pub fn new(oscillators: &[Oscillator], stage_s: f64) -> Self {
         Horizon {
             oscillators: oscillators.to_vec(),
@@ -58,9 +57,9 @@ impl Horizon {
         self.oscillators.copy_from_slice(oscillators);
     }
 
-    /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
-    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `waves` holds the modes and
-    /// the deck's place on the vessel, from time `now` on.
+    /// Stages of the forecast from the state `axes`. `common` holds the variances (value, rate) of constant errors by
+    /// degree of freedom, `clock_var` (s²) shifts everything along its motion, and `waves` holds the modes and the
+    /// deck's position on the vessel, from time `now` on.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -107,8 +106,8 @@ impl Horizon {
         out
     }
 
-    /// The deck's apparent slope, stage by stage from now on: `f_xy / |f_z|` with the specific force
-    /// `f = R^T (a - g)` in the deck's axes, turned to north and east, in steps of [`SLOPE_STEP`].
+    /// Apparent slope of the deck at each stage, in steps of [`SLOPE_STEP`]: `f_xy / |f_z|` with the specific force `f
+    /// = R^T (a - g)` in the deck's axes, rotated to north and east.
     pub fn slopes(
         &self,
         axes: &[Axis; AXES],
@@ -130,7 +129,7 @@ impl Horizon {
         for window in forces.windows(2 * SLOPE_STEPS + 1) {
             let f = window.iter().sum::<Vector3<f64>>() / window.len() as f64;
             let slope = f.xy() / (-f.z).max(MIN_NORMAL_MPS2) / SLOPE_STEP;
-            // A cast of a number too large gives the largest.
+            // The cast saturates.
             if out.push([slope.x.round() as i8, slope.y.round() as i8]).is_err() {
                 break;
             }
@@ -138,7 +137,7 @@ impl Horizon {
         out
     }
 
-    /// The means one stage on. A turning vessel's mean velocity turns with it, and so do heel and trim.
+    /// Propagates the means by one stage. The mean velocity of a turning vessel turns with it, as do heel and trim.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -162,7 +161,8 @@ impl Horizon {
         }
     }
 
-    /// Variance of value, rate and acceleration at knot `k`, from the covariance now and the noise until then.
+    /// Variance of value, rate and acceleration at knot `k`, from the present covariance and the process noise until
+    /// then.
     fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> [f64; 3] {
         let Some(step) = self.knots.get(k) else {
             return [0.0; 3];
@@ -173,9 +173,8 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are in the drone's frame, which goes on as its odometry
-        // drifts now. The unknown part of its drift to come is left out: it moves drone and plan alike
-        // until the next detection.
+        // Position and heading are in the drone's frame, which moves with the present drift of the odometry. Its
+        // unknown future drift is omitted: it moves drone and plan alike until the next detection.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
         if in_vision_frame(axis) {
@@ -217,7 +216,7 @@ impl Horizon {
         [value, rate, acceleration].map(|v: f64| v.max(0.0))
     }
 
-    /// One stage from the means.
+    /// Stage from the means, without deviations.
     fn mean(&self, mean: &[[f64; MAX_STATES]; AXES], lever_arm: &Vector3<f64>, modes: &DeckMotion) -> Mean {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -237,7 +236,7 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
-        // Of a vessel without way the mean rate of turn is not a turn of the vessel.
+        // Without way, the mean rate of turn is not a turn of the vessel.
         let turn = if bent { mean[5][RATE] } else { 0.0 };
         let heel = TILT.map(|i| mean[i][MEAN]);
         r[TILT[0]] -= turn * heel[1];
@@ -247,7 +246,7 @@ impl Horizon {
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
-        // Of a vessel that turns, whose axes turn below the tilt.
+        // For a turning vessel, the axes turn under a constant tilt.
         let rates = [dr + turn * pitch, dp - turn * roll];
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], rates, [ddr, ddp]);
@@ -273,7 +272,7 @@ impl Horizon {
         }
     }
 
-    /// The same with deviations; `var` gives the variances of value, rate and acceleration per degree of freedom.
+    /// Stage with deviations; `var` gives the variances of value, rate and acceleration by degree of freedom.
     fn stage(
         &self,
         mean: &[[f64; MAX_STATES]; AXES],
@@ -305,17 +304,17 @@ impl Horizon {
     }
 }
 
-/// A stage without deviations, and what they are made of.
+/// Stage without deviations, with its intermediate results.
 struct Mean {
     stage: DeckStage,
-    /// Per degree of freedom.
+    /// By degree of freedom.
     rate: [f64; AXES],
     acceleration: [f64; AXES],
     /// Sine and cosine of the heading by compass.
     turn: (f64, f64),
 }
 
-/// Position and heading are forecast in the drone's frame; tilt as it is.
+/// Whether an axis is forecast in the drone's frame: position and heading are, tilt is not.
 fn in_vision_frame(axis: usize) -> bool {
     !matches!(axis, 3 | 4)
 }
@@ -341,7 +340,7 @@ mod tests {
         let [first, .., last] = &stages[..] else {
             panic!("{} stages", stages.len());
         };
-        // Heel and trim stay what they are in her own axes, and so does the height of the deck.
+        // Heel and trim are constant in the vessel's axes, and so is the height of the deck.
         for s in [first, last] {
             assert!(s.velocity[2].abs() < 1e-3, "{:?}", s.velocity);
             assert!(

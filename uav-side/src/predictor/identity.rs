@@ -1,25 +1,26 @@
-//! Which of several decks with the same tags is the vessel's own.
+//! Identification of the vessel's own deck among several decks with the same tags.
 //!
-//! Each place at which tags are detected again and again is a deck. One alone is taken, unless it rocks otherwise than
-//! the radio reports: the last sum is that of [`BLOCK`] samples then, and chi-square distributed where they are of one
-//! deck. Of several the vessel's own is, in this order, the one that was followed before they were several (continuity of
-//! place: without the radio), and the one that is more likely than any other by a factor of [`MARGIN`]'s exponential,
-//! with the logarithm of the ratio of the likelihoods of decks 1 and 2
+//! A place at which tags are detected repeatedly is a deck. A single deck is accepted unless its rocking differs from
+//! what the radio reports. That test uses the sum of squares over a block of [`BLOCK`] samples, which is chi-square
+//! distributed for the own deck. Among several, the own deck is, in this order: the deck that was followed before the
+//! others appeared (continuity of place, only without the radio), or the deck whose log likelihood exceeds that of
+//! every other one by [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
 //!
 //! ```text
 //! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
 //!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
 //! ```
 //!
-//! The last are the ratios for normal values of unknown variances `s`, of which the own deck's is the smaller one: they grow with the
-//! independent samples `n` only where the decks move apart, however much both err, and not by chance. A variance is that about
-//! the mean.
+//! The last terms are the ratios for normal values of unknown variances `s` (about the mean), of which the own deck has
+//! the smaller one. They grow with the number of independent samples `n` only if the decks move differently, not by
+//! chance, however large both errors are.
 //!
-//! `apart` is its distance from where radio or beacon places the vessel; `yaw`, `tilt` and `height` are what the camera sees less
-//! what the radio reports of the same time, the latter about its low-pass: the drone's own height
-//! drifts. From the height of an approach the height distinguishes more than the tilt, which is measured to ten degrees there. Boats that lie side by side head alike, and still rock apart:
-//! a wave reaches one before the other. What the camera's mount adds is the same for both, and in the mean. Until then none
-//! is followed, and the reason is given.
+//! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's values
+//! minus the radio's at the same time; the height is taken about its low-pass, because the drone's own height drifts.
+//! During the approach the height discriminates better than the tilt, which is measured only to ten degrees at that
+//! distance. Boats moored side by side have the same heading but rock differently, because a wave reaches one before
+//! the other. The error of the camera's mount is the same for both and is part of the mean. Until the decision no deck
+//! is followed, and the reason is reported.
 
 use std::collections::VecDeque;
 
@@ -32,61 +33,65 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Maximum number of decks that are distinguished.
+/// Maximum number of decks.
 const MAX_DECKS: usize = 4;
-/// Reports of the radio that are kept: more than a second at 30 Hz.
+/// Number of radio reports kept: more than a second at 30 Hz.
 const MAX_REPORTS: usize = 48;
-/// A report holds for so long before and after its time, by its rates, s.
+/// Maximum time over which a report is extrapolated with its rates, forward or backward, s.
 const HOLDS_S: f64 = 0.2;
-/// Tags are of the same deck where they are no further from where it was than this, m: two decks do not overlap, and the
-/// narrowest that a drone lands on is wider.
+/// Maximum distance between detections of the same deck, m. Two decks do not overlap, and the narrowest one that a
+/// drone lands on is wider.
 const SAME_M: f64 = 0.8;
-/// ... and this much more for each second since, m/s, besides the vessel's own way, and for each metre from which they
-/// are detected: attitude and heading of the drone.
+/// Increase of this distance per second since the last detection, m/s, in addition to the vessel's motion, and per
+/// metre of range: attitude and heading error of the drone.
 const SAME_MPS: f64 = 0.3;
 const SAME_PER_M: f64 = 0.05;
-/// Tags never detected in one image are two decks from this distance on, m: nearer it may be one deck, badly detected.
+/// Minimum distance between two decks whose tags were never detected in one image, m. Below it, they may be one deck
+/// with poor detections.
 const APART_M: f64 = 5.0;
-/// A deck counts once it was detected in so many images: a single misread tag does not make one.
+/// Minimum number of images for a deck to count: a single misread tag is not a deck.
 const CONFIRMED: u32 = 5;
-/// A deck that is not detected is remembered for so long, s: as the forecast by vision alone.
+/// Time for which an undetected deck is remembered, s; equal to that of the forecast by vision alone.
 const MEMORY_S: f64 = 30.0;
-/// Without the radio a deck that was alone for so long is the one that is followed, s.
+/// Time after which a single deck is followed without the radio, s.
 const FOLLOWED_S: f64 = 2.0;
-/// A mean square in units of the stated variance is no smaller than this: by chance, or stated too large.
+/// Minimum of a mean square, in units of the stated variance; smaller values are due to chance or to a variance stated
+/// too large.
 const MIN_VARIANCE: f64 = 0.05;
-/// Samples of the tilt are taken so far apart, s: errors of successive images are not independent. So many of each deck are
-/// compared at least: half a wave.
+/// Sampling interval of the tilt, s, since errors of successive images are correlated; the minimum number of samples
+/// per deck covers half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Errors of the same sign last for so long, s, as do tags viewed from one side and half a wave: so far apart two samples count as
-/// two.
+/// Interval between independent samples, s. Errors keep their sign for this long, as do tags viewed from one side, and
+/// half a wave.
 const INDEPENDENT_S: f64 = 3.0;
-/// No motion may speak so much against the deck that the others speak for, as a logarithm: they are of one hull.
+/// Minimum log likelihood ratio of each single motion: tilt and height belong to one hull, so none may contradict the
+/// others.
 const AGAINST: f64 = -1.0;
 const MIN_SAMPLES: f64 = 15.0;
-/// A tilt that differs by more is no deck's on which a drone lands, but of a tag that was solved for its other minimum, rad.
+/// Maximum difference in tilt, rad. A larger one is a tag solved for the wrong minimum, as no drone lands on a deck
+/// that tilts so much.
 const MAX_TILT_RAD: f64 = 0.3;
-/// The vessel's own deck is so much more likely than any other, as a logarithm: 1 of 10 000 is wrong.
+/// Minimum log likelihood ratio against any other deck: 1 wrong decision in 10 000.
 const MARGIN: f64 = 9.2;
-/// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and minimum error of a tag's tilt.
+/// Combined yaw error of compass and camera, rad; tilt error of the vessel by radio, and minimum tilt error of a tag,
+/// rad.
 const YAW_SD_RAD: f64 = 0.037;
 const TILT_SD_RAD: f64 = 0.009;
-/// Error of the deck's height by radio and of the drone's own, m, from one wave to the next.
+/// Error of the deck's height by radio and of the drone's height from one wave to the next, m.
 const HEAVE_SD_M: f64 = 0.1;
-/// Time constant of what is left of the height on the average, s: that of the drone's own drift, and most of a wave passes.
+/// Time constant of the mean height residual, s: follows the drone's own drift and passes most of a wave.
 const LEVEL_TIME_S: f64 = 4.0;
-/// Samples of a deck's tilt after which it is compared with the radio's as a whole: 5 s, a period of the waves.
+/// Number of tilt samples in a block that is compared with the radio: 5 s, a wave period.
 const BLOCK: f64 = 25.0;
-/// A sum of squares of that many samples of two angles about their mean that is no own deck's: 99.99 % of a chi-square with 48
-/// degrees of freedom, 93, of errors twice as large as they are stated.
+/// Maximum sum of squares of a block for the own deck: 99.99 % of a chi-square with 48 degrees of freedom (two angles
+/// about their means) is 93, here with errors twice as large as stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
-/// One sample counts no more than this: tags that are misread once, or tilted the wrong way, are no contradiction.
+/// Upper limit on one squared sample: a tag misread or flipped once is not a contradiction.
 const MAX_SAMPLE: f64 = 30.0;
-/// Ambiguity is reported for so long after the last image that showed it, s.
+/// Time for which ambiguity is reported after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
-/// Report of the deck by radio at a time: tilt about north and east, yaw, rad, and the height of its centre (down, m), and
-/// their rates.
+/// Radio report of the deck: tilt about north and east, yaw, rad, height of its centre (down, m), and their rates.
 #[derive(Clone, Copy, Debug)]
 struct Report {
     at: Time<DroneClock>,
@@ -94,18 +99,18 @@ struct Report {
     rates: Vector4<f64>,
 }
 
-/// Difference of a deck's detected attitude from the radio's: mean, and sum of squares about it in units of their variances.
+/// Detected minus reported attitude of a deck: mean, and sum of squares about the mean in units of the variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Residual {
     n: f64,
     mean: Vector3<f64>,
-    /// Sums of squares of tilt about north and about east, and of the height.
+    /// Sums of squares of tilt about north, tilt about east, and height.
     squares: [f64; 3],
     sampled: Option<Time<DroneClock>>,
 }
 
 impl Residual {
-    /// Takes a sample (Welford's update of the sum of squares about the mean).
+    /// Adds a sample (Welford's update of the sum of squares about the mean).
     fn take(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.sampled = Some(at);
         self.n += 1.0;
@@ -116,8 +121,7 @@ impl Residual {
             self.squares[i] += (before[i] * after[i] / tilt_variance[i]).min(MAX_SAMPLE);
         }
     }
-    /// Logarithm of the ratio of the likelihoods that this is the own deck's and that the other is; none where one motion
-    /// contradicts the others.
+    /// Log likelihood ratio of this deck against the other. Minus infinity if one motion contradicts the others.
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
@@ -134,29 +138,29 @@ impl Residual {
     }
 }
 
-/// A deck in sight.
+/// Detected deck.
 #[derive(Clone, Copy, Debug)]
 struct Deck {
     place: Vector2<f64>,
     at: Time<DroneClock>,
     since: Time<DroneClock>,
     images: u32,
-    /// Images in which another was detected as well.
+    /// Number of images in which another deck was detected as well.
     together: u32,
-    /// Distance from where radio or beacon has the vessel, in standard deviations; None: neither has it anywhere.
+    /// Distance from the position by radio or beacon, in standard deviations. None if neither provides a position.
     apart_sd: Option<f64>,
-    /// While others are in sight.
+    /// Residual while other decks are in sight.
     residual: Residual,
-    /// The height as measured less the radio's, low-pass, while others are detected, and of how many samples.
+    /// Low-pass of measured minus reported height while other decks are in sight, and its number of samples.
     level: Option<(f64, f64)>,
-    /// Always, of the newest block of samples.
+    /// Residual of the current block, always updated.
     block: Residual,
-    /// By the last whole block it rocks otherwise than the radio reports.
+    /// The last complete block did not match the radio.
     rocks_apart: bool,
 }
 
 impl Deck {
-    /// Takes a sample to the block, and judges by a whole one.
+    /// Adds a sample to the block, and tests the block when it is complete.
     fn judge(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.block.take(at, r, tilt_variance);
         if self.block.n >= BLOCK {
@@ -168,7 +172,7 @@ impl Deck {
             };
         }
     }
-    /// Takes a sample of tilt and height, m, to what distinguishes it from others detected.
+    /// Adds a sample of tilt and height (m) to the residual that is compared with other decks.
     fn distinguish(
         &mut self,
         at: Time<DroneClock>,
@@ -180,26 +184,26 @@ impl Deck {
         let dt = (self.residual.sampled).map_or(0.0, |before| (at - before).secs());
         self.residual.take(at, r, tilt_variance);
         let (level, n) = self.level.map_or((height, 1.0), |(level, n)| (level, n + 1.0));
-        // The mean at first: one sample is no level.
+        // Plain mean at first, as one sample does not define a level.
         let gain = low_pass_gain(dt, LEVEL_TIME_S).max(1.0 / n);
         let (before, after) = (height - level, (height - level) * (1.0 - gain));
         self.level = Some((height - after, n));
         self.residual.squares[2] += (before * after / variance).min(MAX_SAMPLE);
     }
-    /// It lies where the vessel may be.
+    /// Whether the deck lies where the vessel may be.
     fn is_admissible(&self) -> bool {
         self.apart_sd.is_none_or(|sd| sd <= PLACE_SD)
     }
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
     }
-    /// The other may be the own one as well: it is there, and not the same one badly detected.
+    /// Whether the other may be the own deck as well: it is present, and not a poor detection of the same deck.
     fn rivals(&self, other: &Deck) -> bool {
         let in_one_image = other.at == self.at && other.is_admissible();
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// It is the own one rather than the other.
+    /// Whether this deck rather than the other is the own one.
     fn is_clear_of(&self, other: &Deck) -> bool {
         let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
         let place = 0.5 * (apart(other) - apart(self));
@@ -208,30 +212,30 @@ impl Deck {
     }
 }
 
-/// Verdict on tags at a place.
+/// Verdict on detected tags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// They are the deck's own, as far as is known.
+    /// The vessel's own deck, as far as known.
     Own,
-    /// They are another deck's.
+    /// Another deck.
     Other,
-    /// One of so many decks is the own one, and it is not known which.
+    /// Undecided between this many decks.
     Several(u32),
 }
 
-/// The decks in sight.
+/// Detected decks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Decks {
     decks: Vec<Deck>,
     reports: VecDeque<Report>,
-    /// Index of the own one in `decks`, once that is decided.
+    /// Index of the own deck in `decks`, once decided.
     own: Option<usize>,
-    /// When one of so many could not be decided upon.
+    /// Time and number of decks of the last ambiguity.
     several: Option<(Time<DroneClock>, u32)>,
 }
 
 impl Decks {
-    /// The radio's estimate of the vessel; `height`: of the deck's centre, down, m, and its rate, m/s.
+    /// Adds an estimate received by radio; `height` is that of the deck's centre, down, m, and its rate, m/s.
     pub(super) fn report(&mut self, o: &DeckObservation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
@@ -249,7 +253,7 @@ impl Decks {
             rates: Vector4::new(rate(3), rate(4), rate(5), height[1]),
         });
     }
-    /// Radio's report at `t`, by the nearest one.
+    /// Radio report at `t`, extrapolated from the nearest one.
     fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
@@ -257,8 +261,8 @@ impl Decks {
         (by.abs() <= HOLDS_S).then(|| nearest.pose + nearest.rates * by)
     }
 
-    /// Tags detected from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon
-    /// has the vessel, and how far that may be, m. Returns the deck that they belong to.
+    /// Assigns tags detected at `range_m` to a deck and returns its index. `velocity` is the vessel's, m/s; `apart` is
+    /// the distance from the position by radio or beacon, and its limit, m.
     pub(super) fn see(
         &mut self,
         o: &DeckObservation,
@@ -277,7 +281,7 @@ impl Decks {
             let off = (place - d.place - velocity * dt).norm();
             (off, SAME_M + SAME_MPS * dt + SAME_PER_M * range_m)
         };
-        // Two of one image are two.
+        // Detections in one image are different decks.
         let nearest = (self.decks.iter().enumerate())
             .filter(|(_, d)| d.at != o.at)
             .map(|(k, d)| (k, near(d)))
@@ -307,7 +311,7 @@ impl Decks {
         deck.apart_sd = apart_sd;
         let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
         if in_image > 1 {
-            // The first of an image learns of it with the second.
+            // The second detection of an image is counted for the first deck, too.
             let both = |(i, d): &(usize, &mut Deck)| d.at == o.at && (*i == k || in_image == 2);
             (self.decks.iter_mut().enumerate())
                 .filter(both)
@@ -315,7 +319,7 @@ impl Decks {
         }
         Some(k)
     }
-    /// Tilt and height of a deck that was detected against the radio's of the same time.
+    /// Compares tilt and height of a detected deck with the radio at the same time.
     fn compare(&mut self, k: usize, o: &DeckObservation) {
         let [
             ..,
@@ -338,7 +342,7 @@ impl Decks {
         };
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
-        // From the side a tag's tilt is a guess.
+        // Seen from the side, a tag's tilt is not reliable.
         if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }
@@ -351,12 +355,12 @@ impl Decks {
             deck.judge(o.at, r, variances);
         }
     }
-    /// Whether tags that were detected of the deck `k` are the vessel's own; `radio`: that is received.
+    /// Verdict on tags assigned to deck `k`; `radio` tells whether the radio is received.
     pub(super) fn verdict(&mut self, k: usize, o: &DeckObservation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
             self.own = self.own.filter(|own| *own != k);
-            // The vessel's own is another.
+            // The own deck is a different one.
             self.several = Some((o.at, 2));
             return Verdict::Other;
         }
@@ -375,7 +379,7 @@ impl Decks {
             }
         }
     }
-    /// The others of which one may be the own deck in the place of this.
+    /// Other decks that may be the own one instead of deck `k`.
     fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
         let deck = self.decks.get(k);
         let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);
@@ -383,11 +387,11 @@ impl Decks {
             .filter(move |(_, other)| deck.is_some_and(|d| d.rivals(other)))
             .map(|(_, other)| other)
     }
-    /// The own deck, if it is known.
+    /// Index of the own deck, if it can be decided.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
-                // With the radio a second one may still come into view where the vessel is.
+                // With the radio, a second deck at the vessel's position may still come into view.
                 return (now - deck.since).secs() >= FOLLOWED_S && !radio;
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))
@@ -395,7 +399,7 @@ impl Decks {
         let mut counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
         counts.find(clear).map(|(k, _)| k)
     }
-    /// Forgets what was not detected for long.
+    /// Drops decks that were not detected for [`MEMORY_S`].
     fn forget(&mut self, now: Time<DroneClock>) {
         let lasts = |d: &Deck| (now - d.at).secs() <= MEMORY_S;
         if self.decks.iter().all(lasts) {
@@ -412,7 +416,7 @@ impl Decks {
             self.decks.iter().position(same)
         });
     }
-    /// The frame has jumped.
+    /// Applies a jump of the drone's frame.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         for d in &mut self.decks {
             let place = Vector3::new(d.place.x, d.place.y, jump.about.z);
@@ -420,7 +424,7 @@ impl Decks {
             d.level = None;
         }
     }
-    /// Number of decks of which one is the own one, while it is not known which; 0: it is known, or no deck is.
+    /// Number of decks among which the own one is not yet decided; 0 if decided, or without a deck.
     pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
@@ -444,7 +448,7 @@ mod tests {
             from_drone: Vector3::z() * 7.0,
         }
     }
-    /// A vessel that rolls, and one that the same wave reaches so much later, s.
+    /// Roll of a vessel; `later_s` is the delay of the wave, s.
     fn roll(t: f64, later_s: f64) -> f64 {
         0.07 * (1.2 * (t - later_s)).sin() + 0.03 * (1.9 * (t - later_s)).sin()
     }
@@ -452,11 +456,11 @@ mod tests {
     fn heave(t: f64, later_s: f64) -> f64 {
         0.3 * (1.2 * (t - later_s)).sin()
     }
-    /// The verdict on each of two decks after `seconds`, 3 m from each other; with or without the radio.
+    /// Verdicts on two decks 3 m apart after `seconds`, with or without the radio.
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         with_tilt_sd(0.02, seconds, radio, later_s)
     }
-    /// Verdicts where a tag's tilt has this standard deviation, rad.
+    /// Same, with this standard deviation of a tag's tilt, rad.
     fn with_tilt_sd(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
@@ -466,10 +470,10 @@ mod tests {
                 let estimate = observation(ObservationKind::Estimate, t, [0.0; 2], [roll(t, 0.0), 0.0, 0.1]);
                 decks.report(&estimate, [heave(t, 0.0), 0.0]);
             }
-            // Errors of the tags' tilt, and of the camera's mount.
+            // Errors of the tag's tilt and of the camera's mount.
             let noise = tilt_sd * (37.0 * t).sin() + 0.02;
             let detected = [0.0, later_s].map(|later| {
-                // The drone's own height drifts, and errs.
+                // The drone's own height has drift and noise.
                 let down = heave(t, later) + 0.02 * t + 0.05 * (41.0 * t).sin();
                 ([roll(t, later) + noise, 0.02 - noise, 0.12], down)
             });
@@ -496,13 +500,13 @@ mod tests {
     #[test]
     fn own_deck_by_its_rocking() {
         assert_eq!(side_by_side(90.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
-        // In calm water, or where both rock as one, nothing distinguishes them.
+        // In calm water, or if both rock in phase, the decks cannot be distinguished.
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// From 15 m a tag's tilt is measured to ten degrees: the height distinguishes them.
+    /// At 15 m a tag's tilt is measured to ten degrees; the height distinguishes the decks.
     #[test]
     fn own_deck_by_its_heave() {
         assert_eq!(
@@ -512,7 +516,7 @@ mod tests {
         assert_eq!(with_tilt_sd(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
     }
 
-    /// One deck alone that rocks by 7 deg as the radio reports, or half a period later.
+    /// A single deck that rocks by 7 deg as reported by radio, or half a period later.
     #[test]
     fn lone_deck_against_the_radio() {
         for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {
@@ -542,9 +546,9 @@ mod tests {
 
     #[test]
     fn decks_without_a_radio() {
-        // Two at the beginning: none is followed.
+        // Two decks from the start: none is followed.
         assert_eq!(side_by_side(30.0, false, 0.4).0, [Verdict::Several(2); 2]);
-        // One alone is, and stays the one when another comes into view, and while it is out of view itself.
+        // A single deck is followed, and stays so when another comes into view and while it is out of view.
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
             let o = observation(ObservationKind::Tag, t, [north, 0.0], [0.0; 3]);

@@ -1,4 +1,4 @@
-//! Mean level of the deck, from the forecasts.
+//! Mean level of the deck, from forecasts.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::DeckStage;
@@ -6,15 +6,16 @@ use alight_shared::time::{DroneClock, Time};
 
 /// Time constant of the level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
-/// A deck whose mean over a forecast is further from the level than this does not heave: the frame or the estimate moved, m.
+/// Distance from the level to the mean of a forecast above which the frame or the estimate has jumped, m; heave does
+/// not explain it.
 const LEVEL_JUMP_M: f64 = 3.0;
 
-/// First-order low-pass of the mean of the predicted heights, which span about one wave, NED z.
+/// First-order low-pass of the mean predicted height, NED z. A forecast spans about one wave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MeanDeckLevel(Option<(Time<DroneClock>, f64)>);
 
 impl MeanDeckLevel {
-    /// The level, m, after the forecast `stages` of `now`; None without a stage.
+    /// Level after the forecast `stages` at `now`, m. None without a stage.
     pub(super) fn follow(&mut self, now: Time<DroneClock>, stages: &[DeckStage]) -> Option<f64> {
         let sum = stages.iter().map(|s| s.position[2]).sum::<f64>();
         let z = (!stages.is_empty()).then(|| sum / stages.len() as f64)?;

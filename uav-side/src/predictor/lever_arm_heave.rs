@@ -1,16 +1,14 @@
-//! Lever-arm heave: how much lower the deck's centre stands on a tilted vessel than on a level one.
+//! Lever-arm heave: difference in height of the deck's centre between a tilted and a level vessel.
 //!
-//! The filters carry the height that the deck would have if the vessel were level: heave, which is
-//! a sum of waves. The deck itself is on an arm `c` above the vessel's reference point and so
-//! dips twice in a rocking period, by `c_z (cos theta cos phi - 1)`: 8 cm at 20 deg, with up to
-//! 0.1 m/s, which no mode explains. It follows from the tilt, so nothing of it is
+//! The filters estimate the height of the deck on a level vessel, which is a sum of waves. The deck is at lever arm `c`
+//! above the vessel's reference point, so it dips twice per rocking period by `c_z (cos theta cos phi - 1)`: 8 cm at 20
+//! deg, at up to 0.1 m/s. No mode explains this motion. It follows from the tilt, so it is computed rather than
 //! estimated.
 
 use nalgebra::Vector3;
 
-/// Height (m, down), its rate and its acceleration that tilt adds to a deck on the arm `c` (body
-/// frame, m), from Euler angles, their rates and accelerations: the third row of `R(phi, theta)`
-/// times `c`, less `c_z`.
+/// Height (m, down), its rate and its acceleration added by tilt to a deck at lever arm `c` (body frame, m), from Euler
+/// angles, their rates and accelerations: the third row of `R(phi, theta)` times `c`, minus `c_z`.
 pub fn lever_arm_heave(
     c: &Vector3<f64>,
     [phi, theta]: [f64; 2],

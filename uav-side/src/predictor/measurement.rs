@@ -1,7 +1,8 @@
-//! Measurement function `h(x)` of vision, rangefinder and relative place, its Jacobian, and innovations `z - h(x)`.
+//! Measurement function `h(x)` of vision, rangefinder and relative position, its Jacobian, and innovations `z - h(x)`.
 //!
-//! A detection `z` is the deck from the drone's measured pose, in the drone's NED; by the state of the six filters, with
-//! the deck `d` (mean, waves and modes), slow errors `b` of vision, and the direction `l` from the drone to the deck:
+//! A detection `z` is the deck relative to the drone's measured pose, expressed in the drone's NED. In terms of the
+//! filters' state: deck `d` (mean, waves and modes), slow errors `b` of vision, and direction `l` from the drone to the
+//! deck:
 //!
 //! ```text
 //! north, east  d + b + L(l) w             w: rotation of vision, as far as it shifts distant detections
@@ -10,13 +11,13 @@
 //!                                            reads k more than the drone's; m: rotation of the camera's mount, b of tilt
 //! heading      d + b
 //! ```
+//! A range and a relative position are not measured along a camera's line of sight. With `l = 0`, their height is `d +
+//! b + s(t, y)`, and the relative position is `d + b` north and east. `b` is that of vision, because the same odometry
+//! is used for the conversion.
 //!
-//! A range and a relative place are not measured along a camera's line: with `l = 0` their height is `d + b + s(t, y)`, and the
-//! relative place `d + b` north and east. Its `b` is vision's, for it is converted with the same odometry.
-//!
-//! The filters do not couple: each is corrected by its own block of the Jacobian, the tilt's inverted. Of the other
-//! states only the mount makes the height uncertain: by lever-arm heave and compass the forecast is as far off as the
-//! measurement.
+//! The filters are not coupled: each one is corrected with its own block of the Jacobian, the tilt with the inverse of
+//! its block. Among the other states, only the camera's mount adds uncertainty to the height: errors by lever-arm heave
+//! and compass affect forecast and measurement equally.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::vessel_model::turn_tilt;
@@ -27,9 +28,9 @@ use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{DeckObservation, ObservationKind, Plane};
 use super::waves::{AXES, DeckMotion, TILT};
 
-/// Arguments of `h`: the deck's degrees of freedom, place and heading in the drone's frame; rotation of the camera's mount
-/// about north and east; rotation of vision that shifts a detection north and east; by how much the vessel's compass
-/// reads more.
+/// Arguments of `h`: degrees of freedom of the deck, position and heading in the drone's frame; rotation of the
+/// camera's mount about north and east; rotation of vision that shifts a detection north and east; reading of the
+/// vessel's compass minus that of the drone's.
 type Arguments = SVector<f64, 11>;
 type Jacobian = SMatrix<f64, AXES, 11>;
 const MOUNT: [usize; 2] = [6, 7];
@@ -46,14 +47,14 @@ fn arguments(s: &[Axis; AXES], modes: &DeckMotion) -> Arguments {
     })
 }
 
-/// Tilt of a vessel that heads `delta` more, and its derivatives by both tilts and `delta`.
+/// Tilt after a change of the vessel's heading by `delta`, and its derivatives with respect to both tilts and `delta`.
 fn turned(tilt: [f64; 2], delta: f64) -> ([f64; 2], Matrix2x3<f64>) {
     let [(sr, cr), (sp, cp)] = tilt.map(f64::sin_cos);
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -delta);
     let n = turn * Vector3::new(sp * cr, -sr, cp * cr);
     let by_roll = turn * Vector3::new(-sp * sr, -cr, -cp * sr);
     let by_pitch = turn * Vector3::new(cp * cr, 0.0, -sp * cr);
-    // Of asin(-y) and atan2(x, z) of the deck's normal, with x² + y² + z² = 1.
+    // Derivatives of asin(-y) and atan2(x, z) of the deck's normal, with x² + y² + z² = 1.
     let square = n.x * n.x + n.z * n.z;
     let slopes = [by_roll, by_pitch, Vector3::new(n.y, -n.x, 0.0)]
         .map(|d| Vector2::new(-d.y / square.sqrt(), (n.z * d.x - n.x * d.z) / square));
@@ -61,12 +62,12 @@ fn turned(tilt: [f64; 2], delta: f64) -> ([f64; 2], Matrix2x3<f64>) {
     ([roll, pitch], Matrix2x3::from_columns(&slopes))
 }
 
-/// Derivative of a detected height by the rotation of the camera's mount, m.
+/// Derivative of a detected height with respect to the rotation of the camera's mount, m.
 fn mount_slopes(o: &DeckObservation) -> [f64; 2] {
     [o.from_drone.y, -o.from_drone.x]
 }
 
-/// Measurement `h` of these arguments, and `dh/du`; `lever_arm`: of the deck's centre on the vessel, m.
+/// Measurement `h` for these arguments, and `dh/du`. `lever_arm` is that of the deck's centre on the vessel, m.
 fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (SVector<f64, AXES>, Jacobian) {
     let (lever, mount) = (o.lever(), mount_slopes(o));
     let (tilt, by_tilt) = turned([u[3] + u[MOUNT[0]], u[4] + u[MOUNT[1]]], u[COMPASS]);
@@ -86,7 +87,7 @@ fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (S
         slopes[(2, MOUNT[k])] = mount[k];
     }
     for k in 0..3 {
-        // Of tilt about north, about east and heading: as at these rates.
+        // Tilt about north, tilt about east and heading, treated as rates.
         let rates = [by_level[(0, k)], by_level[(1, k)]];
         let [_, slope, _] = lever_arm_heave(lever_arm, euler, rates, [0.0; 2]);
         slopes[(2, 3 + k)] = slope;
@@ -98,14 +99,14 @@ fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (S
     (h.into(), slopes)
 }
 
-/// Variance that the rotation of the camera's mount adds to a detected height, m².
+/// Variance of a detected height due to the rotation of the camera's mount, m².
 fn mount_variance(s: &[Axis; AXES], o: &DeckObservation) -> f64 {
     let of = |(slope, i): (f64, usize)| slope * slope * s[i].p[VISION][VISION].max(0.0);
     mount_slopes(o).into_iter().zip(TILT).map(of).sum()
 }
 
-/// Innovations of an observation by the filters' state of its time, each as the filter of its degree of freedom takes it:
-/// of the heading along the shorter way, of a detected tilt turned back to the vessel's north.
+/// Innovations of an observation for the filters' state at its time, in the form used by the filter of each degree of
+/// freedom: heading wrapped, detected tilt rotated back to the vessel's north.
 pub(super) fn innovations(
     s: &[Axis; AXES],
     modes: &DeckMotion,
@@ -144,7 +145,7 @@ pub(super) fn innovations(
     all
 }
 
-/// Detection without the camera's mount in its height, for a comparison that does not estimate it.
+/// Detection with the mount's effect removed from its height, for a comparison that does not estimate the mount.
 pub(super) fn without_mount(s: &[Axis; AXES], mut o: DeckObservation) -> DeckObservation {
     let ([north, east], variance) = (mount_slopes(&o), mount_variance(s, &o));
     if let Some((height, r)) = &mut o.value[2] {
@@ -154,7 +155,7 @@ pub(super) fn without_mount(s: &[Axis; AXES], mut o: DeckObservation) -> DeckObs
     o
 }
 
-/// The deck by a state of the filters.
+/// Deck pose from a state of the filters.
 pub(super) fn plane(s: &[Axis; AXES], modes: &DeckMotion, lever_arm: &Vector3<f64>) -> Plane {
     let u = arguments(s, modes);
     let (roll, pitch) = turn_tilt(u[3], u[4], u[5] + u[COMPASS]);
@@ -186,7 +187,7 @@ mod tests {
 
     const CENTRE: Vector3<f64> = Vector3::new(-4.0, 0.5, -1.3);
 
-    /// Arguments, and a detection along any line, or a relative place.
+    /// Arguments, with a detection along any line of sight or a relative position.
     fn case() -> impl Strategy<Value = (Arguments, DeckObservation)> {
         let units = prop::array::uniform11(-1.0_f64..1.0);
         let line = prop::option::weighted(0.7, prop::array::uniform3(-8.0_f64..8.0));
@@ -205,7 +206,7 @@ mod tests {
             (Arguments::from(units).component_mul(&Arguments::from(largest)), o)
         })
     }
-    /// Filters of these arguments, with a slow error of vision in place and heading.
+    /// Filters with these arguments, and a slow error of vision in position and heading.
     fn state(u: &Arguments, modes: &DeckMotion) -> [Axis; AXES] {
         let noise = AxisNoise::all(&PredictorConfig::default());
         let mut s: [Axis; AXES] = core::array::from_fn(|i| Axis::new(&noise[i], &[], i, u[i], 0.1, 0.1));
@@ -246,13 +247,13 @@ mod tests {
             o.value[5] = (!relative).then_some((h[5] + TAU * turns.round(), 1e-4));
             for nu in innovations(&state(&u, &modes), &modes, &CENTRE, &o).into_iter().flatten() {
                 prop_assert!(nu.value.abs() < 1e-9, "{nu:?}");
-                // Neither the camera's rotation nor its mount is in a relative place.
+                // A relative position depends neither on the camera's rotation nor on its mount.
                 let vision = nu.row == MeasurementRow::Vision && nu.variance == 1e-4;
                 prop_assert!(vision || !relative, "{nu:?}");
             }
         }
 
-        /// The filters' innovations are linear in what is measured, and the height's in the mount's rotation.
+        /// The innovations are linear in the measurement, and the height innovation in the mount's rotation.
         #[test]
         fn innovation_variance_by_propagation((u, mut o) in case()) {
             const STEP: f64 = 1e-3;
@@ -284,8 +285,8 @@ mod tests {
         }
     }
 
-    /// Largest innovation of a tag by geometry: the camera's mount is rotated by `mount`, rad, and the vessel's compass reads more
-    /// than the drone's.
+    /// Largest innovation of a tag, from geometry, with the camera's mount rotated by `mount`, rad, and the vessel's
+    /// compass reading more than the drone's.
     fn innovation_of_a_tilted_tag(mount: Vector3<f64>) -> f64 {
         let c = PredictorConfig::default();
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
@@ -325,7 +326,7 @@ mod tests {
     fn tag_of_a_tilted_deck_by_a_rotated_camera() {
         let level = innovation_of_a_tilted_tag(Vector3::zeros());
         assert!(level < 1e-9, "{level}");
-        // A mount's angle acts along the vessel's north in the tilt, along the drone's in the height.
+        // A mount angle acts along the vessel's north on the tilt, and along the drone's north on the height.
         let rotated = innovation_of_a_tilted_tag(Vector3::new(2e-4, -3e-4, 0.0));
         assert!(rotated < 1e-4, "{rotated}");
     }

@@ -1,27 +1,26 @@
-//! The predictor: the vessel's messages and the drone's vision fused about the vessel's modes, propagated to the
-//! deck's motion over the next seconds, in the drone's own frame, with covariance.
+//! The predictor: fuses the vessel's messages and the drone's vision about the vessel's modes, and propagates the
+//! result to the deck's motion over the next seconds, in the drone's frame, with covariance.
 //!
-//! - [`waves`]: the vessel's modes, rolled on.
-//! - `own`: the same, identified by the drone itself where the vessel is silent.
+//! - [`waves`]: the vessel's modes, extrapolated.
+//! - `own`: modes identified by the drone itself while the vessel is silent.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
-//! - [`filter`]: the six of them, and how late observations are fused at their own time.
+//! - [`filter`]: the six filters, and fusion of late observations at their own time.
 //! - [`placement`]: the vessel's estimate in the drone's frame.
-//! - `beacon`: the vessel's place by its beacon, where nothing else is known.
-//! - `identity`: which of several decks with the same tags is the vessel's own.
-//! - `level`: the deck's mean level.
-//! - `agreement`: whether camera, rangefinder and radio contradict each other.
-//! - [`observation`]: each message as a measurement of the six degrees of freedom.
-//! - `measurement`: what the filters predict of a measurement, and its Jacobian.
-//! - [`track`]: where the drone was at the time of exposure.
-//! - [`lever_arm_heave`]: the deck's height due to its tilt.
-//! - `relative`: the place by a receiver with the vessel's as its moving base, and its trust.
-//! - `shift`: what of it moves where the autopilot's estimate jumps.
-//! - [`forecast`]: the horizon.
-//! - `checkpoint`: what outlives the process.
+//! - `beacon`: the vessel's position by its beacon, if nothing else is known.
+//! - `identity`: identification of the vessel's own deck among decks with the same tags.
+//! - `level`: mean level of the deck.
+//! - `agreement`: agreement between camera, rangefinder and radio.
+//! - [`observation`]: messages as measurements of the six degrees of freedom.
+//! - `measurement`: measurement function of the filters, and its Jacobian.
+//! - [`track`]: the drone's pose at the time of exposure.
+//! - [`lever_arm_heave`]: height of the deck due to its tilt.
+//! - `relative`: position by a receiver with the vessel as moving base, and trust in it.
+//! - `shift`: effect of a jump of the autopilot's estimate on the filters.
+//! - [`forecast`]: the forecast over the horizon.
+//! - `checkpoint`: state that outlives the process.
 //!
-//! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
-//! known to the drone only up to a slow offset; vision measures that offset. With the radio
-//! silent the same filters go on by vision alone.
+//! Vessel and drone each have a GNSS error of a metre or more, so the drone knows the vessel's position only up to a
+//! slow offset, which vision measures. While the radio is silent, the same filters continue by vision alone.
 
 mod agreement;
 pub mod axis;

@@ -39,48 +39,42 @@ use super::waves::{AXES, Waves};
 use ObservationKind::{Estimate, Range, Tag};
 use alight_shared::checkpoint::Recovery;
 
-/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorIn {
-    /// The vessel's state.
     pub estimate: Option<VesselEstimate<DroneClock>>,
-    /// The vessel's wave model.
     pub wave: Option<WaveModel<DroneClock>>,
-    /// The vessel's own prediction, for how far it is off.
+    /// The vessel's own prediction, used for its deviation.
     pub prediction: Option<VesselPrediction<DroneClock>>,
     /// Obstacles around the vessel's deck.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
-    /// Link and clocks.
+    /// State of the link and of the clocks.
     pub link: Option<LinkState>,
-    /// The drone's state.
     pub drone: Option<DroneState>,
-    /// The autopilot's state: where the sea is in its frame.
+    /// The autopilot's state; provides the sea level in its frame.
     pub autopilot: Option<AutopilotState>,
-    /// The vessel's place by beacons.
+    /// Beacon messages with the vessel's position.
     pub beacons: Vec<DeckBeacon>,
-    /// Detections of the tag.
+    /// Tag detections.
     pub tags: Vec<TagPose>,
-    /// Detections of the UV markers.
+    /// UV marker detections.
     pub uvdar: Vec<UvdarFix>,
-    /// Rangefinder.
+    /// Rangefinder readings.
     pub ranges: Vec<RangeSample>,
-    /// The drone's place relative to the vessel.
+    /// Positions of the drone relative to the vessel.
     pub relative: Vec<RelativePlace>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
-/// Output of the predictor.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorOut {
-    /// The deck's forecast, at the predictor's rate, while anything is known.
+    /// Forecast of the deck, at the predictor's rate, if the deck's position is known.
     pub forecast: Option<DeckForecast>,
-    /// For a successor, with each forecast once the camera has detected the deck.
+    /// Checkpoint for a successor, with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
 wiring! {
-    /// Topics that the predictor reads and writes.
     PredictorPorts of Predictor: PredictorIn => PredictorOut {
         reads {
             newest estimate: VesselEstimate<DroneClock>,
@@ -102,13 +96,13 @@ wiring! {
     }
 }
 
-/// A message may be this much ahead of now: jitter between processes.
+/// Maximum time by which a message may lie ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
 const CAMERA: [ObservationKind; 2] = ObservationKind::CAMERA;
-/// Before the first state of the link, s.
+/// Clock standard deviation before the first link state, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
-/// Fuses radio and vision and predicts the deck.
+/// Node that fuses radio and vision and predicts the deck.
 #[derive(Clone, Debug)]
 pub struct Predictor {
     config: PredictorConfig,
@@ -117,39 +111,38 @@ pub struct Predictor {
     waves: Waves,
     filter: Option<Filter>,
     horizon: Horizon,
-    /// Horizon further ahead, in longer steps.
+    /// Longer horizon with longer steps.
     far: Horizon,
     track: DroneTrack,
     clock_sd_s: f64,
-    /// Variances that the vessel states (value, rate), from its newest estimate.
+    /// Variances stated by the vessel (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     radio_sequence: Option<(u32, u32)>,
-    /// When tags that are another vessel's were detected last, and how far from the radio's place they may be and are, m.
+    /// Last detection of another vessel's tags: time, and distance from the position by radio with its limit, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     relative: RelativeTrust,
     height: HeightAgreement,
     level: MeanDeckLevel,
-    /// Decks with the vessel's tags.
+    /// Detected decks with the vessel's tags.
     decks: Decks,
-    /// Track of the vessel by its beacon.
     beacon: Option<BeaconTrack>,
-    /// Track from where it was known last by radio or camera.
+    /// Track from the last known position by radio or camera.
     last_known: Option<BeaconTrack>,
-    /// Height of the origin over mean sea level, m.
+    /// Height of the origin above mean sea level, m.
     origin_sea_m: Option<f64>,
-    /// Model that the drone identifies itself while the radio is silent.
+    /// Model identified by the drone while the radio is silent.
     own: Option<OwnModel>,
-    /// Apparent slopes of the deck as reported by the vessel, and when.
+    /// Apparent slopes of the deck as reported by the vessel, and their time.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
-    /// Does not know yet whether a predictor before it flew.
+    /// Set until it is known whether a predecessor was flying.
     recovery: Option<Recovery<PredictorCheckpoint>>,
     rejections: Rejections,
 }
 
 impl Predictor {
-    /// A predictor that knows nothing yet; `boot` is a random number of each start.
+    /// Creates a predictor without measurements; `boot` is a random number for each start.
     pub fn new(config: &PredictorConfig, boot: u32) -> Self {
         let waves = Waves::new(config);
         Predictor {
@@ -180,12 +173,11 @@ impl Predictor {
             rejections: Rejections::default(),
         }
     }
-    /// Boot id of its process.
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// A predecessor may have flown: it waits for that one's checkpoint first, and publishes nothing until then. A
-    /// forecast by the radio alone may lie metres off the deck, and would end a landing.
+    /// Configures a restart after a possible crash: the predictor first waits for its predecessor's checkpoint and
+    /// publishes nothing until then. A forecast by the radio alone may be off by metres and would end a landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
@@ -193,12 +185,11 @@ impl Predictor {
             ..self
         }
     }
-    /// Inputs not used since the start.
+    /// Counts of unused inputs since the start.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
     }
 
-    /// Checks content and time of a message.
     fn admit<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), RejectionReason> {
         m.check().map_err(|_| RejectionReason::OutOfRange)?;
         if m.header().at > now + AHEAD {
@@ -207,12 +198,11 @@ impl Predictor {
         Ok(())
     }
 
-    /// Time of the newest fused observation of these kinds.
     fn fused_at(&self, kinds: &[ObservationKind]) -> Option<Time<DroneClock>> {
         let filter = self.filter.as_ref()?;
         kinds.iter().filter_map(|k| filter.source(*k).fused_at).max()
     }
-    /// Time since then, s; infinite where there is none.
+    /// Time since the newest fused observation of these kinds, s; infinite without one.
     fn age_s(&self, now: Time<DroneClock>, kinds: &[ObservationKind]) -> f64 {
         self.fused_at(kinds)
             .map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
@@ -233,7 +223,7 @@ impl Predictor {
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
-            // Part of it was good: it counts as used, and as an outlier.
+            // Part of it was fused: it counts both as used and as an outlier.
             Fused::Gated(n)
                 if n < 3 && !matches!(o.kind, ObservationKind::Range | ObservationKind::Relative) =>
             {
@@ -269,7 +259,7 @@ impl Predictor {
         Ok(())
     }
 
-    /// The drone's origin is another: what was known of the deck's place was about the one before.
+    /// Discards everything known relative to the drone's previous origin.
     fn forget_frame(&mut self) {
         self.track = DroneTrack::default();
         (self.filter, self.own) = (None, None);
@@ -298,8 +288,8 @@ impl Predictor {
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        // Without a camera that sees the deck, or what stands in for it, there is no second witness: its level goes on by the radio,
-        // whose slow error no covariance of the filter has.
+        // This comparison needs the camera or a relative position that replaces it. Otherwise the level follows the
+        // radio, whose slow error is not in the filter's covariance.
         let by_relative_s = self
             .relative
             .state(at)
@@ -312,8 +302,8 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    /// Takes the predecessor's checkpoint as soon as the radio's view of the deck is there to be offset, unless this one
-    /// has detected the deck itself.
+    /// Applies the predecessor's checkpoint once the radio provides the deck's position, unless this predictor has
+    /// already detected the deck.
     fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
         let Some(recovery) = &mut self.recovery else {
             return;
@@ -337,7 +327,7 @@ impl Predictor {
         }
     }
 
-    /// The checkpoint by the newest observation, to go with a forecast with this header.
+    /// Checkpoint of the newest observation, published with the forecast of this header.
     fn checkpoint(&self, forecast: &Header<DroneClock>) -> Option<PredictorCheckpoint> {
         let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
         let axes = filter.last()?;
@@ -363,14 +353,14 @@ impl Predictor {
         })
     }
 
-    /// Counts a message that was not admitted.
+    /// Counts a used or rejected message.
     fn count(&mut self, admitted: Result<(), RejectionReason>) {
         if let Err(reason) = admitted {
             self.rejections.count(reason);
         }
     }
 
-    /// Odometry, and what comes by radio.
+    /// Processes odometry and radio messages.
     fn receive(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(l) = &input.link {
             let admitted = Self::admit(now, l);
@@ -401,7 +391,7 @@ impl Predictor {
         if let Some(m) = &input.surroundings {
             let admitted = Self::admit(now, m);
             if admitted.is_ok() {
-                // They stand where they stood for as long as nothing else is reported.
+                // Obstacles stay valid until others are reported.
                 self.surroundings = m.surroundings;
             }
             self.count(admitted);
@@ -417,8 +407,7 @@ impl Predictor {
         }
     }
 
-    /// While the radio is silent the drone identifies the vessel's motion itself; the modes that came last are held until
-    /// its own are there.
+    /// Identifies the vessel's motion on board while the radio is silent. The last received modes are kept until then.
     fn identify(&mut self, now: Time<DroneClock>) {
         if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
             self.own = None;
@@ -433,7 +422,7 @@ impl Predictor {
         }
     }
 
-    /// Whose measurements are fresh.
+    /// Source with fresh measurements.
     fn source(&self, radio_age_s: f64, vision_age_s: f64) -> Source {
         let fresh = |age_s: f64| age_s < self.config.fresh_s;
         match (fresh(radio_age_s), fresh(vision_age_s)) {
@@ -473,7 +462,7 @@ impl Predictor {
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
-            // Vision does not depend on the clocks' offset.
+            // Vision does not depend on the clock offset.
             Source::Vision | Source::None => 0.0,
         };
         let stages = self.horizon.stages(
@@ -529,9 +518,8 @@ impl Predictor {
         Some(f)
     }
 
-    /// Variances of errors that are the same from one measurement to the next, which the filter
-    /// takes for independent: the vessel's own filtered errors, and the camera's mount times the
-    /// distance.
+    /// Variances of correlated errors, which the filter treats as independent: the vessel's own filtered errors, and
+    /// the camera's mount error times the distance.
     fn common(&self, axes: &[Axis; AXES], source: Source) -> [(f64, f64); AXES] {
         let vision = match source {
             Source::Both | Source::Vision => true,
@@ -542,7 +530,7 @@ impl Predictor {
             Vector3::from_fn(|i, _| axes[i].project(MeasurementRow::Vision).0) - d.position()
         });
         let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
-        // An error of scale lies along the line of sight.
+        // A scale error lies along the line of sight.
         let mount = |i: usize| {
             self.config.camera_mount_sd_m.powi(2) + (self.config.vision_scale_sd * lever_arm[i]).powi(2)
         };

@@ -10,24 +10,21 @@ use super::config::PredictorConfig;
 use super::track::{FrameJump, Pose};
 use super::waves::AXES;
 
-/// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
-/// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
+/// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction of its
+/// height, or as a distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// Errors of the vessel's filter that last for seconds, standard deviation of value and rate, m, rad, and per second: GNSS
-/// wanders between noise, which the filter averages, and the slow error, which is a state here. Chosen.
+/// Errors of the vessel's filter that last for seconds, standard deviation of value and rate, m, rad, and per second:
+/// GNSS errors between noise, which that filter averages, and the slow error, which is a state here. Chosen.
 const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
-/// Source of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObservationKind {
-    /// The vessel's estimate.
     Estimate,
     Tag,
-    /// The UV markers.
     Uvdar,
     Range,
-    /// A receiver with the vessel's as its moving base.
+    /// A receiver with the vessel as its moving base.
     Relative,
 }
 
@@ -36,28 +33,26 @@ impl ObservationKind {
     pub(super) const CAMERA: [ObservationKind; 2] = [ObservationKind::Tag, ObservationKind::Uvdar];
 }
 
-/// A value and its variance.
 pub type Measured = Option<(f64, f64)>;
 
-/// Values and rates of the deck at one instant, by degree of freedom, as measured. By radio the height is that of the deck
-/// on a level vessel, and the tilt that of a vessel heading north by its own compass; else of the deck, and by the drone's.
+/// Values and rates of the deck at one time, by degree of freedom, as measured. For the radio, the height is that of
+/// the deck on a level vessel and the tilt that of a vessel heading north by its own compass. Otherwise the height is
+/// that of the deck, and north is by the drone's compass.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
-    /// Time of validity.
     pub at: Time<DroneClock>,
-    /// Source of the observation.
     pub kind: ObservationKind,
-    /// Position of the deck's centre, tilt as heading north, heading.
+    /// Position of the deck's centre, tilt for a deck heading north, heading.
     pub value: [Measured; AXES],
     pub rate: [Measured; AXES],
-    /// Deck's centre from the drone, NED, m; 0 of what is not measured along that line.
+    /// Deck's centre relative to the drone, NED, m; zero if not measured along that line.
     pub from_drone: Vector3<f64>,
 }
 
 impl DeckObservation {
-    /// Change that a rotation of vision by 1 rad adds to the values north (about east) and east (about
-    /// north), m. From the side, errors of heading and distance shift the detection as much as the rotation
-    /// about the level axes and would be taken for it: none. Above the deck they do not.
+    /// Shift of the north value per rotation of vision about east, and of the east value about north, m/rad. Zero for a
+    /// view from the side, where errors of heading and distance shift the detection as much and would be mistaken for
+    /// the rotation. Above the deck they are small.
     pub fn lever(&self) -> [f64; 2] {
         let (fraction, lateral_m) = OVERHEAD;
         let [x, y, z]: [f64; 3] = self.from_drone.into();
@@ -67,8 +62,8 @@ impl DeckObservation {
             [0.0; 2]
         }
     }
-    /// The autopilot's estimate has jumped since: detections are where the drone made them, what came by radio where the
-    /// datum lies now, a relative place where it is in the frame, whichever way the drone heads.
+    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, radio values move with the
+    /// datum, and a relative position stays in the frame whatever the drone's heading.
     pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
             ObservationKind::Estimate => (jump.datum, 0.0),
@@ -78,7 +73,7 @@ impl DeckObservation {
                     let place = Vector3::new(n, e, d);
                     (jump.of(&place) - place, jump.yaw)
                 }
-                // A range: what turns about the vertical leaves the height.
+                // A range: a rotation about the vertical does not change the height.
                 _ => (jump.moved, 0.0),
             },
         };
@@ -95,7 +90,7 @@ impl DeckObservation {
     }
 }
 
-/// Variances of value and rate per degree of freedom that the vessel states; of the tilt the mean of both.
+/// Variances of value and rate stated by the vessel, by degree of freedom; for the tilt, the mean of both.
 pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     let own = |i: usize| {
         let [value, _, rate] = e.covariance(i);
@@ -106,8 +101,9 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     [own(0), own(1), own(2), tilt, tilt, own(5)]
 }
 
-/// The vessel's estimate in the drone's frame; `clock_sd` is the clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
-/// estimate err alike, and the filter holds their difference.
+/// The vessel's estimate in the drone's frame. `clock_sd` is the standard deviation of the clock offset (s); it adds
+/// uncertainty in proportion to the rate. In tilt, modes and estimate have the same error, and the filter uses their
+/// difference.
 pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservation {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -115,13 +111,13 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     let ddot = e.eta_ddot.map(f64::from);
     let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
     let lever_arm = rotation * e.deck_centre();
-    // Height as of a level vessel: what the tilt takes off it is no wave.
+    // Height for a level vessel: the part caused by tilt is not a wave.
     let position = e.position() + Vector3::new(lever_arm.x, lever_arm.y, e.deck_centre().z);
     let swing = spin.cross(&lever_arm);
     let velocity = Vector3::new(dot[0] + swing.x, dot[1] + swing.y, dot[2]);
     let tilt = turn_tilt(roll, pitch, -yaw);
     let (s, cos) = yaw.sin_cos();
-    // d/dt of the turned tilt (small-angle form of turn_tilt).
+    // Time derivative of the rotated tilt (small-angle form of turn_tilt).
     let (dr, dp) = (dot[3] - dot[5] * pitch, dot[4] + dot[5] * roll);
     let tilt_rate = (cos * dr - s * dp, s * dr + cos * dp);
     let mut stated = stated(e);
@@ -152,7 +148,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     }
 }
 
-/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s: with what its tilt adds.
+/// Height of the deck's centre by the vessel's estimate (down, m) and its rate, m/s, including the effect of tilt.
 pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let dot = e.eta_dot.map(f64::from);
@@ -167,7 +163,7 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     r.component_mul(r) * v
 }
 
-/// A detection of the deck by its tags: position of its centre, tilt and heading.
+/// Detection of the deck by its tags: position of its centre, tilt and heading.
 pub fn tag(m: &TagPose, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
@@ -201,7 +197,7 @@ pub fn tag(m: &TagPose, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     }
 }
 
-/// A detection of the UV markers: position of the deck's centre.
+/// Detection of the UV markers: position of the deck's centre.
 pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let from_drone = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
@@ -220,12 +216,12 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation
     }
 }
 
-/// Deck as predicted at the time of a rangefinder's reading.
+/// Predicted deck at the time of a rangefinder reading.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
-    /// Deck's centre, m.
+    /// Centre of the deck, m.
     pub centre: Vector3<f64>,
-    /// NED from deck.
+    /// Rotation from deck to NED.
     pub rotation: UnitQuaternion<f64>,
     /// Standard deviation of the horizontal position, m.
     pub position_sd: f64,
@@ -233,8 +229,7 @@ pub struct Plane {
     pub tilt_sd: f64,
 }
 
-/// A rangefinder's reading of the deck: height of its centre. None when the spot is not safely
-/// inside the deck's edges.
+/// Rangefinder reading as a height of the deck's centre. None if the spot may lie outside the deck's edges.
 pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<DeckObservation> {
     let beam = drone.attitude * Vector3::new(0.0, 0.0, 1.0);
     let spot = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m) + beam * m.range_m;

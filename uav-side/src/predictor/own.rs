@@ -1,9 +1,10 @@
-//! The vessel's modes as the drone identifies them itself, by what camera and rangefinder see of the deck: for a vessel that
-//! is silent, and for one whose radio has gone silent.
+//! Modes of the vessel identified by the drone itself from camera and rangefinder, for a vessel without radio or one
+//! whose radio has failed.
 //!
-//! A filter of its own, with the broad bank of oscillators, gives the deck's motion ten times a second to the same model by
-//! which a vessel identifies its own ([`alight_shared::motion_model`]); what that finds is rolled on as if it had come by radio.
-//! The filter that the forecast is made of would not do: it moves about the modes, and would find them again.
+//! A separate filter with the broad default oscillators samples the deck's motion ten times per second for the same
+//! model with which a vessel identifies its own ([`alight_shared::motion_model`]). The result is extrapolated as if
+//! received by radio. The filter of the forecast is not suitable: it estimates motion about the modes and would only
+//! reproduce them.
 
 use alight_shared::admission::Periodic;
 use alight_shared::apparent_slope::{self, ApparentSlope};
@@ -19,18 +20,17 @@ use super::observation::DeckObservation;
 use super::track::FrameJump;
 use super::waves::{AXES, Oscillator, Spread, Waves};
 
-/// A sample is the state so long ago, s: images have come by then.
+/// Age of the state that is sampled, so that late images are included.
 const SAMPLE_AGE: Span = Span::from_millis(80);
-/// A deck that was not detected for so long is not sampled: its motion would be the filter's own, s.
+/// Time without a detection after which the deck is not sampled, s; the motion would be the filter's own.
 const UNOBSERVED_S: f64 = 0.5;
-/// Time of observing the deck after which its modes count, s: after 30 s the measured error is still too small, and 2 of 12
-/// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12, and it is the time in which a vessel identifies
-/// its own.
+/// Observation time after which the modes are used, s. After 30 s the measured error is still too small: 2 of 12
+/// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12. It is also the time that a vessel needs to
+/// identify its own motion.
 const IDENTIFIED_S: f64 = 60.0;
-/// Time between two stages of the measured error, s.
+/// Time between two stages of the measured prediction error, s.
 const STAGE_S: f64 = 0.25;
 
-/// Filter and model of the deck's motion by vision alone.
 #[derive(Clone, Debug)]
 pub(super) struct OwnModel {
     waves: Waves,
@@ -41,7 +41,6 @@ pub(super) struct OwnModel {
 }
 
 impl OwnModel {
-    /// A model without observations.
     pub(super) fn new(c: &PredictorConfig) -> Self {
         OwnModel {
             waves: Waves::new(c),
@@ -51,7 +50,8 @@ impl OwnModel {
             slope: Default::default(),
         }
     }
-    /// Takes an observation. A first one begins with the camera's rotation as the forecast's filter knows it by the radio.
+    /// Fuses an observation. The first one initialises the camera's rotation from the forecast's filter, which knows it
+    /// through the radio.
     pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation, known: Option<&FilterState>) {
         let waves = &self.waves;
         let filter = self.filter.get_or_insert_with(|| {
@@ -63,15 +63,15 @@ impl OwnModel {
             self.observed_at = self.observed_at.max(Some(o.at));
         }
     }
-    /// The autopilot's estimate has jumped.
+    /// Applies a jump of the autopilot's estimate.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some(f) = &mut self.filter {
             f.shift(jump);
         }
     }
-    /// Goes on to `now`; true when there is a newer sample, and with it newer modes.
+    /// Advances to `now`. Returns true if there is a newer sample, and therefore newer modes.
     pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
-        // By its heading only modes are turned, of which it has none.
+        // The heading only rotates modes, of which this filter has none.
         self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
         let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
@@ -88,7 +88,7 @@ impl OwnModel {
         self.motion.push(sample(at, &axes, &oscillators, lever_arm));
         true
     }
-    /// The deck as it is now.
+    /// Records the present deck for the apparent slopes.
     pub(super) fn watch(&mut self, now: Time<DroneClock>, deck: &DeckStage) {
         let (next, slope) = &mut self.slope;
         if next.is_due(now, Span::from_secs(1.0 / apparent_slope::RATE_HZ)) {
@@ -97,12 +97,12 @@ impl OwnModel {
             slope.push(now, &attitude, Vector3::from(deck.velocity));
         }
     }
-    /// Steepest recent apparent slopes, as a vessel would report them.
+    /// Steepest recent apparent slopes, in the form reported by a vessel.
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
-    /// Gives its modes and what they are off by to `waves`: their time of validity, and whether a bank of oscillators has gone
-    /// there. None before it has observed enough of the motion.
+    /// Passes its modes and their measured error to `waves`. Returns their time of validity and whether they replace
+    /// the default oscillators. None until enough motion has been observed.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;
@@ -118,8 +118,8 @@ impl OwnModel {
     }
 }
 
-/// The motion of the vessel's reference point about its mean, by the state of the filter of a deck whose centre is at
-/// `lever_arm` (m) in the vessel's axes.
+/// Motion of the vessel's reference point about its mean, from the filter of a deck whose centre is at `lever_arm` (m)
+/// in the vessel's axes.
 fn sample(
     at: Time<DroneClock>,
     axes: &FilterState,
@@ -129,7 +129,7 @@ fn sample(
     let motion: [[f64; 3]; AXES] = core::array::from_fn(|i| waves_of(&axes[i], oscillators, i));
     let mean_heading = axes[5].x[MEAN] + axes[5].x[VISION];
     let level = Rotation2::new(mean_heading) * lever_arm.xy();
-    // As `Waves` places the deck on the vessel, backwards.
+    // Inverse of the deck's placement on the vessel in `Waves`.
     let north = |k: usize| motion[0][k] - motion[4][k] * lever_arm.z + motion[5][k] * level.y;
     let east = |k: usize| motion[1][k] + motion[3][k] * lever_arm.z - motion[5][k] * level.x;
     let tilt = |i: usize| axes[i].project(MeasurementRow::Level).0;
@@ -142,7 +142,7 @@ fn sample(
     }
 }
 
-/// Value, rate and acceleration of the oscillators' sum.
+/// Value, rate and acceleration of the sum of the oscillators.
 fn waves_of(axis: &Axis, oscillators: &[Oscillator], i: usize) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for (k, o) in oscillators.iter().enumerate() {
@@ -159,8 +159,8 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// A vessel that heads east and pitches and yaws about its reference point, with its deck 4 m aft and 1.3 m up: the deck's
-    /// centre swings, and the reference point stays.
+    /// A vessel heads east and pitches and yaws about its reference point, with its deck 4 m aft and 1.3 m up. The
+    /// deck's centre swings; the reference point stays.
     #[test]
     fn motion_of_a_deck_off_the_reference_point() {
         let c = PredictorConfig::default();

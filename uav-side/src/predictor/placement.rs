@@ -7,12 +7,12 @@ use alight_shared::time::DroneClock;
 use alight_shared::vessel_model::{HEAVE, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-/// `e` about the drone's `origin`, which lies at `offset` (m) of the drone's frame; None further than [`MAX_POSITION_M`] from
-/// it.
+/// Estimate `e` relative to the drone's `origin`, which is at `offset` (m) in the drone's frame. None beyond
+/// [`MAX_POSITION_M`].
 ///
-/// The vessel's sensors know north and down at the vessel, wherever its datum is: its directions are turned by the
-/// convergence of the meridians there, 2 mrad at 5 km and 70 deg of latitude. The modes of its motion are not: 2 mm/s of
-/// a motion of 1 m/s.
+/// The vessel's sensors measure north and down at the vessel, wherever its datum is. Its directions are rotated by the
+/// convergence of the meridians, 2 mrad at 5 km and 70 deg of latitude. The modes are not rotated; the error is 2 mm/s
+/// for a motion of 1 m/s.
 pub fn placed(
     e: &VesselEstimate<DroneClock>,
     origin: &Datum,

@@ -1,13 +1,15 @@
-//! Relative place by a receiver with the vessel's as its moving base: the deck's centre that it gives, and whether tags confirm it.
+//! Relative position by a receiver with the vessel as its moving base: the deck's centre derived from it, and
+//! confirmation by tags.
 //!
-//! With the drone's place `p` and attitude `R` in its odometry, the antennas' lever arms `a` (drone) and `v` (vessel, from the deck's
-//! centre), the vessel's attitude `Q` by the filters and the measured baseline `b`, NED, the deck's centre is `p + R a - b - Q v`.
-//! It is in the frame of the odometry as a detection is, and so measures the deck with vision's slow error: what both have in
-//! common, the drift of the odometry, stays observable. The rotation of the camera is not in it.
+//! With the drone's position `p` and attitude `R` in its odometry, the lever arms of the antennas `a` (drone) and `v`
+//! (vessel, from the deck's centre), the vessel's attitude `Q` by the filters, and the measured baseline `b`, NED, the
+//! deck's centre is `p + R a - b - Q v`. Like a detection, it is in the odometry's frame and so measures the deck with
+//! vision's slow error; their common error, the drift of the odometry, stays observable. The rotation of the camera
+//! does not affect it.
 //!
-//! A false fix states centimetres and errs by decimetres for as long as it lasts, so each detection by tags is compared with it.
-//! Where they agree within `0.15 m + 3 sd` it is confirmed, and may stand in for a detection that is missing. Where they do
-//! not, it is contradicted: the tags count, and it is not used before it has been solved again.
+//! A false fix states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection is compared
+//! with it. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and may replace missing
+//! detections. Otherwise it is contradicted: the tags are used, and it is ignored until it has been solved again.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
@@ -19,29 +21,30 @@ use super::observation::{DeckObservation, ObservationKind, Plane};
 use super::track::Pose;
 use super::waves::AXES;
 
-/// A fixed solution that states more is not used, standard deviation of a component, m.
+/// Maximum stated standard deviation of a usable fixed solution, per component, m.
 const MAX_SD_M: f64 = 0.1;
-/// Minimum standard deviation of the deck's place, m: multipath, and the antennas' phase centres.
+/// Minimum standard deviation of the deck's position, m: multipath, and phase centres of the antennas.
 const MIN_SD_M: f64 = 0.02;
-/// A relative place that has not come for so long is solved again when it comes, s.
+/// Gap after which a relative position counts as solved again, s.
 const GONE_S: f64 = 10.0;
-/// A filter that took one so long ago at most has its place by it, s.
+/// Time since the last fused relative position within which the filter's position is based on it, s.
 const IN_USE_S: f64 = 1.0;
-/// A detection is compared with a relative place of this time before or after it, s.
+/// Maximum time between a detection and the relative position with which it is compared, s.
 const PAIR_S: f64 = 0.3;
-/// Time constant of the mean difference, s, also the longest time between two detections of one mean; and their minimum number.
+/// Time constant of the mean difference and longest gap between its detections, s; and minimum number of detections.
 const MEAN_TIME_S: f64 = 1.0;
 const MIN_DETECTIONS: f64 = 5.0;
-/// Difference that neither the tags' place on the deck nor that of the antennas explains, m, besides so many standard deviations.
+/// Difference not explained by the position of tags and antennas, m, plus a number of standard deviations.
 const APART_M: f64 = 0.15;
 const APART_SD: f64 = 3.0;
-/// A comparison that leaves more than this open confirms nothing, m: a touchdown off by so much is still on the deck.
+/// Maximum uncertainty of a comparison that confirms, m; a touchdown with that error is still on the deck.
 const MAX_CONFIRMED_M: f64 = 0.4;
-/// Tags that are further from a fixed solution are another deck's, m: a false fix is off by less, and two decks do not overlap.
+/// Distance of tags from a fixed solution above which they are another deck, m. A false fix has a smaller error, and
+/// two decks do not overlap.
 const OTHER_DECK_M: f64 = 2.0;
 
-/// Deck's centre by the relative place `m`, from the drone's pose and the deck's attitude about true north of its time; `heading_sd`:
-/// of the latter, rad.
+/// Deck's centre from the relative position `m`, the drone's pose, and the deck's attitude about true north at the same
+/// time; `heading_sd` is the standard deviation of its heading, rad.
 pub(super) fn observation(
     m: &RelativePlace,
     drone: &Pose,
@@ -71,13 +74,13 @@ pub(super) fn observation(
         kind: ObservationKind::Relative,
         value,
         rate: [None; AXES],
-        // No camera measures it along a line.
+        // Not measured along a camera's line of sight.
         from_drone: Vector3::zeros(),
     }
 }
 
-/// Variances of a detection's place by errors that are the same in all of them: the camera's rotation across the line of sight, its
-/// scale along it, and its place.
+/// Variances of a detection's position due to errors common to all detections: the camera's rotation across the line of
+/// sight, its scale along it, and its position.
 fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     let turn = c.vision_bias_sd_m_rad[3].max(c.vision_bias_sd_m_rad[4]);
     let across = |i: usize| line.norm_squared() - line[i] * line[i];
@@ -85,7 +88,8 @@ fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     Vector3::from_fn(|i, _| of(i) + c.camera_mount_sd_m.powi(2))
 }
 
-/// Detection next to a relative place in use: from the side, where no state has the camera's rotation, as uncertain as that makes it.
+/// Detection to be fused while a relative position is in use: in a view from the side, no state models the camera's
+/// rotation, so its uncertainty is added.
 pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> DeckObservation {
     if o.lever() == [0.0; 2] {
         let more = camera_variance(&o.from_drone, c);
@@ -98,7 +102,7 @@ pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> 
     o
 }
 
-/// Measured place, m, and its variances.
+/// Measured position, m, and its variances.
 fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
     let [Some(north), Some(east), Some(down), ..] = o.value else {
         return None;
@@ -107,7 +111,7 @@ fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
     Some([all.map(|(v, _)| v).into(), all.map(|(_, r)| r).into()])
 }
 
-/// Mean difference of the tags' place from the relative place, m, of so many detections, and the time of the newest.
+/// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of the newest.
 #[derive(Clone, Copy, Debug)]
 struct MeanDifference {
     at: Time<DroneClock>,
@@ -115,11 +119,10 @@ struct MeanDifference {
     n: f64,
 }
 
-/// Trust in the relative place.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeTrust {
     newest: Option<RelativePlace>,
-    /// The deck by the newest that may be used.
+    /// Deck from the newest usable measurement.
     fixed: Option<DeckObservation>,
     used: Option<Time<DroneClock>>,
     difference: Option<MeanDifference>,
@@ -128,7 +131,7 @@ pub(super) struct RelativeTrust {
 }
 
 impl RelativeTrust {
-    /// Takes a measurement; whether it may be used. None: it is no newer than the one before.
+    /// Registers a measurement. Returns whether it is usable; None if it is not newer than the previous one.
     pub(super) fn take(&mut self, m: &RelativePlace) -> Option<bool> {
         let since = self.newest.map(|n| (m.header.at - n.header.at).secs());
         if since.is_some_and(|s| s <= 0.0) {
@@ -142,30 +145,30 @@ impl RelativeTrust {
         let exact = m.baseline_sd_m.iter().all(|sd| *sd <= MAX_SD_M);
         Some(m.solution == CarrierSolution::Fixed && exact && self.contradicted_m.is_none())
     }
-    /// The drone's frame has moved: nothing that was measured before is compared, nor confirms anything.
+    /// Drops earlier measurements and the confirmation, after a move of the drone's frame.
     pub(super) fn forget_frame(&mut self) {
         (self.fixed, self.used, self.difference) = (None, None, None);
         self.confirmed = false;
     }
-    /// The deck by a measurement that may be used, to be compared with detections.
+    /// Stores the deck from a usable measurement, to compare it with detections.
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
-    /// The filter has used it.
+    /// Records that the filter has fused it.
     pub(super) fn count(&mut self, at: Time<DroneClock>) {
         self.used = Some(at);
     }
-    /// The filter has its place by it.
+    /// Whether the filter's position is based on it.
     pub(super) fn is_in_use(&self, now: Time<DroneClock>) -> bool {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
 
-    /// A detection of the time `at` can be compared with a fixed solution.
+    /// Whether a detection at time `at` can be compared with a fixed solution.
     pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
         (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
     }
-    /// Place of a detection less the relative place, the older moved on at the deck's velocity, m, and the variances of their
-    /// difference; None without a fixed solution of about the same time.
+    /// Position of a detection minus the relative position, m, with the deck's motion between them removed, and the
+    /// variances of the difference. None without a fixed solution of about the same time.
     fn difference(
         &self,
         o: &DeckObservation,
@@ -180,7 +183,8 @@ impl RelativeTrust {
             r + q + camera_variance(&o.from_drone, c),
         ])
     }
-    /// Horizontal distance of a detection from the relative place, and its maximum, m, where it is another deck's.
+    /// Horizontal distance of a detection from the relative position, and its limit, m, if the detection is another
+    /// deck.
     pub(super) fn elsewhere(
         &self,
         o: &DeckObservation,
@@ -192,7 +196,8 @@ impl RelativeTrust {
         let apart = apart.xy().norm();
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Compares a detection of the vessel's own tags. The difference, m, when that contradicts the relative place from now on.
+    /// Compares a detection of the vessel's own tags. Returns the difference, m, if it newly contradicts the relative
+    /// position.
     pub(super) fn compare(
         &mut self,
         tag: &DeckObservation,
@@ -203,7 +208,7 @@ impl RelativeTrust {
         let recent = |d: &MeanDifference| (0.0..=MEAN_TIME_S).contains(&(tag.at - d.at).secs());
         let (mean, n) = self.difference.filter(recent).map_or((apart, 1.0), |d| {
             let n = d.n + 1.0;
-            // The mean at first.
+            // Plain mean at first.
             let gain = low_pass_gain((tag.at - d.at).secs(), MEAN_TIME_S).max(1.0 / n);
             (d.mean + (apart - d.mean) * gain, n)
         });
@@ -222,7 +227,7 @@ impl RelativeTrust {
         self.contradicted_m
     }
 
-    /// State for a forecast of `now`; None where none has come for long.
+    /// State for a forecast at `now`. None if no measurement arrived recently.
     pub(super) fn state(&self, now: Time<DroneClock>) -> Option<RelativeState> {
         let age = |t: Time<DroneClock>| (now - t).secs().max(0.0);
         let newest = self.newest.filter(|m| age(m.header.at) < GONE_S)?;
@@ -252,7 +257,7 @@ mod tests {
             ..RelativePlace::default()
         }
     }
-    /// A detection of a deck at this place from `above_m` above it.
+    /// Detection of a deck at this position from `above_m` above it.
     fn detection(t: f64, at: [f64; 3], above_m: f64) -> DeckObservation {
         let [n, e, d] = at.map(|v| Some((v, 1e-4)));
         DeckObservation {
@@ -263,7 +268,7 @@ mod tests {
             from_drone: Vector3::z() * above_m,
         }
     }
-    /// Trust after a second of a fixed solution at the origin, five times a second, with tags at `place` 30 times a second.
+    /// Trust after one second of a fixed solution at the origin at 5 Hz, with tags at `place` at 30 Hz.
     fn after(trust: &mut RelativeTrust, from_s: f64, place: [f64; 3], above_m: f64) -> RelativeState {
         let c = PredictorConfig::default();
         for k in 0..30 {
@@ -302,7 +307,7 @@ mod tests {
         };
         let [centre, variance] = place(&observation(&m, &drone, &deck, 0.02, &c)).unwrap();
         assert!((centre - deck.centre).norm() < 1e-9, "{centre}");
-        // Rotations about the three axes, each by its deviation.
+        // Rotations about the three axes, with their standard deviations.
         let turns = [(Vector3::x(), 0.01), (Vector3::y(), 0.01), (Vector3::z(), 0.02)];
         let shifts = turns.map(|(axis, sd)| (axis * sd).cross(&lever_arm));
         let turned: Vector3<f64> = shifts.iter().map(|s| s.component_mul(s)).sum();
@@ -319,7 +324,7 @@ mod tests {
         );
         let near = after(&mut trust, 1.0, [0.1, 0.0, 0.1], 2.0);
         assert!(near.confirmed && near.used_age_s < 0.3, "{near:?}");
-        // A confirmation is that of one fix in one frame.
+        // A confirmation applies to one fix in one frame.
         assert_eq!(trust.take(&measured(2.0, CarrierSolution::Float)), Some(false));
         let float = trust.state(Time::from_secs(2.0)).unwrap();
         assert!(!float.confirmed && float.used_age_s == f64::INFINITY, "{float:?}");
@@ -335,7 +340,7 @@ mod tests {
             let s = after(&mut trust, 0.0, apart, 2.0);
             assert!((s.contradicted_m.unwrap() - 0.5).abs() < 1e-9 && !s.confirmed);
             assert_eq!(s.used_age_s, f64::INFINITY);
-            // The tags agree now, but it is still the fix that was false.
+            // The tags agree now, but the fix is still the false one.
             assert!(after(&mut trust, 1.0, [0.0; 3], 2.0).contradicted_m.is_some());
             let mut gone = trust;
             trust.take(&measured(2.0, CarrierSolution::Float));
@@ -351,13 +356,14 @@ mod tests {
         after(&mut trust, 0.0, [0.0; 3], 2.0);
         let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
         assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
-        // Further away it is another deck's.
+        // At a larger distance it is another deck.
         assert_eq!(trust.elsewhere(&misread, &Vector3::zeros(), &c), None);
         let other = detection(1.0, [3.0, 0.0, 0.0], 2.0);
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
     }
 
-    /// Whether tags `apart` from the fixes of a deck at 8 m/s contradict them, at these times of detections.
+    /// Whether tags at a distance of `apart` from the fixes of a deck moving at 8 m/s contradict them, for detections
+    /// at these times.
     fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
         let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
         let velocity = Vector3::new(8.0, 0.0, 0.0);
@@ -374,7 +380,7 @@ mod tests {
         let times_s = || (0..60).map(|k| f64::from(k) / 30.0);
         assert!(!contradicts(0.0, times_s()));
         assert!(contradicts(0.5, times_s()));
-        // Before and after a gap fewer detections than it takes.
+        // Fewer detections than required, before and after a gap.
         let with_gap = [0, 1, 2, 3, 40, 41, 42, 43].map(|k| f64::from(k) / 30.0);
         assert!(!contradicts(0.5, with_gap.into_iter()));
     }

@@ -1,11 +1,11 @@
-//! Change of the belief where the autopilot's estimate jumps: exactly what was measured in the drone's frame is still
-//! where the drone detected it, relative to the drone; what came by radio is where the datum lies now.
+//! Correction of the filters for a jump of the autopilot's estimate. Values measured in the drone's frame stay relative
+//! to the drone; values received by radio move with the datum.
 //!
-//! The deck's place is the mean plus the slow error of vision. The radio's part of it is the mean; a jump of the datum moves
-//! it. Vision is held by the slow error, which takes the difference in proportion to how much of the place is from vision at
-//! all. A deck that was never detected stays where the radio has it, whatever the heading does: PX4 and ArduPilot align
-//! theirs by up to 180 deg once the origin is known, and a deck that turned with it would lie `2 d sin(yaw / 2)` off its
-//! place.
+//! The deck's position is the mean plus the slow error of vision. The mean is the radio's part and moves with a jump of
+//! the datum. The slow error keeps vision's part: it takes the difference in proportion to the weight of vision in the
+//! position. A deck that was never detected stays at the radio's position, whatever the heading does. PX4 and ArduPilot
+//! align their heading by up to 180 deg once the origin is known, and a deck rotated with it would be wrong by `2 d
+//! sin(yaw / 2)`.
 
 use nalgebra::Vector3;
 
@@ -13,8 +13,9 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::FrameJump;
 use super::waves::AXES;
 
-/// A state of the filters after `jump`; `measured`: degrees of freedom that were ever measured in the drone's frame, and whether the
-/// place was by the relative place, which a heading does not turn. Gives those of which that is still known.
+/// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and whether
+/// the position is from the relative position, which does not depend on the heading. Returns which of them are still
+/// known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
     jump: &FrameJump,
@@ -56,11 +57,11 @@ pub(super) fn state(
     known
 }
 
-/// Uncertainty of the deck in the drone's frame, variances.
+/// Variances of the deck's position in the drone's frame.
 struct Sight {
-    /// As it is known.
+    /// With all measurements.
     whole: f64,
-    /// As it would be without vision: the radio's own, and the slow errors between radio and camera.
+    /// Without vision: the radio's variance plus the slow errors of radio and camera.
     by_radio: f64,
 }
 
@@ -71,10 +72,10 @@ impl Sight {
             by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
         }
     }
-    /// Fraction of the deck's estimate that is from vision, 0 to 1, where vision and the radio are now `apart`: by the
-    /// product of two normal distributions, of variances `S` (radio) and `V` with `1 / whole = 1 / S + 1 / V`, it is
-    /// `S / (S + V) = 1 - whole / S`. Where the two contradict each other by `gate` standard deviations there is no
-    /// product: the better known one counts. None: that is the radio.
+    /// Weight of vision in the deck's estimate, 0 to 1, if vision and radio differ by `apart`. For the product of two
+    /// normal distributions with variances `S` (radio) and `V`, `1 / whole = 1 / S + 1 / V`, it is `S / (S + V) = 1 -
+    /// whole / S`. If the two contradict each other by more than `gate` standard deviations, only the more accurate one
+    /// is used. None: that is the radio.
     fn share(&self, apart: f64, gate: f64) -> Option<f64> {
         let share = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
         // S + V = S / share.
@@ -97,25 +98,25 @@ mod tests {
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
 
-    /// A drone at rest whose autopilot's estimate jumps, with its odometry and its predictor.
+    /// Drone at rest whose autopilot's estimate jumps, with odometry and predictor.
     struct Bench {
         odometry: Odometry,
         predictor: Predictor,
         tick: u32,
-        /// Place by the autopilot's estimate, now.
+        /// Present position by the autopilot's estimate.
         place: Vector3<f64>,
         yaw: f64,
-        /// The deck by radio, about the datum.
+        /// Deck by radio, relative to the datum.
         deck: Vector3<f64>,
-        /// Boot of the vessel, and where its datum lies.
+        /// Boot id of the vessel, and position of its datum.
         vessel: (u32, Vector3<f64>),
-        /// Place of the autopilot's origin.
+        /// Position of the autopilot's origin.
         origin: Vector3<f64>,
-        /// Place of the deck from the drone, in its own axes, where the camera sees it.
+        /// Position of the deck relative to the drone, in the drone's axes, as seen by the camera.
         sight: Option<Vector3<f64>>,
-        /// Place of the deck from the drone, NED, as a receiver measures it.
+        /// Position of the deck relative to the drone, NED, as measured by a receiver.
         relative: Option<Vector3<f64>>,
-        /// Deck and drone as the forecast and the odometry have them.
+        /// Positions of the deck (forecast) and of the drone (odometry).
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
     }
 
@@ -195,11 +196,11 @@ mod tests {
                 self.newest = Some((stage.position.into(), drone.position()));
             }
         }
-        /// The camera detects the deck where it is believed to be.
+        /// Makes the camera detect the deck at its estimated position.
         fn detect(&mut self) {
             self.sight = Some(self.apart());
         }
-        /// The deck from the drone, level, north up, as it believes.
+        /// Estimated position of the deck relative to the drone, level, north up.
         fn apart(&self) -> Vector3<f64> {
             self.newest
                 .map_or(Vector3::repeat(f64::NAN), |(deck, drone)| deck - drone)
@@ -208,7 +209,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
-        /// A deck that was never detected lies where the radio has it, before and after any jump of heading and position.
+        /// A deck that was never detected stays at the radio's position through any jump of heading and position.
         #[test]
         fn undetected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
@@ -223,18 +224,19 @@ mod tests {
             b.yaw += yaw;
             b.place += Vector3::from(by);
             b.run(0.1);
-            // The radio's place about the datum has not moved: the drone has.
+            // The radio's position relative to the datum is unchanged: the drone has moved.
             let moved = b.apart() - (before - Vector3::from(by));
             prop_assert!(moved.norm() < 0.3, "{moved:?} at {yaw} {by:?}");
         }
 
-        /// A detected deck is where the camera has it, through any jump.
+        /// A detected deck stays at the camera's position through any jump.
         #[test]
         fn detected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
             by in prop::array::uniform3(-20.0_f64..20.0),
         ) {
-            // A heading that moves by less than 4 deg is no jump: it turns the detections, here by 4 cm at most.
+            // A change of heading by less than 4 deg does not count as a jump: it rotates the detections, here by at
+            // most 4 cm.
             let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
             b.run(2.0);
@@ -253,7 +255,7 @@ mod tests {
 
     #[test]
     fn deck_by_relative_place_at_a_jump() {
-        // 2 m off the radio's place, 55 m away: no detection that the heading would turn.
+        // 2 m off the radio's position, 55 m away: no detection is rotated by the heading.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));
@@ -296,7 +298,7 @@ mod tests {
 
     #[test]
     fn heading_aligned_before_the_first_detection() {
-        // 55 m away, aligned by 118 deg: turned along, the deck would lie 94 m off its place.
+        // 55 m away, heading aligned by 118 deg: rotated with it, the deck would be wrong by 94 m.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();
@@ -307,7 +309,7 @@ mod tests {
 
     #[test]
     fn deck_detected_a_minute_ago_at_a_jump() {
-        // By then the odometry has drifted by more than the radio errs: the radio counts.
+        // The odometry has drifted by more than the radio's error: the radio is used.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);
         b.detect();

@@ -1,4 +1,4 @@
-//! Track of the drone: its last states, for measurements that come late.
+//! Recent states of the drone, for late measurements.
 
 use std::collections::VecDeque;
 
@@ -9,31 +9,31 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::odometry::origin::yaw_jump;
 
-/// States kept: more than a second at 100 Hz.
+/// Number of states kept: more than a second at 100 Hz.
 const MAX_STATES: usize = 128;
-/// A state may be rolled on by this much, s.
+/// Maximum time over which a state is extrapolated, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// Threshold for a restarted link: a position that is further than this from where velocity would have brought it is in
-/// another frame, m.
+/// Difference from the position predicted by the velocity above which the frame has changed, because the link was
+/// restarted, m.
 pub(super) const JUMP_M: f64 = 0.7;
-/// Not noticed between states further apart, s.
+/// Maximum time between two states for jump detection, s.
 const JUMP_STEP_S: f64 = 0.2;
 
-/// A jump of the autopilot's estimate, as the odometry has detected it, in the frame that goes on through it.
+/// Jump of the autopilot's estimate, as detected by the odometry, in the odometry's continuous frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameJump {
-    /// Jump of the frame itself, m: 0 except where a restarted link lost it.
+    /// Jump of the frame itself, m; zero unless a restarted link lost it.
     pub moved: Vector3<f64>,
-    /// Jump of the datum, by which the radio's place is known, m.
+    /// Jump of the datum to which the radio's position refers, m.
     pub datum: Vector3<f64>,
     /// Jump of the heading, rad.
     pub yaw: f64,
-    /// Place of the drone after it, m: its detections have turned about there.
+    /// Position of the drone after the jump, m; its detections rotate about it.
     pub about: Vector3<f64>,
 }
 
 impl FrameJump {
-    /// Present place of what the drone saw at `place` (m) before.
+    /// New position of a point that the drone saw at `place` (m) before the jump.
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
         self.about + turn * (place + self.moved - self.about)
@@ -47,7 +47,7 @@ impl FrameJump {
             about: s.position(),
         };
         if s.header.boot != last.header.boot {
-            // Its sums may begin again: its own reports count.
+            // The odometry's integrals may restart, so its own reports take precedence.
             let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
             let moved = s.position() - expected;
             if dt < JUMP_STEP_S && moved.norm() > JUMP_M {
@@ -62,18 +62,17 @@ impl FrameJump {
     }
 }
 
-/// The drone's pose at some instant, in its NED.
+/// Pose of the drone at a time, in its NED.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
     /// Centre of mass, m.
     pub position: Vector3<f64>,
-    /// NED from body.
+    /// Rotation from body to NED.
     pub attitude: UnitQuaternion<f64>,
     /// Variances of `position`, m².
     pub variance: Vector3<f64>,
 }
 
-/// The last states, in order.
 #[derive(Clone, Debug)]
 pub struct DroneTrack {
     states: VecDeque<DroneState>,
@@ -88,13 +87,13 @@ impl Default for DroneTrack {
 }
 
 impl DroneTrack {
-    /// Takes a newer state. `Some` when the autopilot's estimate has jumped: the earlier states are moved and turned along.
+    /// Adds a newer state. Returns a jump of the autopilot's estimate, if any, after applying it to the earlier states.
     pub fn push(&mut self, s: &DroneState) -> Option<FrameJump> {
         let jump = self.states.back().and_then(|last| FrameJump::between(last, s));
         if let Some(jump) = jump {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
             for old in &mut self.states {
-                // Its path is true; which way it looked is not.
+                // The path was correct; only the heading was not.
                 old.position = (old.position() + jump.moved).into();
                 let q = turn * old.attitude();
                 old.attitude = [q.w, q.i, q.j, q.k];
@@ -106,12 +105,11 @@ impl DroneTrack {
         self.states.push_back(*s);
         jump
     }
-    /// The newest state.
     pub fn newest(&self) -> Option<&DroneState> {
         self.states.back()
     }
-    /// The pose at `t`: between two states by interpolation, shortly after the newest by rolling
-    /// on; None before the oldest and long after the newest.
+    /// Pose at `t`: interpolated between two states, or extrapolated shortly after the newest. None before the oldest
+    /// and long after the newest.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Pose> {
         let i = self.states.partition_point(|s| s.header.at <= t);
         let a = self.states.get(i.checked_sub(1)?)?;
@@ -180,7 +178,7 @@ mod tests {
             jump.datum == Vector3::new(-5.0, 0.0, 0.4) && jump.moved == Vector3::zeros() && jump.yaw == 0.0
         );
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 1.0).abs() < 1e-9);
-        // A detection stays where it was.
+        // A detection keeps its position.
         let point = Vector3::new(3.0, 1.0, 1.0);
         assert_eq!(jump.of(&point), point);
     }
@@ -215,7 +213,7 @@ mod tests {
         let before = t.at(Time::from_secs(1.0)).unwrap();
         assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
         assert!((before.position.x - 1.0).abs() < 1e-9);
-        // Two metres north of the drone is now where the camera sees it.
+        // Two metres north of the drone is the new position of the detection.
         let point = jump.of(&Vector3::new(3.01, 0.0, 1.0));
         assert!((point - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }

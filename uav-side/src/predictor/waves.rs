@@ -1,5 +1,5 @@
-//! The deck's motion in waves: the modes that the vessel has identified, rolled on, and for what they leave one short
-//! oscillator per degree of freedom. Until the vessel has identified its motion a broad bank of oscillators stands in.
+//! The deck's motion in waves: the modes identified by the vessel, extrapolated, plus one short oscillator per degree
+//! of freedom for the residual. Until the vessel has identified its motion, a broad set of default oscillators is used.
 
 use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
@@ -15,22 +15,22 @@ use super::config::PredictorConfig;
 pub const AXES: usize = 6;
 /// Tilt about north and about east.
 pub const TILT: [usize; 2] = [3, 4];
-/// Most oscillators of the bank.
+/// Maximum number of default oscillators.
 const MAX_BANK: usize = 6;
-/// Most oscillators: the bank and the residual one.
+/// Maximum number of oscillators: the default ones and the residual one.
 pub const MAX_OSCILLATORS: usize = MAX_BANK + 1;
-/// Messages that are kept, so that a late observation meets the modes of its time.
+/// Number of messages kept, so that late observations use the modes of their time.
 const MAX_MESSAGES: usize = 12;
-/// Frequencies that the residual oscillator is given, rad/s: a long swell, the fastest deck.
+/// Frequency range of the residual oscillator, rad/s: from a long swell to the fastest deck.
 const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
-/// Time after the modes' validity before which their residual is not measured, s.
+/// Minimum age of the modes at which their residual is measured, s.
 const FIRST_S: f64 = 0.2;
-/// Minimum damping of a mode that the filters hold.
+/// Minimum damping ratio of a mode that is replaced by an oscillator.
 const MIN_DAMPING: f64 = 1e-3;
-/// Modes are rolled back by no more than this, s: what fades fast grows backwards.
+/// Maximum backward extrapolation of modes, s; strongly damped modes grow backwards.
 const MAX_BACK_S: f64 = 0.1;
 
-/// One oscillator `x'' + 2 lambda omega x' + omega² x = w`, the same frequency on every axis.
+/// Oscillator `x'' + 2 lambda omega x' + omega² x = w`, with the same frequency on all axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
@@ -41,7 +41,7 @@ pub struct Oscillator {
     pub sd: [f64; AXES],
 }
 
-/// Values, rates and accelerations of the deck by the modes, per degree of freedom, m, rad.
+/// Values, rates and accelerations of the deck according to the modes, by degree of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeckMotion {
     /// m, rad.
@@ -52,18 +52,19 @@ pub struct DeckMotion {
     pub acceleration: [f64; AXES],
 }
 
-/// The modes of the deck at a time, stepped on in equal steps.
+/// Modes of the deck at a time, advanced in equal steps.
 #[derive(Clone, Debug, Default)]
 pub struct DeckModes {
-    /// Per mode: its pole and the phasor of each degree of freedom.
+    /// For each mode: its pole, and the phasor of each degree of freedom.
     modes: Vec<(Complex<f64>, [Complex<f64>; AXES])>,
     step: Vec<Complex<f64>>,
 }
 
 impl DeckModes {
-    /// Modes at their time of validity plus `t` seconds, of a deck whose centre is on the `lever_arm` (m, north, east, down
-    /// of a level vessel) from the vessel's reference point: bow up moves it aft, starboard down to starboard, and a swing
-    /// of the heading across the lever arm. `step_s` is the step of [`DeckModes::advance`].
+    /// Modes at their time of validity plus `t` seconds, for a deck whose centre is at `lever_arm` (m, north, east,
+    /// down of a level vessel) from the vessel's reference point. Bow up moves it aft, starboard down moves it to
+    /// starboard, and a swing of the heading moves it across the lever arm. `step_s` is the step of
+    /// [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
             let grown = (m.pole * t).exp();
@@ -82,7 +83,7 @@ impl DeckModes {
             step: modes.modes.iter().map(|m| (m.pole * step_s).exp()).collect(),
         }
     }
-    /// A step on.
+    /// Advances by one step.
     pub fn advance(&mut self) {
         for ((_, c), step) in self.modes.iter_mut().zip(&self.step) {
             for c in c {
@@ -90,7 +91,7 @@ impl DeckModes {
             }
         }
     }
-    /// The sum of the modes now.
+    /// Sum of the modes at the present time.
     pub fn motion(&self) -> DeckMotion {
         let mut out = DeckMotion::default();
         for (pole, c) in &self.modes {
@@ -112,51 +113,51 @@ impl DeckMotion {
     }
 }
 
-/// Output of the modes when they were too old to be rolled on.
+/// Modes that became too old to extrapolate, as oscillator motions.
 #[derive(Clone, Debug)]
 pub struct HandOver {
     /// Motion of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
-    /// Per degree of freedom: share of the motion's variance that they no longer explain.
+    /// Fraction of the motion's variance that the modes no longer explain, by degree of freedom.
     pub unknown: [f64; AXES],
 }
 
-/// Error that predicting adds to the estimate's, as measured, per degree of freedom: m/s, m, rad. Empty before the first
-/// prediction.
+/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s (course), m, rad.
+/// Empty before the first prediction.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
-    /// At equal steps from now on.
+    /// At equal steps from the present.
     pub stages: Seq<[f64; AXES], PREDICTION_STAGES>,
-    /// Time between them, s.
+    /// Time between two stages, s.
     pub step_s: f64,
 }
 
-/// Knowledge of the waves.
+/// Wave model.
 #[derive(Clone, Debug)]
 pub struct Waves {
-    /// The residual one first, then the bank.
+    /// Residual oscillator first, then the default ones.
     oscillators: Vec<Oscillator>,
-    /// As configured: the minimum motion outside the modes.
+    /// Configured minimum of the residual motion.
     residual_sd: [f64; AXES],
-    /// Damping ratio of what fresh modes leave of heave, tilt and heading, and of what stale ones leave.
+    /// Damping ratio of the residual of heave, tilt and heading with fresh modes, and with stale modes.
     residual_damping: [f64; 2],
-    /// Newest last.
+    /// Received modes, newest last.
     messages: VecDeque<Modes<DroneClock>>,
-    /// Centre of the deck from the vessel's reference point in the vessel's axes, m.
+    /// Centre of the deck relative to the vessel's reference point in the vessel's axes, m.
     lever_arm: Vector3<f64>,
     /// Lever arm of a level vessel on its heading, north, east, down, m.
     level_arm: Vector3<f64>,
     spread: Spread,
-    /// The most that they leave.
+    /// Maximum standard deviation of the residual.
     largest: [f64; AXES],
-    /// The vessel has sent modes.
+    /// Whether the vessel has sent modes.
     identified: bool,
-    /// Share of the motion's variance that the modes predict, 0 to 1.
+    /// Fraction of the motion's variance predicted by the modes, 0 to 1.
     pub confidence: f64,
 }
 
 impl Waves {
-    /// The bank of the configuration.
+    /// Starts with the default oscillators of the configuration.
     pub fn new(c: &PredictorConfig) -> Self {
         let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator {
             omega,
@@ -182,14 +183,14 @@ impl Waves {
             confidence: 0.0,
         }
     }
-    /// The vessel has identified its motion and published its prediction's deviation.
+    /// Whether the vessel has identified its motion and published the deviation of its prediction.
     pub fn are_identified(&self) -> bool {
         self.identified && !self.spread.stages.is_empty()
     }
-    /// The oscillators at time `at`. What the modes leave grows with their age. Of what they leave a quarter of a wave
-    /// later it is the share `(left now / left then)²`: of fresh modes little, it fades; of stale ones all, and it
-    /// rings on like the waves that it is. The damping lies between by that share. In the course, where errors of
-    /// velocity have summed up, it always rings.
+    /// Oscillators at time `at`. The residual of the modes grows with their age. Compared with a quarter of a wave
+    /// later, it is the fraction `(left now / left then)²`: small for fresh modes, whose residual fades, and 1 for
+    /// stale modes, whose residual oscillates like the waves. The damping is interpolated with this fraction. In the
+    /// course, where velocity errors have accumulated, the residual always oscillates.
     pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
         if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
@@ -207,9 +208,9 @@ impl Waves {
         }
         all
     }
-    /// Standard deviation per degree of freedom of what the newest modes leave `age` seconds after their time of
-    /// validity, m, rad: that of their prediction, and at most that of two motions with the waves' spectrum that know
-    /// nothing of each other.
+    /// Standard deviation of the newest modes' residual `age` seconds after their time of validity, by degree of
+    /// freedom, m, rad. It is the error of their prediction, limited to the difference of two independent motions with
+    /// the waves' spectrum.
     fn left(&self, age: f64) -> [f64; AXES] {
         let last = self.reach_s();
         let spread = self.spread(age.max(FIRST_S));
@@ -220,7 +221,8 @@ impl Waves {
         })
     }
 
-    /// The error of the course's velocity, over the residual oscillator's memory, is one of place: that memory, s.
+    /// Factor from velocity to position error in the course: the memory of the residual oscillator, s; 1 for other
+    /// axes.
     fn unit(&self, axis: usize) -> f64 {
         match (axis, self.oscillators.first()) {
             (0 | 1, Some(o)) => 1.0 / o.omega,
@@ -228,7 +230,7 @@ impl Waves {
         }
     }
 
-    /// Standard deviation per degree of freedom of what predicting `ahead` seconds on adds: m/s, m, rad; held after the
+    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad. Constant after the
     /// last stage.
     fn spread(&self, ahead: f64) -> [f64; AXES] {
         let stages = &self.spread.stages;
@@ -239,22 +241,22 @@ impl Waves {
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
     }
 
-    /// Place of the deck's centre on the vessel, in its axes, m.
+    /// Position of the deck's centre in the vessel's axes, m.
     pub fn lever_arm(&self) -> &Vector3<f64> {
         &self.lever_arm
     }
-    /// The vessel has reported where the deck's centre is in her axes (m), and her heading, rad.
+    /// Sets the position of the deck's centre in the vessel's axes (m), and the vessel's heading, rad.
     pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>, heading: f64) {
         self.lever_arm = lever_arm;
         self.turn(heading);
     }
-    /// The vessel heads there now, rad.
+    /// Sets the vessel's heading, rad.
     pub fn turn(&mut self, heading: f64) {
         let level = Rotation2::new(heading) * self.lever_arm.xy();
         self.level_arm = Vector3::new(level.x, level.y, self.lever_arm.z);
     }
 
-    /// Takes the deviation of the vessel's own prediction; one without stages has none.
+    /// Updates the deviation from the vessel's own prediction. A prediction without stages has none.
     pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
         if p.stages.is_empty() {
             return;
@@ -264,17 +266,17 @@ impl Waves {
             step_s: f64::from(p.step_s),
         });
     }
-    /// The modes are off by so much from now on.
+    /// Sets the error of the modes.
     pub fn set_spread(&mut self, spread: Spread) {
         self.spread = spread;
     }
 
-    /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters
-    /// have to fold its oscillators into the first.
+    /// Adopts the vessel's wave model, once its deviation is known. Returns true if it replaces the default
+    /// oscillators; the filters then fold their oscillators into the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.adopt(Modes::from(m), f64::from(m.confidence))
     }
-    /// Adopts modes with this confidence, wherever they were identified.
+    /// Adopts modes with this confidence, whether identified by the vessel or the drone.
     pub fn adopt(&mut self, modes: Modes<DroneClock>, confidence: f64) -> bool {
         self.confidence = confidence.clamp(0.0, 1.0);
         self.identified = !modes.modes.is_empty();
@@ -307,16 +309,16 @@ impl Waves {
         begun
     }
 
-    /// When the newest modes were valid; None before the first, and after [`Waves::hand_over`].
+    /// Time of validity of the newest modes. None before the first, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
-    /// Horizon for which the vessel has published its prediction's deviation, s: older modes are not rolled on.
+    /// Horizon of the vessel's published prediction deviation, s. Older modes are not extrapolated.
     pub fn reach_s(&self) -> f64 {
         self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
-    /// The motion by the modes at time `at` becomes oscillators that the filters hold and correct by what they see
-    /// themselves. Gives the motion of each, that of the residual one first; None without modes.
+    /// Replaces the modes at time `at` by oscillators that the filters estimate. Returns the motion of each, the
+    /// residual one first. None without modes.
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
@@ -325,7 +327,7 @@ impl Waves {
             core::array::from_fn(|i| (self.largest[i] * self.unit(i)).max(f64::MIN_POSITIVE));
         let unknown = core::array::from_fn(|i| (left[i] / largest[i]).powi(2).min(1.0));
         let mut modes = DeckModes::new(newest, 0.0, &self.level_arm, 0.0).modes;
-        // The largest ones in heave and tilt are kept apart.
+        // The largest modes in heave and tilt get oscillators of their own.
         let weight =
             |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / largest[i]).powi(2)).sum() };
         modes.sort_by(|(_, a), (_, b)| weight(b).total_cmp(&weight(a)));
@@ -354,7 +356,7 @@ impl Waves {
         Some(HandOver { motions, unknown })
     }
 
-    /// The modes at time `t`, by the message that was the newest then; `step_s` is their step.
+    /// Modes at time `t`, from the newest message at that time; `step_s` is their step.
     pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
@@ -362,8 +364,8 @@ impl Waves {
         };
         DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.level_arm, step_s)
     }
-    /// By how much the deck's motion at time `to` differs between the modes that were the newest at `from` and those at
-    /// `to`: the former less the latter. None when they are the same.
+    /// Difference of the deck's motion at time `to` between the newest modes at `from` and those at `to`, former minus
+    /// latter. None if they are the same.
     pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
         let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
@@ -380,12 +382,12 @@ impl Waves {
             acceleration: less(before.acceleration, after.acceleration),
         })
     }
-    /// The deck's motion by the modes at time `t`.
+    /// Motion of the deck at time `t` according to the modes.
     pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
-    /// Variance per degree of freedom of what the newest modes predict at `now` for so many seconds later, beyond what
-    /// the residual oscillator stands for.
+    /// Variance of the newest modes' prediction from `now` to the given number of seconds later, by degree of freedom,
+    /// in excess of the residual oscillator's.
     pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
         let age = self
             .messages
@@ -406,7 +408,7 @@ impl Waves {
 mod tests {
     use super::*;
 
-    /// A vessel that heads east and yaws by 0.1 rad in 5 s, with her deck 4 m aft: it swings north and south.
+    /// A vessel heads east and yaws by 0.1 rad in 5 s, with its deck 4 m aft: the deck swings north and south.
     #[test]
     fn yaw_of_a_deck_off_the_reference_point() {
         let mut waves = Waves::new(&PredictorConfig::default());

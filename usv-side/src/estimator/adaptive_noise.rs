@@ -1,10 +1,10 @@
-//! Adaptive process noise by covariance matching (Mehra 1972): in a consistent filter the normalised innovation
-//! squared of the inertial channels is 1 on average. Where it stays above, the vessel moves in a way that the waves
-//! do not explain (a platform that turns about its deck, wash, people on board), and the disturbance of that degree
-//! of freedom gets a larger spread and a shorter memory until the innovations are consistent again.
+//! Adaptive process noise by covariance matching (Mehra 1972). In a consistent filter the normalised innovation squared
+//! of the inertial channels is 1 on average. If it stays above, the vessel moves in a way that the wave model does not
+//! explain (a platform turning about its deck, wash, people on board). The disturbance of that degree of freedom then
+//! gets a larger spread and a shorter memory until the innovations are consistent again.
 //!
-//! An accelerometer that measures such motion holds less information on tilt; a larger disturbance in surge and sway
-//! has that effect, so the gyroscope then determines the tilt.
+//! Under such motion an accelerometer carries less information on tilt. The larger disturbance in surge and sway
+//! accounts for this: the gyroscope then determines the tilt.
 
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::VesselModelConfig;
@@ -15,24 +15,24 @@ const MEMORY_S: f64 = 2.0;
 const PERIOD: Span = Span::from_millis(500);
 /// Fraction of the discrepancy (logarithm of the spread) that an update removes.
 const GAIN: f64 = 0.4;
-/// Mean normalised innovation squared of a consistent filter: the noise parameters are tuned to a little more than 1
-/// for a hull in waves.
+/// Target of the mean normalised innovation squared. The noise parameters give a little more than 1 for a hull in
+/// waves.
 const CONSISTENT: f64 = 2.0;
 /// Largest factor on a spread.
 const MAX_FACTOR: f64 = 150.0;
-/// Shortest memory that a disturbance is given, s.
+/// Minimum memory of a disturbance, s.
 const MIN_TIME_S: f64 = 0.1;
-/// Change of a factor that makes a new model (logarithm).
+/// Change of a factor (logarithm) that requires a new model.
 const REBUILD_CHANGE: f64 = 0.2;
 
 /// Factors on the disturbances of the model.
 #[derive(Clone, Debug)]
 pub(crate) struct AdaptiveNoise {
-    /// Mean normalised innovation squared per degree of freedom.
+    /// Mean normalised innovation squared, by degree of freedom.
     mean: [f64; 6],
-    /// Factor wanted, as a logarithm.
+    /// Target factor, as a logarithm.
     wanted: [f64; 6],
-    /// The one that the model has.
+    /// Factor used by the current model, as a logarithm.
     built: [f64; 6],
     next: Time<VesselClock>,
 }
@@ -47,8 +47,7 @@ impl AdaptiveNoise {
         }
     }
 
-    /// The normalised innovation squared of a channel of degree of freedom `dof`, `dt` s after the
-    /// one before.
+    /// Adds the normalised innovation squared of a channel of degree of freedom `dof`, `dt` s after the previous one.
     pub(crate) fn observe(&mut self, dof: usize, nis: f64, dt: f64) {
         if let Some(m) = self.mean.get_mut(dof)
             && nis.is_finite()
@@ -57,14 +56,14 @@ impl AdaptiveNoise {
         }
     }
 
-    /// Updates the factors when due; true when the model is to be rebuilt with [`AdaptiveNoise::adapted`].
+    /// Updates the factors when due. Returns whether the model must be rebuilt with [`AdaptiveNoise::adapted`].
     pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>) -> bool {
         if at < self.next {
             return false;
         }
         self.next = at + PERIOD;
         for (wanted, mean) in self.wanted.iter_mut().zip(self.mean) {
-            // Half of the logarithm: variances to spreads.
+            // The factor 0.5 converts variances to standard deviations.
             let off = 0.5 * (mean.max(1e-3) / CONSISTENT).ln();
             *wanted = (*wanted + GAIN * off).clamp(0.0, MAX_FACTOR.ln());
         }
@@ -76,12 +75,12 @@ impl AdaptiveNoise {
         true
     }
 
-    /// Factor on the disturbance of a degree of freedom that the model has.
+    /// Factor of the current model on the disturbance of a degree of freedom.
     pub(crate) fn factor(&self, dof: usize) -> f64 {
         self.built.get(dof).map_or(1.0, |b| b.exp())
     }
 
-    /// Spread of the acceleration in surge or sway beyond the configured one, m/s²; zero for the other degrees of
+    /// Spread of the acceleration in surge or sway in excess of the configured one, m/s²; zero for the other degrees of
     /// freedom.
     pub(crate) fn spread(&self, model: &VesselModelConfig, dof: usize) -> f64 {
         if dof > 1 {
@@ -90,8 +89,8 @@ impl AdaptiveNoise {
         (self.factor(dof) - 1.0) * model.disturbance_sd_mps2_m_rad_radps2[dof]
     }
 
-    /// The model's parameters with these disturbances: the spread times the factor, the memory divided by it, so
-    /// that slow motion grows by the smallest factor.
+    /// Model parameters with these disturbances: the spread is multiplied by the factor and the memory divided by it,
+    /// which limits the growth of slow motion.
     pub(crate) fn adapted(&self, model: &VesselModelConfig) -> VesselModelConfig {
         let mut adapted = model.clone();
         for dof in 0..6 {

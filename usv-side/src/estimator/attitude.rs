@@ -1,4 +1,4 @@
-//! An attitude sensor in place of an inertial one: the model propagates the state from one attitude to the next.
+//! Attitude sensor used in place of an inertial one: the model propagates the state between attitudes.
 
 use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
@@ -10,21 +10,21 @@ use super::{InnovationChannel, STEP_S, VesselFilter};
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
-/// After so many attitudes in a row with a refusal the covariance is opened (1 s at 10 Hz).
+/// Number of consecutive attitudes with a rejection after which the covariance is inflated (1 s at 10 Hz).
 const MAX_REJECTED: u32 = 11;
-/// An inertial sensor that is silent for this long is stood in for, s.
+/// Silence of the inertial sensor after which the attitude sensor replaces it, s.
 const SILENT_S: f64 = 0.5;
-/// White noise of the rates that come with an attitude, rad/s (ours: an INS gives them without bias,
-/// smoothed over tens of milliseconds).
+/// White noise of the rates that come with an attitude, rad/s (ours: an INS removes their bias and smooths them over
+/// tens of milliseconds).
 const RATE_SD: f64 = 0.02;
 
 impl VesselFilter {
-    /// Inertial samples are recent at `at`.
+    /// Whether inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
         self.imu.measured_at.is_some_and(|t| (at - t).secs() < SILENT_S)
     }
 
-    /// Fuses an attitude; returns the number of its rejected components.
+    /// Fuses an attitude. Returns the number of rejected components.
     pub(super) fn fuse_attitude(&mut self, fix: &AttitudeFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
         let last = self.attitude.measured_at;
@@ -34,7 +34,7 @@ impl VesselFilter {
             self.open();
         }
         let mut rejected = 0;
-        // The same normal at the reference heading.
+        // The same deck normal, expressed at the reference heading.
         let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
         let (roll, pitch) = turn_tilt(fix.tilt[0], fix.tilt[1], -heading);
         let measured = [

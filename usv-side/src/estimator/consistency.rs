@@ -12,12 +12,9 @@ const CHI_SQUARE_95: f64 = 3.841;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InnovationChannel {
-    /// Gyroscope.
     Gyro,
     Accelerometer,
-    /// Components of a position.
     Position,
-    /// Components of a velocity.
     Velocity,
     Heading,
     /// Roll and pitch of an attitude sensor.
@@ -29,7 +26,7 @@ pub enum InnovationChannel {
 }
 
 impl InnovationChannel {
-    /// All, in the order of the table.
+    /// All channels, in the order of the table.
     pub const ALL: [InnovationChannel; 8] = [
         InnovationChannel::Gyro,
         InnovationChannel::Accelerometer,
@@ -40,7 +37,6 @@ impl InnovationChannel {
         InnovationChannel::Rate,
         InnovationChannel::Heave,
     ];
-    /// Name of the channel in a table.
     pub const fn name(self) -> &'static str {
         match self {
             InnovationChannel::Gyro => "gyroscope",
@@ -55,16 +51,15 @@ impl InnovationChannel {
     }
 }
 
-/// Innovations of one channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InnovationStatistics {
-    /// Scalars fused.
+    /// Number of fused scalars.
     pub fused: u64,
-    /// Sum of their normalised innovations squared.
+    /// Sum of the normalised innovations squared of the fused scalars.
     pub sum: f64,
-    /// Scalars inside the 95 % point.
+    /// Number of scalars inside the 95 % point.
     pub inside: u64,
-    /// Scalars that the gate rejected.
+    /// Number of scalars rejected by the gate.
     pub gated: u64,
 }
 
@@ -80,7 +75,6 @@ impl InnovationStatistics {
     }
 }
 
-/// Innovations of all channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Consistency([InnovationStatistics; InnovationChannel::ALL.len()]);
 

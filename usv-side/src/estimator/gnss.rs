@@ -1,4 +1,4 @@
-//! GNSS and heading: late, compared with the state rolled back to their time of validity.
+//! GNSS and heading measurements. They arrive late and are compared with the state at their time of validity.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -17,37 +17,36 @@ use crate::VesselNodeConfig;
 const GATE: f64 = 25.0;
 /// Standard deviation of a rate of turn, rad/s (ours: smoothed, in tenths of a degree per minute).
 const RATE_SD: f64 = 0.02;
-/// After this many consecutive rejected fixes the position is re-initialised (2 s at 10 Hz).
+/// Consecutive rejected fixes after which the position is re-initialised (2 s at 10 Hz).
 const MAX_REJECTED: u32 = 20;
-/// After this many consecutive rejected velocities of one axis they are accepted (0.5 s at 10 Hz): slamming pushes
-/// a hull aside faster than the inertial gate passes, and errors of Doppler velocities are independent. Errors of
-/// positions last for seconds, so their limit is higher.
+/// Consecutive rejected velocities of one axis after which they are accepted (0.5 s at 10 Hz). Slamming moves a hull
+/// sideways faster than the inertial gate allows, and errors of Doppler velocities are independent. Position errors
+/// last for seconds, so their limit is higher.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
-/// Slot, in yaw, of the compass's bias.
+/// Index of the compass bias in the yaw block.
 const COMPASS: usize = HEAD + 1;
-/// Rejections of headings with consistent innovations that last for this long are no disturbance, s.
+/// Duration of consistent heading rejections after which they are not attributed to a disturbance, s.
 const LASTING_S: f64 = 2.5;
-/// A compass bias within this many standard deviations of its spread leaves the heading without doubt.
+/// Compass bias that raises no doubt about the heading, in standard deviations.
 const USUAL_BIAS: f64 = 5.0;
-/// Standard deviation of the course against the heading by leeway and current, rad, of a vessel at this speed at least, m/s.
+/// Standard deviation of course minus heading caused by leeway and current, rad, above the minimum speed below (m/s).
 const LEEWAY_SD: f64 = 0.1;
 const COURSE_MPS: f64 = 1.5;
-/// Standard deviation of a height that no receiver has measured, m: as far as the sea is from the ellipsoid, and more.
+/// Standard deviation of a height before any receiver has measured it, m. It exceeds the distance between the sea and
+/// the ellipsoid.
 const UNKNOWN_HEIGHT_SD: f64 = 200.0;
-/// The better of two height references is given up after this time without it, s.
+/// Time without the better of two height references after which the other one is used, s.
 const REFERENCE_TIMEOUT_S: f64 = 10.0;
 
-/// The reference surface of the receivers' heights: what it is off by is the same in every fix.
+/// Reference surface of the receivers' heights. Its error is the same in every fix.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeightReference {
-    /// Standard deviation, m.
     pub(super) sd: f64,
-    /// Newest fix with it.
+    /// Time of the newest fix with this reference.
     at: Time<VesselClock>,
 }
 
 impl HeightReference {
-    /// Reference of the filter's first fix.
     pub(super) fn of(fix: &GnssFix) -> Self {
         let measured = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
         HeightReference {
@@ -62,7 +61,8 @@ impl HeightReference {
     fn is_unknown(&self) -> bool {
         self.sd >= UNKNOWN_HEIGHT_SD
     }
-    /// Takes the reference of a fix with a height where it is as good, or the better one is gone.
+    /// Adopts the reference of a fix with a height if it is at least as good as the current one, or if that one has
+    /// timed out.
     fn take(&mut self, fix: &GnssFix) {
         let gone = (fix.header.at - self.at).secs() > REFERENCE_TIMEOUT_S;
         if gone || fix.height_spread <= self.sd {
@@ -71,7 +71,7 @@ impl HeightReference {
     }
 }
 
-/// Tilt that moves an antenna at `arm` (m) along an axis, and by how much, m/rad.
+/// Tilt axis that moves an antenna at `arm` (m) along `axis`, and the displacement per angle, m/rad.
 fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
     match axis {
         SURGE => Some((PITCH, arm.z)),
@@ -81,7 +81,7 @@ fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
 }
 
 impl VesselFilter {
-    /// Fuses a fix; returns the number of its rejected components.
+    /// Fuses a fix. Returns the number of rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
         let has_height = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
         if has_height {
@@ -112,7 +112,7 @@ impl VesselFilter {
         self.weigh_course(config);
         self.fixes.record(fix.header.at, 0.0, rejected <= 2);
         if self.fixes.rejections > MAX_REJECTED {
-            // The receiver's frame has jumped, or the filter has diverged.
+            // Either the receiver's frame has jumped or the filter has diverged.
             self.fixes = AidSource::default();
             self.history.clear();
             let arm = self.tilt().rotation() * arm_body;
@@ -131,8 +131,8 @@ impl VesselFilter {
         rejected
     }
 
-    /// The velocity of a fix (NED, m/s) as it is now. What the receiver has averaged is older than its position by a lag, in
-    /// which the course has turned with the vessel.
+    /// Velocity of a fix (NED, m/s), corrected to the present. The receiver averages it, so it lags the position; the
+    /// course has turned with the vessel during the lag.
     fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
         let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
         let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
@@ -150,7 +150,8 @@ impl VesselFilter {
         let turned = Rotation2::new(lag.velocity(at, velocity.xy(), heading)) * velocity.xy();
         Vector3::new(turned.x, turned.y, velocity.z)
     }
-    /// Fuses the position along an axis, measured by an antenna at `arm` (m, body) of the state `then`; false: rejected.
+    /// Fuses the position along an axis of an antenna at `arm` (m, body), measured in the state `then`. Returns false
+    /// if it was rejected.
     fn fuse_position(
         &mut self,
         axis: usize,
@@ -185,13 +186,13 @@ impl VesselFilter {
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
         self.rows[ETA][axis].record(fix.header.at, innovation, update.fused());
-        // Components that are not measured do not count.
+        // Components that are not measured are not counted.
         if fix.position_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Position, update);
         }
         update.fused()
     }
-    /// Fuses the velocity along an axis likewise.
+    /// Same for the velocity along an axis.
     fn fuse_velocity(
         &mut self,
         axis: usize,
@@ -214,7 +215,8 @@ impl VesselFilter {
         let r = fix.velocity_sd[axis].powi(2);
         let source = &self.rows[NU][axis];
         if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
-            // Or the accelerometer is off by as much for as long: along the vertical no tilt explains it.
+            // Alternatively the accelerometer has had this error for the whole time: along the vertical, no tilt
+            // explains it.
             let since = source.fused_at.unwrap_or(self.started);
             let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);
@@ -229,7 +231,7 @@ impl VesselFilter {
         update.fused()
     }
 
-    /// The reference of the heights from now on. The first height that is measured is the level, whatever was assumed.
+    /// Selects the height reference. The first measured height sets the level and replaces the assumed one.
     fn refer_height(&mut self, config: &VesselNodeConfig, fix: &GnssFix) {
         if self.height_reference.is_unknown() {
             let arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
@@ -238,16 +240,16 @@ impl VesselFilter {
         }
         self.height_reference.take(fix);
     }
-    /// Puts the mean water level where the vessel is `down` (m) in its plane.
+    /// Sets the mean water level from the vessel's position `down` (m) in its plane.
     fn set_level(&mut self, down: f64) {
         let heave = self.belief.get(HEAVE, ETA);
         self.belief.set(HEAVE, GNSS_BIAS, down - heave);
         self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
     }
 
-    /// The gate of an axis' position ([`ETA`]) or velocity ([`NU`]): open after `max_rejected` consecutive rejections,
-    /// with the state's variance raised to the squared innovation. A jump in height is the receiver's bias, because
-    /// the water holds the hull.
+    /// Gate for the position ([`ETA`]) or velocity ([`NU`]) of an axis. It opens after `max_rejected` consecutive
+    /// rejections, and the state's variance is raised to the squared innovation. A jump in height is attributed to the
+    /// receiver's bias, because the water supports the hull.
     fn gate(&mut self, axis: usize, slot: usize, max_rejected: u32, innovation: f64) -> f64 {
         let gate = self.rows[slot][axis].gate(GATE, max_rejected);
         if gate.is_infinite() {
@@ -261,7 +263,7 @@ impl VesselFilter {
         gate
     }
 
-    /// Fuses a heading; false when it was rejected.
+    /// Fuses a heading. Returns false if it was rejected.
     pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
         let (at, late) = (fix.header.at, (self.at - fix.header.at).secs());
         let row = [
@@ -274,7 +276,7 @@ impl VesselFilter {
         let (gate, of_state) = self.heading_gate(source, at, innovation);
         let before = self.belief.get(YAW, ETA);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
-        // Next to half a turn off, those of a run stay on one side.
+        // Near half a turn, the innovations of a run keep their sign.
         let own = &mut self.headings[source];
         let last = if own.rejections > 0 { own.innovation } else { 0.0 };
         own.record(at, last + wrap_angle(innovation - last), update.fused());
@@ -282,7 +284,7 @@ impl VesselFilter {
             self.turn_means(self.belief.get(YAW, ETA) - before);
         }
         self.consistency.observe(InnovationChannel::Heading, update);
-        // A gyroscope measures the rate of turn better.
+        // A gyroscope measures the rate of turn better, if there is one.
         if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(at)) {
             let innovation =
                 rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
@@ -294,10 +296,11 @@ impl VesselFilter {
         update.fused()
     }
 
-    /// The gate of a heading: open after lasting rejections with consistent innovations, unless another source of headings
-    /// contradicts it, with the variance of what is wrong raised to the squared innovation. That is the state, which it
-    /// gives, when no gyroscope carried it, when it was accepted for less time than it has been rejected, when the
-    /// innovation grows, or when another source agrees; otherwise the compass.
+    /// Gate for a heading. It opens after lasting rejections with consistent innovations, unless another heading source
+    /// contradicts this one. The variance of the component that is wrong is raised to the squared innovation. That
+    /// component is the state (returned as true) if no gyroscope propagated it, if the heading was accepted for less
+    /// time than it has been rejected, if the innovation grows, or if another source agrees; otherwise it is the
+    /// compass.
     fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
         let own = self.headings[source];
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
@@ -322,13 +325,13 @@ impl VesselFilter {
         self.belief.inflate(YAW, state, innovation * innovation);
         (f64::INFINITY, of_state)
     }
-    /// The heading was wrong by `by` (rad): the mean motion stays where it goes.
+    /// Corrects the mean motion for a heading error of `by` (rad); its direction in NED stays.
     fn turn_means(&mut self, by: f64) {
         self.mean_heading = wrap_angle(self.mean_heading + by);
         self.slow.turn(by);
     }
 
-    /// Doubt of the heading, a standard deviation, rad: a compass bias beyond what is usual may be an error of the heading.
+    /// Standard deviation of the doubt about the heading, rad. An unusually large compass bias may be a heading error.
     pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
         let bias = self.belief.get(YAW, COMPASS).abs();
         if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {
@@ -337,11 +340,12 @@ impl VesselFilter {
             0.0
         }
     }
-    /// Lets the course over ground of a vessel under way decide between heading and compass while the heading is in doubt.
+    /// While the heading is in doubt, uses the course over ground of a vessel under way to separate heading and compass
+    /// error.
     fn weigh_course(&mut self, config: &VesselNodeConfig) {
         let (doubt, [north, east]) = (self.heading_doubt(config), self.mean_velocity.into());
         let apart = wrap_angle(f64::atan2(east, north) - self.mean_heading);
-        // The course of a vessel that goes astern is no witness.
+        // The course of a vessel going astern is not usable.
         if doubt < LEEWAY_SD || north.hypot(east) < COURSE_MPS || apart.abs() > FRAC_PI_2 {
             return;
         }

@@ -1,7 +1,7 @@
-//! The states of the last steps, for measurements that arrive late.
+//! States of the last steps, for late measurements.
 //!
-//! Rolled back by its present acceleration, the velocity at an antenna 2 m up on a slamming hull (20 rad/s²) is
-//! wrong by 2 m/s after the 50 ms that a fix takes.
+//! Rolling back with the present acceleration is not sufficient: for an antenna 2 m up on a slamming hull (20 rad/s²)
+//! the velocity is wrong by 2 m/s after the 50 ms latency of a fix.
 
 use std::collections::VecDeque;
 
@@ -10,10 +10,10 @@ use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
 
 use super::{Tilt, VesselFilter};
 
-/// Steps that are kept: for a later fix the state is rolled back by the model.
+/// Number of steps kept. For older fixes the model rolls the state back.
 const STEPS: usize = 32;
 
-/// Place, velocity and tilt at a time.
+/// Position, velocity and tilt at a time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PastState {
     at: Time<VesselClock>,
@@ -29,7 +29,7 @@ pub(super) struct PastState {
 pub(super) struct History(VecDeque<PastState>);
 
 impl History {
-    /// The state at a time between two steps.
+    /// State at a time, interpolated between two steps.
     fn at(&self, t: Time<VesselClock>) -> Option<PastState> {
         let k = self.0.partition_point(|s| s.at <= t);
         let (a, b) = (self.0.get(k.checked_sub(1)?)?, self.0.get(k)?);
@@ -49,7 +49,7 @@ impl History {
             },
         })
     }
-    /// Drops all states: their frame has changed.
+    /// Drops all states, after a change of their frame.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
@@ -65,7 +65,7 @@ impl VesselFilter {
             tilt: self.tilt(),
         }
     }
-    /// Keeps the state of this step.
+    /// Stores the state of this step.
     pub(super) fn remember(&mut self) {
         let now = self.present();
         let history = &mut self.history.0;
@@ -77,7 +77,7 @@ impl VesselFilter {
         }
         history.push_back(now);
     }
-    /// The state at `t`: as it was estimated then, or rolled back by the model from now.
+    /// State at `t`: the stored estimate, or the present one rolled back by the model.
     pub(super) fn state_at(&self, t: Time<VesselClock>) -> PastState {
         if let Some(state_at) = self.history.at(t) {
             return state_at;
@@ -96,7 +96,7 @@ impl VesselFilter {
         state_at.tilt.heading_rate -= late * a[YAW];
         state_at
     }
-    /// A correction of place or velocity now is one of what was estimated before.
+    /// Applies a correction of the present position or velocity to the stored states.
     pub(super) fn correct_history(&mut self, dof: usize, eta: f64, nu: f64) {
         for s in &mut self.history.0 {
             s.eta[dof] += eta;
@@ -113,7 +113,7 @@ mod tests {
     fn history_interpolation() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
-            // A velocity that jumps at the third step, which the present acceleration does not show.
+            // The velocity jumps at the third step, which the present acceleration does not show.
             eta: [f64::from(k); 3],
             nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
             tilt: Tilt::default(),

@@ -13,25 +13,25 @@ use crate::VesselNodeConfig;
 
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
-/// After this many steps with a rejection in a row the covariance is opened (half a second).
+/// Number of consecutive steps with a rejection after which the covariance is inflated (half a second).
 const MAX_REJECTED: u32 = 26;
 /// Error of the model of specific force (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
-/// Largest offset along the vertical of an accelerometer that measures, in standard deviations of bias and model.
+/// Maximum vertical offset of a working accelerometer, in standard deviations of bias and model.
 const MAX_OFFSET: f64 = 5.0;
-/// Largest innovation that counts as possibly true, rad/s, m/s².
+/// Maximum innovation that may be real motion, rad/s, m/s².
 const MAX_MISSED: f64 = 50.0;
-/// Largest fluctuation of the vertical specific force that is used to separate tilt from bias, m/s².
+/// Maximum fluctuation of the vertical specific force used to separate tilt from bias, m/s².
 const MAX_LIFT: f64 = 1.0;
 /// Standard deviation of an impulse's velocity, as a fraction of it.
 const IMPULSE_SD_FRACTION: f64 = 0.3;
-/// Largest innovation of a rate and of a specific force that a hull that slams explains, rad/s, m/s².
+/// Maximum innovation of an angular rate and a specific force that slamming explains, rad/s, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
-/// Share of the unexplained acceleration that is taken for noise of the measurement.
+/// Fraction of the excess acceleration that is treated as measurement noise.
 const FAST_SHARE: f64 = 0.1;
 
-/// Sum or mean of inertial samples, the time since the last step (s), and their number.
+/// Sum or mean of inertial samples, time since the last step (s), and number of samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Samples {
     gyro: Vector3<f64>,
@@ -66,7 +66,7 @@ pub(super) struct ImuWindow {
 }
 
 impl ImuWindow {
-    /// Takes a sample `ahead` seconds after the last step, `period` (s) after the one before.
+    /// Adds a sample taken `ahead` seconds after the last step and `period` (s) after the previous sample.
     pub(super) fn push(&mut self, sample: &ImuSample, ahead: f64, period: f64) {
         let [first, second] = &mut self.halves;
         if first.n == 0.0 {
@@ -89,19 +89,19 @@ impl ImuWindow {
         };
         sum.mean()
     }
-    /// Mean rates and forces of the second half less those of the first. None of a single sample, which does not distinguish
-    /// an outlier from an impulsive disturbance.
+    /// Mean rates and forces of the second half minus those of the first. None for a single sample, which cannot
+    /// distinguish an outlier from an impulsive disturbance.
     fn apart(&self) -> Option<[Vector3<f64>; 2]> {
         let [a, b] = self.halves.map(|half| half.mean());
         (b.n > 0.0).then(|| [b.gyro - a.gyro, b.force - a.force])
     }
 }
 
-/// A mean, and the difference between the halves of its samples.
+/// Mean, and difference between the two halves of its samples.
 type Mean = (Vector3<f64>, Option<Vector3<f64>>);
 
-/// Whether a rejected innovation is motion: the samples of the step agree. A single outlier makes the difference of the
-/// halves twice the innovation of the mean.
+/// Whether a rejected innovation is real motion, i.e. the samples of the step agree. With a single outlier the halves
+/// differ by twice the innovation of the mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
 }
@@ -122,14 +122,14 @@ impl VesselFilter {
         )
     }
 
-    /// Over seconds the mean specific force of a vessel is gravity. By GNSS its accelerometer is off by the bias in heave, and
-    /// one that is off by more than its spread and what the model leaves out explain (m/s²) clips or is broken.
+    /// Whether the accelerometer works. Averaged over seconds, a vessel's specific force is gravity, and GNSS makes the
+    /// heave bias observable. A bias (m/s²) that its spread and the model error do not explain indicates clipping or a
+    /// defect.
     pub(super) fn measures_gravity(&self, config: &VesselNodeConfig) -> bool {
         let sd = config.imu.accelerometer_bias_sd_mps2.hypot(FORCE_MODEL_SD);
         self.belief.get(HEAVE, HEAD).abs() <= MAX_OFFSET * sd
     }
 
-    /// Records an innovation for the statistics and the adaptive noise.
     fn record_innovation(&mut self, channel: InnovationChannel, dof: usize, update: Update) {
         self.consistency.observe(channel, update);
         match update {
@@ -140,9 +140,9 @@ impl VesselFilter {
         }
     }
 
-    /// 1 when the channel was rejected, 0 when it was fused. A rejected innovation may have been motion, so the rate
-    /// loses certainty by `doubt` per unit of innovation; otherwise the gate of GNSS would reject the velocity after
-    /// an impulse of which only a part was fused.
+    /// Returns 1 if the channel was rejected, 0 if it was fused. A rejected innovation may have been real motion, so
+    /// the uncertainty of the rate grows by `doubt` per unit of innovation. Otherwise the GNSS gate would reject the
+    /// velocity after an impulse that was fused only in part.
     fn reject(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
@@ -155,9 +155,8 @@ impl VesselFilter {
         1
     }
 
-    /// Adds an impulsive disturbance: an acceleration over the last step that the model lacked, with its effect on
-    /// position and velocity. Process noise wide enough for a hull that leaves the water would hide the waves of one
-    /// that does not.
+    /// Adds an impulsive disturbance: an acceleration over the last step that the model does not have, with its effect
+    /// on position and velocity. Process noise wide enough for a slamming hull would hide the waves of any other.
     fn impulse(&mut self, dof: usize, acceleration: f64, eta: f64, nu: f64) {
         let gain = self.model.acceleration_row(dof, dof)[DISTURBANCE];
         if gain > 0.0 {
@@ -196,7 +195,8 @@ impl VesselFilter {
         rejected
     }
 
-    /// Gyroscope: `n_dot = (R omega) x n` gives the rates of roll and pitch at the reference. `r`: variance of a rate.
+    /// Fuses the gyroscope: `n_dot = (R omega) x n` gives the rates of roll and pitch at the reference heading. `r` is
+    /// the variance of a rate.
     fn fuse_rates(&mut self, (gyro, apart): Mean, r: f64, offset: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let tilt = self.tilt();
@@ -219,7 +219,8 @@ impl VesselFilter {
         rejected
     }
 
-    /// Accelerometer: `f = R' (a + lever arm - g)`, all in the reference-parallel frame. `white`: variance of a force.
+    /// Fuses the accelerometer: `f = R' (a + lever arm - g)` in the reference-parallel frame. `white` is the variance
+    /// of a force.
     fn fuse_force(&mut self, config: &VesselModelConfig, (force, apart): Mean, white: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let arm = self.imu_lever_arm;
@@ -232,15 +233,15 @@ impl VesselFilter {
             let spin = rotation * tilt.body_rates();
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
             let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
-            // Specific force along the vertical, of which a tilt error shows a part in the horizontal. Its
-            // fluctuation separates tilt from bias as long as the horizontal force has no correlated fluctuation of
-            // its own. On a platform that turns about a point away from the sensor it has (tilt error of 0.1 rad),
-            // and on a slamming hull (0.02 rad).
+            // A tilt error projects part of the vertical specific force onto the horizontal axes. The fluctuation of
+            // the vertical force separates tilt from bias, provided that the horizontal force has no correlated
+            // fluctuation of its own. It has on a platform that turns about a point away from the sensor (tilt error of
+            // 0.1 rad) and on a slamming hull (0.02 rad).
             let noise = &self.adaptive_noise;
             let known = noise.factor(SURGE).max(noise.factor(SWAY));
             let lift = GRAVITY - (f.z + GRAVITY).clamp(-MAX_LIFT, MAX_LIFT) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
-            // What changes fast is also sampled at the wrong instant.
+            // Fast motion also has a sampling-time error.
             let fast = noise.spread(config, axis);
             let r = white + (FAST_SHARE * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);
@@ -263,7 +264,7 @@ impl VesselFilter {
             let impulsive =
                 apart.is_some_and(|force| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
             if gated && impulsive {
-                // It has grown over the step.
+                // The acceleration grows linearly over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {
                 rejected += self.reject(axis, update, z, STEP_S);
@@ -279,12 +280,12 @@ mod tests {
 
     #[test]
     fn impulse_test_of_outlier_and_growing_rate() {
-        // The second of two samples is wild by 2 rad/s: their mean by 1, their difference by 2.
+        // The second of two samples has an outlier of 2 rad/s: the mean is off by 1, the halves differ by 2.
         assert!(!is_impulse(1.0, 2.0, MAX_IMPULSE[0]));
-        // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.
+        // A rate that grows by 20 rad/s² has an innovation of 0.4 after one step; its samples differ by 0.2.
         assert!(is_impulse(0.4, 0.2, MAX_IMPULSE[0]) && is_impulse(-0.4, -0.2, MAX_IMPULSE[0]));
         assert!(!is_impulse(5.0, 0.1, MAX_IMPULSE[0]), "no hull turns like that");
-        // One sample of a fast sensor, wherever it is in the step.
+        // A single outlier of a fast sensor, at any position in the step.
         for (rate_hz, wild) in [
             (100, 0),
             (100, 1),

@@ -1,11 +1,10 @@
-//! The vessel's state estimator: a Kalman filter on the wave-augmented model of
-//! [`alight_shared::vessel_model`], linear in the vessel-parallel frame at a reference heading that
-//! follows the mean heading.
+//! The vessel's state estimator: a Kalman filter on the wave-augmented model of [`alight_shared::vessel_model`], linear
+//! in the vessel-parallel frame at a reference heading that follows the mean heading.
 //!
-//! The filter runs at 50 Hz on the mean of each step's inertial samples, at whatever rate they come. Surge is estimated with pitch and sway with roll, because
-//! an accelerometer does not distinguish a horizontal acceleration from a tilt: on a hull that follows the water
-//! it measures almost none, and the gyroscope carries the tilt. Late measurements (GNSS, heading) are compared
-//! with the state at their time.
+//! The filter runs at 50 Hz on the mean of each step's inertial samples, whatever their rate. Surge is estimated with
+//! pitch and sway with roll, because an accelerometer does not distinguish a horizontal acceleration from a tilt: on a
+//! hull that follows the water it measures almost none, and the gyroscope determines the tilt. Late measurements (GNSS,
+//! heading) are compared with the state at their time.
 
 mod adaptive_noise;
 mod attitude;
@@ -38,24 +37,21 @@ pub use tilt::Tilt;
 pub(crate) const STEP_S: f64 = 0.02;
 /// Longest gap that is bridged by prediction, s.
 const MAX_GAP_S: f64 = 2.0;
-/// A heading that is this far off its mean is a turn, rad (6 deg).
+/// Deviation from the mean heading that counts as a turn, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
-/// Slot, in heave, of the difference between GNSS heights and heave: mean water level plus the receiver's slow
+/// Index, in the heave block, of the offset between GNSS heights and heave: mean water level plus the receiver's slow
 /// bias. The vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
-/// Counts of what the gates rejected, since start.
+/// Numbers of rejected measurements since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gated {
-    /// Inertial channels.
     pub imu: u64,
-    /// Components of GNSS fixes.
     pub gnss: u64,
     pub heading: u64,
-    /// Components of attitudes.
     pub attitude: u64,
-    /// Restarts from scratch after a state that was not finite or a long silence.
+    /// Restarts from scratch, after a non-finite state or a long gap.
     pub restarts: u64,
 }
 
@@ -63,12 +59,12 @@ pub struct Gated {
 pub struct Estimator {
     config: VesselNodeConfig,
     gated: Gated,
-    /// First measurements, before the filter runs.
+    /// First measurements, used to initialise the filter.
     start: Start,
     filter: Option<VesselFilter>,
-    /// Consistency of filters before the last restart.
+    /// Innovation statistics of the filters before the last restart.
     consistency: Consistency,
-    /// Motion model of the filter before the last restart, for the next one.
+    /// Motion model of the filter before the last restart, passed to the next filter.
     motion: MotionModel<VesselClock>,
 }
 
@@ -78,7 +74,6 @@ struct Start {
     heading: Option<HeadingFix>,
 }
 
-/// The running filter.
 #[derive(Clone, Debug)]
 pub(crate) struct VesselFilter {
     pub(crate) at: Time<VesselClock>,
@@ -86,26 +81,24 @@ pub(crate) struct VesselFilter {
     pub(crate) model: VesselModel,
     pub(crate) reference: f64,
     pub(crate) datum: Datum,
-    /// Reference of the heights.
     height_reference: gnss::HeightReference,
     /// Mean velocity north, east (m/s), mean heading (rad) and its rate (rad/s).
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
-    /// Speed that the vessel gains by itself.
+    /// Acceleration of the mean motion by the engines.
     pub(crate) gain: speed_gain::SpeedGain,
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
-    /// Identified modes of the motion.
     pub(crate) motion: MotionModel<VesselClock>,
-    /// Errors of place (north, east, m) and heading (rad) as predicted.
+    /// Prediction errors of position (north, east, m) and heading (rad).
     course_errors: MeasuredErrors<3, VesselClock>,
-    /// Slow motion that the waves are relative to.
+    /// Slow motion; the waves are relative to it.
     pub(crate) slow: SlowMotion,
     step: BeliefStep,
     window: inertial::ImuWindow,
     history: history::History,
     velocity_lags: velocity_lag::VelocityLags,
-    /// Place of the inertial sensor in the vessel's body frame, m.
+    /// Position of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
     started: Time<VesselClock>,
     imu: AidSource<VesselClock>,
@@ -118,7 +111,7 @@ pub(crate) struct VesselFilter {
     row: Vec<Term>,
 }
 
-/// Velocity along and across the mean heading, and heading, averaged over some waves.
+/// Velocity along and across the mean heading, and heading, averaged over several waves.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SlowMotion {
     velocity: Vector2<f64>,
@@ -126,43 +119,43 @@ pub(crate) struct SlowMotion {
     known_s: f64,
 }
 
-/// Memory of [`SlowMotion`], s: four waves.
+/// Averaging time of [`SlowMotion`], s: four waves.
 const SLOW_S: f64 = 20.0;
 
 impl SlowMotion {
-    /// Takes the velocity (NED, m/s) and heading of a step.
+    /// Updates the averages with the velocity (NED, m/s) and heading of a step.
     fn update(&mut self, velocity: Vector2<f64>, heading: f64, mean_heading: f64) {
         self.known_s += STEP_S;
-        // An average of all so far until the memory is full.
+        // Plain average until the memory is full.
         let fraction = STEP_S / self.known_s.min(SLOW_S);
         self.velocity += (Rotation2::new(-mean_heading) * velocity - self.velocity) * fraction;
         let off = wrap_angle(heading - self.heading);
-        // Waves do not turn a vessel further: the rest is a turn, and followed at once.
+        // Waves turn a vessel by at most this angle. Any excess is a turn and is followed at once.
         let turned = off - off.clamp(-TURN_RAD, TURN_RAD);
         self.heading = wrap_angle(self.heading + turned + (off - turned) * fraction);
     }
-    /// The velocity in NED, m/s.
+    /// Velocity in NED, m/s.
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
-    /// The heading was wrong by `by` (rad), the velocity in NED was not.
+    /// Corrects a heading error of `by` (rad). The velocity in NED was correct and stays.
     fn turn(&mut self, by: f64) {
         self.heading = wrap_angle(self.heading + by);
         self.velocity = Rotation2::new(-by) * self.velocity;
     }
-    /// Error of a heading, rad.
+    /// Deviation of a heading from the slow one, rad.
     pub(crate) fn off(&self, heading: f64) -> f64 {
         wrap_angle(heading - self.heading)
     }
 }
 
-/// A fix with this many of its six values rejected is lost.
+/// Number of rejected values, of six, at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// With a lost fix after this many rejected ones in a row (2 s) the filter is wrong, not the receiver: it restarts.
+/// Number of consecutive rejected fixes (2 s), followed by a lost one, after which the filter restarts: the filter is
+/// wrong, not the receiver.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
-    /// An estimator without measurements.
     pub fn new(config: &VesselNodeConfig) -> Self {
         Estimator {
             config: config.clone(),
@@ -173,7 +166,6 @@ impl Estimator {
             motion: MotionModel::default(),
         }
     }
-    /// Counts of what the gates rejected.
     pub fn gated(&self) -> Gated {
         self.gated
     }
@@ -181,8 +173,8 @@ impl Estimator {
     pub fn level(&self) -> Option<f64> {
         self.filter.as_ref().map(VesselFilter::level)
     }
-    /// Standard deviation of heave about the level (m), roll and pitch (rad) as predicted `ahead_s` seconds from now. For
-    /// studies: what is broadcast adds heave's to the level's, from which it cannot be taken again.
+    /// Standard deviation of heave about the level (m), roll and pitch (rad) as predicted `ahead_s` seconds from now.
+    /// For studies only: the broadcast value includes the uncertainty of the level.
     pub fn deck_sd(&self, ahead_s: f64) -> Option<[f64; 3]> {
         self.filter.as_ref().map(|f| f.deck_sd(ahead_s))
     }
@@ -190,7 +182,6 @@ impl Estimator {
         self.filter.as_ref()
     }
 
-    /// Takes an admitted inertial sample.
     pub fn imu(&mut self, sample: &ImuSample) {
         let Some(f) = self.filter.as_mut() else {
             self.try_start(sample.header.at);
@@ -201,7 +192,7 @@ impl Estimator {
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
         let ahead = (sample.header.at - f.at).secs();
         f.window.push(sample, ahead, period);
-        // A step ends with the sample that is nearest to its end.
+        // A step ends with the sample nearest to its end.
         if ahead + 0.5 * period >= STEP_S {
             let window = core::mem::take(&mut f.window);
             let ahead = window.mean().ahead;
@@ -218,7 +209,7 @@ impl Estimator {
         self.guard();
     }
 
-    /// Takes an admitted GNSS fix; returns the number of its rejected components.
+    /// Fuses an admitted GNSS fix. Returns the number of rejected components.
     pub fn gnss(&mut self, fix: &GnssFix) -> u64 {
         let mut rejected = 0;
         match self.filter.as_mut() {
@@ -235,7 +226,7 @@ impl Estimator {
         rejected
     }
 
-    /// Takes an admitted heading; false when it was rejected.
+    /// Fuses an admitted heading. Returns false if it was rejected.
     pub fn heading(&mut self, heading: &HeadingFix) -> bool {
         let mut fused = true;
         match self.filter.as_mut() {
@@ -249,8 +240,8 @@ impl Estimator {
         fused
     }
 
-    /// Takes an admitted attitude: without an inertial sensor it carries the filter and feeds the identification.
-    /// Returns whether it was used and the number of its rejected components.
+    /// Fuses an admitted attitude. Without an inertial sensor it drives the filter and the identification. Returns
+    /// whether it was used, and the number of rejected components.
     pub fn attitude(&mut self, fix: &AttitudeFix) -> (bool, u64) {
         let at = fix.header.at;
         let Some(f) = self.filter.as_mut() else {
@@ -277,13 +268,13 @@ impl Estimator {
         self.consistency.and(&running.unwrap_or_default())
     }
 
-    /// Once per tick, after the measurements: bridges gaps between inertial samples, adapts the model's noise and
-    /// does a part of the identification of the motion.
+    /// Called once per tick, after the measurements. Bridges gaps between inertial samples, adapts the process noise
+    /// and performs part of the motion identification.
     pub fn tick(&mut self, now: Time<VesselClock>) {
         let Some(f) = self.filter.as_mut() else { return };
         f.adapt(&self.config);
         if !f.measures_gravity(&self.config) && f.motion.newest().is_some() {
-            // Heave was not what it has learned from.
+            // The model was identified from wrong heave.
             f.motion = MotionModel::default();
         }
         f.motion.work();
@@ -299,14 +290,14 @@ impl Estimator {
     fn restart(&mut self) {
         self.gated.restarts += 1;
         self.consistency = self.consistency();
-        // What the motion was like outlives a filter that was wrong about where it stands.
+        // The motion model stays valid even if the filter's position was wrong.
         if let Some(filter) = self.filter.take() {
             self.motion = filter.motion;
         }
         self.start = Start::default();
     }
     fn guard(&mut self) {
-        // A NaN anywhere in a block spreads to its first state within a step.
+        // A NaN anywhere in a block reaches the block's first state within one step.
         let broken = self.filter.as_ref().is_some_and(|f| {
             (0..6).any(|d| !(f.belief.get(d, ETA).is_finite() && f.belief.variance(d, ETA).is_finite()))
         });
@@ -329,7 +320,7 @@ impl Estimator {
     }
 }
 
-/// States that are estimated in addition to the vessel's motion, and the spread at the start.
+/// States estimated in addition to the vessel's motion, and their initial spread.
 fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
     let bias = |sd: f64, time_s: f64| Extra {
         sd,
@@ -351,7 +342,7 @@ fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
             vec![gyro],
             vec![gyro, compass],
         ],
-        // Of the first fix, the waves' orbital velocity, a rocking vessel.
+        // Accuracy of the first fix, orbital velocity of the waves, tilt of a rocking vessel.
         initial_sd: [
             [1.0, 1.0],
             [1.0, 1.0],
@@ -374,7 +365,7 @@ impl VesselFilter {
         let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
         belief.set(SURGE, ETA, p.x - level.x);
         belief.set(SWAY, ETA, p.y - level.y);
-        // Heave is relative to the mean water level; the level in the receiver's frame is the bias.
+        // Heave is relative to the mean water level; the bias holds the level in the receiver's frame.
         belief.set(HEAVE, GNSS_BIAS, fix.position[2] - level.z);
         belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
         belief.set_variance(HEAVE, SLOW, 1e-4);
@@ -415,18 +406,17 @@ impl VesselFilter {
         }
     }
 
-    /// Propagates by a step.
     fn propagate(&mut self) {
         self.belief.propagate(&self.step);
         self.at += Span::from_secs(STEP_S);
     }
-    /// Ends a step, measured or not: a hole in the identification's record costs its past.
+    /// Ends a step, with or without a measurement. A gap would discard the identification's record so far.
     fn end_step(&mut self) {
         self.remember();
         self.follow_heading();
         self.observe_motion();
     }
-    /// Carries the state to within half a step of `ahead` seconds on, where a measurement ends the last step.
+    /// Propagates to within half a step of `ahead` seconds; a measurement ends the last step.
     fn step_before(&mut self, ahead: f64) {
         let steps = (ahead / STEP_S).round().clamp(1.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 1..steps {
@@ -435,7 +425,7 @@ impl VesselFilter {
         }
         self.propagate();
     }
-    /// Carries the state to within half a step of `to` by the model alone.
+    /// Propagates to within half a step of `to`, by the model alone.
     fn coast(&mut self, to: Time<VesselClock>) {
         self.window = Default::default();
         let ahead = (to - self.at).secs();
@@ -446,7 +436,7 @@ impl VesselFilter {
         }
     }
 
-    /// Time since motion was last measured, by the inertial sensor or one that stands in for it, s.
+    /// Time since motion was last measured by the inertial sensor or its replacement, s.
     pub(crate) fn motion_age(&self, now: Time<VesselClock>) -> f64 {
         let measured = self.imu.measured_at.max(self.attitude.measured_at);
         (now - measured.unwrap_or(self.started)).secs()
@@ -461,15 +451,14 @@ impl VesselFilter {
             heading_rate: b.get(YAW, NU),
         }
     }
-    /// Model acceleration of every degree of freedom.
     pub(crate) fn accelerations(&self) -> [f64; 6] {
         core::array::from_fn(|d| self.belief.acceleration(&self.model, d))
     }
 
     /// Updates the mean motion and, when the mean heading has turned far enough, the reference heading.
     fn follow_heading(&mut self) {
-        // First-order low-pass against what the modes leave of the waves: 1 s for the velocity and for the heading's
-        // rate. Until the modes are known the slow velocity stands in.
+        // First-order low-pass on the part that the modes do not explain: 1 s for the velocity and the heading rate.
+        // Until the modes are known, the slow velocity is used.
         let b = &self.belief;
         let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
         let waves = self.motion.waves(self.at);
@@ -494,7 +483,6 @@ impl VesselFilter {
         }
     }
 
-    /// Adapts the process noise of the model to the innovations.
     fn adapt(&mut self, config: &VesselNodeConfig) {
         if self.adaptive_noise.is_rebuild_due(self.at) {
             let adapted = self.adaptive_noise.adapted(&config.model);
@@ -503,7 +491,7 @@ impl VesselFilter {
         }
     }
 
-    /// Inflates the covariance of the fast states, after too many consecutive rejections.
+    /// Inflates the covariance of the fast states after too many consecutive rejections.
     fn open(&mut self) {
         for d in 0..6 {
             let sd = self.model.config().disturbance_sd_mps2_m_rad_radps2[d];

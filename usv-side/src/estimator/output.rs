@@ -15,23 +15,23 @@ use super::{GNSS_BIAS, Tilt, VesselFilter};
 use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
-/// Course of the vessel: its mean velocity, which turns with the mean heading, the waves' and what both leave.
+/// Course of the vessel: mean velocity, which turns with the mean heading, plus the modes, plus the residual of both.
 struct Course<'a> {
     modes: &'a Modes<VesselClock>,
-    /// From the modes' time of validity to now, s, and what the waves have moved it by since, north and east, m.
+    /// Time from the modes' validity to now, s, and the displacement by the waves in that time, north and east, m.
     since: f64,
     moved: Vector2<f64>,
-    /// Now, NED, m, m/s, rad, rad/s.
+    /// Present values, NED: m, m/s, rad, rad/s.
     place: Vector2<f64>,
     mean_velocity: Vector2<f64>,
     mean_heading: f64,
     rate: f64,
-    /// Remainder of velocity and heading without mean and modes now.
+    /// Present residual of velocity and heading after mean and modes.
     left: Vector2<f64>,
     left_yaw: f64,
 }
 
-/// A point of the course, NED.
+/// Point of the course, NED.
 struct CoursePoint {
     /// m, m/s.
     place: Vector2<f64>,
@@ -42,13 +42,13 @@ struct CoursePoint {
     heading_rate: f64,
 }
 
-/// Displacement of a vessel by the waves within `t` seconds, north and east, m.
+/// Displacement of a vessel by the waves over `t` seconds, north and east, m.
 fn path(modes: &Modes<VesselClock>, t: f64) -> Vector2<f64> {
     Vector2::new(modes.path(SURGE, t), modes.path(SWAY, t))
 }
 
 impl Course<'_> {
-    /// Way and velocity by the mean, `t` seconds from now.
+    /// Displacement and velocity of the mean motion, `t` seconds from now.
     fn mean(&self, t: f64) -> (Vector2<f64>, Vector2<f64>) {
         let half = Rotation2::new(0.5 * self.rate * t) * self.mean_velocity;
         let chord = if self.rate == 0.0 {
@@ -58,11 +58,11 @@ impl Course<'_> {
         };
         (half * chord, Rotation2::new(self.rate * t) * self.mean_velocity)
     }
-    /// The point `ahead` seconds after the modes' time of validity.
+    /// Point of the course `ahead` seconds after the modes' time of validity.
     fn at(&self, ahead: f64) -> CoursePoint {
         let (t, waves) = (ahead - self.since, self.modes.motion(ahead));
         let (way, mean) = self.mean(t);
-        // What was left before now is not known: it has been what it is.
+        // Past residuals are unknown; the present one is assumed.
         let fades = (-t.max(0.0) / FADE_S).exp();
         let gone = t.min(0.0) + FADE_S * (1.0 - fades);
         let (yaw, mean_heading) = (self.left_yaw * fades, self.mean_heading + self.rate * t);
@@ -77,13 +77,12 @@ impl Course<'_> {
 }
 
 impl VesselFilter {
-    /// NED from the reference-parallel frame.
+    /// Rotates from the reference-parallel frame to NED.
     pub(super) fn ned(&self, x: f64, y: f64) -> Vector2<f64> {
         Rotation2::new(self.reference) * Vector2::new(x, y)
     }
 
-    /// The estimate at `now`, at most a few steps after the state's time: rolled on by a
-    /// second-order series.
+    /// Estimate at `now`, at most a few steps after the state's time: extrapolated by a second-order series.
     pub(crate) fn estimate(
         &self,
         config: &VesselNodeConfig,
@@ -148,7 +147,7 @@ impl VesselFilter {
         }
     }
 
-    /// Covariance of the height's reference with heave and its rate, and its variance.
+    /// Covariance of the height reference with heave and with the heave rate, and its variance.
     fn level_covariance(&self) -> (f64, f64, f64) {
         let b = &self.belief;
         (
@@ -162,7 +161,7 @@ impl VesselFilter {
         self.belief.variance(HEAVE, GNSS_BIAS).max(0.0) + self.height_reference.sd.powi(2)
     }
 
-    /// The wave model, valid at the newest sample of the identification, with the apparent slopes of the deck.
+    /// Wave model, valid at the newest sample of the identification, with the apparent slopes of the deck.
     pub(crate) fn wave_model(
         &self,
         header: Header<VesselClock>,
@@ -184,7 +183,8 @@ impl VesselFilter {
         })
     }
 
-    /// The motion as the advice needs it, in this true wind (towards NED, m/s), with the deck's steepest apparent slopes.
+    /// Motion as needed by the advice, for this true wind (towards, NED, m/s), with the steepest apparent slopes of the
+    /// deck.
     pub(crate) fn underway(
         &self,
         wind: Option<Vector2<f64>>,
@@ -200,7 +200,7 @@ impl VesselFilter {
         }
     }
 
-    /// Gives the identification the motion of this instant.
+    /// Passes the present motion to the identification.
     pub(super) fn observe_motion(&mut self) {
         if !self.motion.is_due(self.at) {
             return;
@@ -213,7 +213,7 @@ impl VesselFilter {
         let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
         let v = velocity - self.slow.velocity(self.mean_heading);
         let acceleration = self.accelerations();
-        // Without what turns the course and what an engine does.
+        // Excludes turns of the course and accelerations by the engine.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x)
             - self.gain.acceleration() * (Rotation2::new(self.mean_heading) * Vector2::x());
@@ -234,8 +234,8 @@ impl VesselFilter {
         self.measure_course();
     }
 
-    /// The prediction from the newest sample of the identification on: the modes about the mean motion, and what both leave
-    /// of the estimate now, which fades.
+    /// Prediction from the newest sample of the identification on: the modes about the mean motion, plus the present
+    /// residual, which fades.
     pub(crate) fn prediction(
         &self,
         config: &VesselNodeConfig,
@@ -279,7 +279,7 @@ impl VesselFilter {
         })
     }
 
-    /// The course ahead; None before the first sample.
+    /// Course ahead; None before the first sample.
     fn course(&self) -> Option<Course<'_>> {
         let b = &self.belief;
         let modes = self.motion.modes()?;
@@ -300,11 +300,11 @@ impl VesselFilter {
         })
     }
 
-    /// Keeps where the vessel will be and head, and compares its place and heading with what was predicted.
+    /// Records the predicted course, and compares position and heading with earlier predictions.
     fn measure_course(&mut self) {
         let place = self.ned(self.belief.get(SURGE, ETA), self.belief.get(SWAY, ETA));
         let mut errors = core::mem::take(&mut self.course_errors);
-        // The filter's heading is continuous.
+        // The filter's heading does not wrap.
         let heading = self.belief.get(YAW, ETA);
         errors.compare(self.at, [place.x, place.y, heading]);
         if let Some(course) = self.course() {
@@ -319,8 +319,8 @@ impl VesselFilter {
         }
         self.course_errors = errors;
     }
-    /// Standard deviation of the error that predicting place (north, east, m) and heading (rad) `ahead` seconds on adds to
-    /// the estimate's own: as measured; before, by the rates' own errors.
+    /// Standard deviation that predicting position (north, east, m) and heading (rad) `ahead` seconds adds to the
+    /// estimate's own. Measured; before measurements are available, derived from the uncertainty of the rates.
     fn course_deviation(&self, ahead: f64) -> [f64; 3] {
         let of_rate = |d| ahead * self.belief.variance(d, NU).max(0.0).sqrt();
         let measured = self.course_errors.deviation(ahead);
@@ -332,8 +332,8 @@ impl VesselFilter {
         self.belief.get(HEAVE, GNSS_BIAS)
     }
 
-    /// Standard deviation of heave about that level (m), roll and pitch (rad) as predicted `ahead` seconds from now: the
-    /// estimate's own error and what the prediction adds to it.
+    /// Standard deviation of heave about that level (m), roll and pitch (rad) predicted `ahead` seconds from now: the
+    /// estimate's own error plus that of the prediction.
     pub(crate) fn deck_sd(&self, ahead: f64) -> [f64; 3] {
         let b = &self.belief;
         let grown = self.motion.spread(ahead);
@@ -343,14 +343,14 @@ impl VesselFilter {
             let Some(omega) = omega else {
                 return grown[d].hypot(now.sqrt());
             };
-            // What a rate is off by adds up over a radian of the waves.
+            // Rate errors accumulate over one radian of the waves.
             let within = |s: f64| (b.variance(d, NU).max(0.0) * s * s).min(now);
             if d == HEAVE {
-                // Its slow error is one of the level.
+                // A slow error of heave is an error of the level.
                 return grown[d].max(within(1.0 / omega).sqrt());
             }
-            // Measured against later estimates: their slow error is in both and comes on top, what has changed until
-            // then is in what is measured.
+            // Predictions are measured against later estimates. A slow error is in both, so it is added; what changes
+            // within the prediction is part of the measured error.
             let changed = within(ahead.min(1.0 / omega));
             (grown[d] * grown[d])
                 .max(changed)
@@ -360,7 +360,7 @@ impl VesselFilter {
         [heave.hypot(self.motion.slow_heave_variance().sqrt()), roll, pitch]
     }
 
-    /// The state is recent, finite, and of an accelerometer that measures.
+    /// Whether the state is recent and finite, and the accelerometer works.
     pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
         self.motion_age(now) <= config.imu.timeout_s
             && self.measures_gravity(config)

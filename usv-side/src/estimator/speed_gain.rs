@@ -1,35 +1,36 @@
-//! Speed change by the engines, which the identification must not take for a wave.
+//! Acceleration by the engines, which the identification must not treat as a wave.
 
 use super::STEP_S;
 
 /// Acceleration of the mean motion along the course.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SpeedGain {
-    /// As it is measured, m/s².
+    /// Measured acceleration, m/s².
     measured: f64,
-    /// Mean square of late, (m/s²)².
+    /// Recent mean square, (m/s²)².
     usual: f64,
     known_s: f64,
 }
 
-/// Memory of what is measured and of what is usual, s: half that of the mean velocity; that of the identification.
+/// Averaging times of the acceleration (half that of the mean velocity) and of its mean square (that of the
+/// identification), s.
 const GAIN_S: f64 = 0.5;
 const USUAL_S: f64 = 100.0;
-/// So many times the usual variance is no chance: two standard deviations.
+/// Multiple of the mean square that is statistically significant: two standard deviations.
 const SURE: f64 = 4.0;
 
 impl SpeedGain {
-    /// Takes what the mean velocity, with a memory of 1 s, is behind by, m/s.
+    /// Updates with the lag `behind` of the mean velocity, m/s, whose averaging time is 1 s.
     pub(crate) fn update(&mut self, behind: f64) {
         self.measured += (behind - self.measured) * STEP_S / GAIN_S;
         self.known_s += STEP_S;
-        // An average of all so far until the memory is full.
+        // Plain average until the memory is full.
         let memory_s = self.known_s.min(USUAL_S);
         self.usual += (self.measured * self.measured - self.usual) * STEP_S / memory_s;
     }
-    /// The part that is more than what the waves' own errors leave, m/s²: `g (1 - (2 sigma)² / g²)`, nothing within two
-    /// standard deviations and nearly all far beyond them (the shrinkage of James and Stein 1961 with a bound on what chance
-    /// lets through: 1 % of the variance where there is no engine).
+    /// Acceleration in excess of the waves' residual, m/s²: `g (1 - (2 sigma)² / g²)`, zero within two standard
+    /// deviations and nearly `g` far beyond (the shrinkage of James and Stein 1961 with a bound on chance results: 1 %
+    /// of the variance without engines).
     pub(crate) fn acceleration(&self) -> f64 {
         let g = self.measured;
         if g == 0.0 {

@@ -1,24 +1,22 @@
-//! Tilt kinematics in the reference-parallel frame, exact for any tilt: the deck's normal (down
-//! axis of the body) at the reference heading is `n = (sin theta cos phi, -sin phi, cos theta cos
-//! phi)`, and it turns with `n_dot = omega x n`.
+//! Tilt kinematics in the reference-parallel frame, exact for any tilt. The deck's normal (down axis of the body) at
+//! the reference heading is `n = (sin theta cos phi, -sin phi, cos theta cos phi)`, and its derivative is `n_dot =
+//! omega x n`.
 
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{Rotation3, Vector3};
 
-/// Roll and pitch at the reference heading, their rates, heading relative to the reference and its
-/// rate (rad, rad/s).
+/// Roll and pitch at the reference heading, their rates, and the heading relative to the reference and its rate (rad,
+/// rad/s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tilt {
-    /// Roll and pitch at the reference heading.
     pub angles: [f64; 2],
     pub rates: [f64; 2],
     /// Heading minus reference heading.
     pub heading: f64,
-    /// Rate of the heading.
     pub heading_rate: f64,
 }
 
-/// The normal of roll and pitch.
+/// Deck normal for these angles.
 fn normal([roll, pitch]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos())
 }
@@ -38,8 +36,8 @@ fn rates_of([roll, pitch]: [f64; 2], d: Vector3<f64>) -> [f64; 2] {
 }
 
 impl Tilt {
-    /// Roll, pitch at the actual heading, and heading relative to the reference: ZYX Euler angles
-    /// of the body in the reference-parallel frame.
+    /// Roll and pitch at the actual heading, and heading relative to the reference: ZYX Euler angles of the body in the
+    /// reference-parallel frame.
     pub fn euler(&self) -> [f64; 3] {
         let (r, p) = turn_tilt(self.angles[0], self.angles[1], self.heading);
         [r, p, self.heading]
@@ -52,7 +50,7 @@ impl Tilt {
         let [dr, dp] = rates_of([r, p], d);
         [dr, dp, self.heading_rate]
     }
-    /// Rotation reference-parallel from body.
+    /// Rotation from body to the reference-parallel frame.
     pub fn rotation(&self) -> Rotation3<f64> {
         let [r, p, y] = self.euler();
         Rotation3::from_euler_angles(r, p, y)
@@ -62,8 +60,8 @@ impl Tilt {
         let [r, p, _] = self.euler();
         alight_shared::frames::body_rates(r, p, Vector3::from(self.euler_rates()))
     }
-    /// Rates of roll and pitch at the reference heading and of the heading from gyroscope rates at this tilt:
-    /// `n_dot = (R omega) x n`.
+    /// Rates of roll and pitch at the reference heading and of the heading, from gyroscope rates at this tilt: `n_dot =
+    /// (R omega) x n`.
     pub fn rates_from_gyro(&self, body: Vector3<f64>) -> [f64; 3] {
         let w = self.rotation() * body;
         let d = w.cross(&normal(self.angles));

@@ -1,12 +1,12 @@
 //! Lag of a receiver's velocities behind its positions.
 //!
-//! Receivers made for boats average speed and course over ground for seconds and send them as if they were of now: a recorded
-//! satellite compass is 2.4 s late. In a turn such a velocity points where the vessel went.
+//! Marine receivers average speed and course over ground for several seconds but stamp them with the present time: a
+//! recorded satellite compass lags by 2.4 s. In a turn, such a velocity points along the vessel's past course.
 //!
-//! The lag is that `tau` for which the path that the velocities add up to is the path of the positions, the smallest mean
-//! square of `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course every lag fits as well
-//! as none; there is nothing to correct then, and none is assumed. Otherwise a velocity is turned by as much as the
-//! vessel has turned since: in a turn the course follows the heading.
+//! The lag is the `tau` at which the integral of the velocities best matches the path of the positions: it minimises
+//! the mean square of `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course all lags fit
+//! equally well; no correction is needed then, and zero is assumed. Otherwise a velocity is rotated by the change of
+//! heading over the lag, because in a turn the course follows the heading.
 
 use std::collections::VecDeque;
 
@@ -15,27 +15,27 @@ use alight_shared::msg::MAX_SOURCES;
 use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::Vector2;
 
-/// Lags that are compared lie this far apart, s, and reach to [`MAX_LAG_S`].
+/// Spacing of the candidate lags, s, up to [`MAX_LAG_S`].
 const STEP_S: f64 = 0.1;
 const LAGS: usize = 41;
-/// The longest lag, s.
 const MAX_LAG_S: f64 = STEP_S * (LAGS - 1) as f64;
-/// Two positions that are compared lie at least this far apart, s.
+/// Minimum time between two positions that are compared, s.
 const PAIR_S: f64 = 1.0;
-/// Fixes further apart than this are not of one path, s.
+/// Maximum time between fixes of one path, s.
 const GAP_S: f64 = 3.0;
-/// Pairs that the mean squares remember, a minute, and those before which no lag is assumed.
+/// Memory of the mean squares in pairs (a minute), and the number of pairs required before a lag is estimated.
 const MEMORY: f64 = 60.0;
 const FIRST: f64 = 20.0;
-/// A pair whose best square is so many times the usual is a jump of the receiver, unless as many come in a row.
+/// Ratio of a pair's smallest square to the mean above which it counts as a jump of the receiver, and the number of
+/// consecutive jumps after which they are accepted.
 const JUMP: f64 = 25.0;
 const JUMPS: u32 = 5;
-/// By this much the logarithm of the likelihood has to be above that of no lag: by chance once in 10^5.
+/// Minimum gain in log likelihood over zero lag: exceeded by chance once in 10^5.
 const SURE: f64 = 10.0;
-/// Most samples that wait: 25 velocities a second until the longest lag has passed.
+/// Maximum number of waiting samples: 25 velocities per second for longer than the maximum lag.
 const MAX_WAITING: usize = 256;
 
-/// Velocities added up, by time.
+/// Integral of the velocities up to a time.
 #[derive(Clone, Copy, Debug)]
 struct Travelled {
     at: Time<VesselClock>,
@@ -45,18 +45,18 @@ struct Travelled {
     heading: f64,
 }
 
-/// The lag of each receiver's velocities: one averages, another does not.
+/// Velocity lag of each receiver.
 #[derive(Clone, Debug, Default)]
 pub(super) struct VelocityLags([VelocityLag; MAX_SOURCES]);
 
 impl VelocityLags {
-    /// The lag of this source; None without a source of that number.
+    /// Lag of this source; None for an unknown source number.
     pub(super) fn of(&mut self, source: u8) -> Option<&mut VelocityLag> {
         self.0.get_mut(usize::from(source))
     }
 }
 
-/// The lag of one receiver's velocities, as it is measured.
+/// Velocity lag of one receiver, as measured.
 #[derive(Clone, Debug)]
 pub(super) struct VelocityLag {
     positions: VecDeque<(Time<VesselClock>, Vector2<f64>)>,
@@ -79,7 +79,7 @@ impl Default for VelocityLag {
 }
 
 impl VelocityLag {
-    /// Takes a position, north and east, m.
+    /// Adds a position, north and east, m.
     pub(super) fn position(&mut self, at: Time<VesselClock>, place: Vector2<f64>) {
         if let Some((last, _)) = self.positions.back() {
             let apart = (at - *last).secs();
@@ -92,8 +92,8 @@ impl VelocityLag {
         }
         self.positions.push_back((at, place));
     }
-    /// Takes a velocity, north and east, m/s, that came when the vessel was on this heading, rad; by how much it has turned
-    /// since it was so, rad. None is stated of one that is no newer than the last.
+    /// Adds a velocity, north and east, m/s, received at the vessel heading `heading`, rad. Returns the change of
+    /// heading since the time at which the velocity was true, rad; zero for a velocity that is not newer than the last.
     pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
             Some(last) if at <= last.at => return 0.0,
@@ -117,7 +117,7 @@ impl VelocityLag {
         self.compare(at);
         self.turned_since()
     }
-    /// Compares the pairs of positions for which all velocities until `now` have come.
+    /// Compares the pairs of positions for which all velocities up to `now` have arrived.
     fn compare(&mut self, now: Time<VesselClock>) {
         while let (Some(a), Some(b)) = (self.positions.front(), self.positions.get(1)) {
             let ((from, begin), (to, end)) = (*a, *b);
@@ -136,19 +136,19 @@ impl VelocityLag {
             self.take(&squares);
         }
     }
-    /// The path until a time; None where it is not covered.
+    /// Integral of the velocities up to a time; None outside the record.
     fn path(&self, at: Time<VesselClock>) -> Option<Vector2<f64>> {
         let (a, b, share) = self.around(at)?;
         Some(a.path + share * (b.path - a.path))
     }
-    /// The velocities before and after a time, and where it lies between them, 0 to 1.
+    /// Velocities before and after a time, and the interpolation weight, 0 to 1.
     fn around(&self, at: Time<VesselClock>) -> Option<(&Travelled, &Travelled, f64)> {
         let k = self.travelled.partition_point(|t| t.at < at).max(1);
         let (a, b) = (self.travelled.get(k - 1)?, self.travelled.get(k)?);
         let share = (at - a.at).secs() / (b.at - a.at).secs();
         (share >= 0.0).then_some((a, b, share))
     }
-    /// By how much the vessel has turned since the newest velocity was so, rad.
+    /// Change of heading since the time at which the newest velocity was true, rad.
     fn turned_since(&self) -> f64 {
         let lag_s = self.lag_s();
         let Some(newest) = self.travelled.back().filter(|_| lag_s > 0.0) else {
@@ -174,7 +174,7 @@ impl VelocityLag {
             *mean += (square - *mean) / self.pairs;
         }
     }
-    /// The lag, s: zero where none fits better than none by more than chance.
+    /// Lag, s. Zero unless another lag fits significantly better.
     fn lag_s(&self) -> f64 {
         let (first, rest) = (self.squares[0], self.squares.iter().enumerate());
         let Some((k, smallest)) = rest.min_by(|a, b| a.1.total_cmp(b.1)) else {
@@ -196,8 +196,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A minute and a half at 3.9 m/s, turning by `turn` (rad/s); positions at 5 Hz with a noise of `sd` (m), velocities at 4 Hz,
-    /// `lag` (s) late.
+    /// Estimated lag after 90 s at 3.9 m/s, turning by `turn` (rad/s), with positions at 5 Hz and noise `sd` (m), and
+    /// velocities at 4 Hz that lag by `lag` (s).
     fn lag_of(turn: f64, sd: f64, lag: f64) -> f64 {
         let heading = |t: f64| turn * t;
         let place = |t: f64| {
@@ -230,7 +230,7 @@ mod tests {
     }
     #[test]
     fn no_lag_where_none_is_observable() {
-        // Without one; on a course that hardly turns; where positions are too noisy.
+        // No lag; a nearly straight course; noisy positions.
         for (turn, sd, lag) in [(0.03, 0.02, 0.0), (1e-4, 0.02, 2.0), (0.03, 1.5, 1.0)] {
             let measured = lag_of(turn, sd, lag);
             assert!(measured < 0.15, "{measured} s at {turn} rad/s, {sd} m, {lag} s");
@@ -252,7 +252,7 @@ mod tests {
             }
         }
         assert!(turned[0] == 0.0 && (turned[1] - 0.24).abs() < 0.02, "{turned:?}");
-        // Of the same instant, or before.
+        // Same time stamp, or an earlier one.
         let late = lags.of(1).unwrap();
         assert_eq!(late.velocity(Time::from_secs(90.0), 4.0 * course(87.6), 9.0), 0.0);
         assert!(lags.of(MAX_SOURCES as u8).is_none());

@@ -1,26 +1,26 @@
-//! Ages of measurements as they arrive: the estimator rejects old ones, and the source's report has the reason.
+//! Ages of measurements at arrival. The estimator rejects old ones; the source's report gives the reason.
 
 use super::Remark;
 
-/// So many of the newest 32 are more than a hiccup of the line.
+/// Number of late measurements among the newest 32 above which the delay is not a hiccup of the line.
 const OFTEN: u32 = 8;
 
-/// The ages of a source's measurements of a kind.
+/// Ages of one kind of measurement of a source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AgeCounts {
     kind: &'static str,
-    /// Older ones are rejected by an estimator as it comes, s.
+    /// Maximum age that an estimator with default settings accepts, s.
     max_s: f64,
     count: u64,
     late: u64,
-    /// Age of the newest that was late, s.
+    /// Age of the newest late measurement, s.
     age_s: f64,
-    /// Which of the newest were late, a bit each.
+    /// Bit mask of the late ones among the newest measurements.
     lately: u32,
 }
 
 impl AgeCounts {
-    /// No measurement yet of a kind that counts up to this age, s.
+    /// No measurements yet; `max_s` is the maximum accepted age, s.
     pub(super) fn new(kind: &'static str, max_s: f64) -> Self {
         AgeCounts {
             kind,
@@ -31,7 +31,7 @@ impl AgeCounts {
             lately: 0,
         }
     }
-    /// Takes the age of one, s.
+    /// Adds the age of a measurement, s.
     pub(super) fn take(&mut self, age_s: f64) {
         let is_late = age_s > self.max_s;
         self.count += 1;
@@ -41,7 +41,7 @@ impl AgeCounts {
             self.age_s = age_s;
         }
     }
-    /// A remark on those that came too late; None where none did.
+    /// Remark on late measurements; None if there are none.
     pub(super) fn remark(&self) -> Option<Remark> {
         if self.late == 0 {
             return None;

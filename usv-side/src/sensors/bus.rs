@@ -1,10 +1,10 @@
-//! Measurements of what the devices of a boat's network send: heading, rate of turn, attitude, heave, position, velocity.
+//! Measurements from the devices of a boat's network: heading, rate of turn, attitude, heave, position, velocity.
 //!
-//! Several devices may send a group: the first that gives something is kept to until another is chosen in the configuration
-//! or proves better ([`devices`]); another stands in while it is silent. What belongs together is of one device: positions
-//! and whole fixes are one group, and a velocity is of the receiver that gives them, unless a device is chosen for it.
-//! Positions come ten times a second without a height, and once a second with one: the height goes with the next quick
-//! position, which is the newer one.
+//! Several devices may send the same group. The first one is used until the configuration selects another or another
+//! proves better ([`devices`]); while it is silent, another replaces it. Related values come from one device: positions
+//! and whole fixes are one group, and the velocity is taken from the receiver that provides the positions, unless a
+//! device is selected for it. Positions arrive ten times per second without a height, and once per second with one; the
+//! height is attached to the next quick position, which is newer.
 
 mod devices;
 mod network;
@@ -22,20 +22,20 @@ pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, TILTS, TURNS, is_near}
 use devices::{RATES, VELOCITIES};
 pub(super) use network::{Devices, Variations};
 
-/// A fix's quality and height are used so long, ns: its period is a second.
+/// Maximum age of a fix whose quality and height are used, ns; its period is one second.
 const FIX_NS: i64 = 2_500_000_000;
 /// Factor on the standard deviation of a fix that its receiver marks with caution. Chosen.
 const CAUTION: f64 = 3.0;
-/// Standard deviation of a variation by a model of the Earth's field, rad: 0.4 deg.
+/// Standard deviation of a variation from a model of the Earth's field, rad: 0.4 deg.
 /// Source: WMM2020's error model, at a horizontal field of 20 000 nT.
 const VARIATION_SD: f64 = 0.007;
-/// Something that a device sent, and when, ns.
+/// Newest value from a device, and its time, ns.
 pub(super) type LatestValue<T> = Option<(T, i64)>;
 
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
-    /// From the north or magnetic (rad), and the compass's own variation and deviation.
+    /// Relative to true or magnetic north (rad), with the compass's own variation and deviation.
     Heading {
         heading: f64,
         variation: Option<f64>,
@@ -55,29 +55,32 @@ pub(super) enum Content {
     /// Latitude and longitude, deg.
     Position([f64; 2]),
     /// Course over ground (rad) and speed (m/s).
-    Velocity { course: f64, speed: f64, magnetic: bool },
-    /// The whole fix.
+    Velocity {
+        course: f64,
+        speed: f64,
+        magnetic: bool,
+    },
     Gnss(GnssReport),
 }
 
-/// The whole fix of a receiver.
+/// Whole fix of a receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct GnssReport {
     /// Latitude and longitude, deg.
     pub(super) place: [f64; 2],
-    /// As the receiver counts it, m.
+    /// Altitude as the receiver defines it, m.
     pub(super) altitude_m: Option<f64>,
-    /// Height of the sea above the ellipsoid, by the receiver, m.
+    /// Height of the sea above the ellipsoid according to the receiver, m.
     pub(super) separation_m: Option<f64>,
     /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 dead reckoning, 7 by hand, 8 simulated.
     pub(super) quality: u8,
     pub(super) hdop: Option<f64>,
-    /// The receiver's own check of integrity asks for caution.
+    /// The receiver's integrity check advises caution.
     pub(super) caution: bool,
 }
 
 impl GnssReport {
-    /// Standard deviation of its horizontal position, m, or why it is no fix.
+    /// Standard deviation of the horizontal position, m, or the reason why it is not a fix.
     fn position_sd(&self) -> Result<f64, Why> {
         let dilution = self.hdop.unwrap_or(1.0).clamp(0.5, 50.0);
         let doubt = if self.caution { CAUTION } else { 1.0 };
@@ -86,7 +89,7 @@ impl GnssReport {
 }
 
 impl Content {
-    /// Number of its group.
+    /// Index of its group.
     pub(super) const fn group(&self) -> usize {
         match self {
             Content::Heading { .. } => 0,
@@ -99,7 +102,7 @@ impl Content {
             Content::Velocity { .. } => VELOCITIES,
         }
     }
-    /// A velocity of a speed (m/s) with or without a course (rad, and whether it is magnetic): at rest it has none.
+    /// Velocity from a speed (m/s) and a course, if any (rad, and whether it is magnetic). At rest there is no course.
     pub(super) fn velocity(speed: f64, course: Option<(f64, bool)>) -> Option<Content> {
         match course {
             Some((course, magnetic)) => Some(Content::Velocity {
@@ -125,18 +128,18 @@ pub(super) struct SensorBus {
     rate: LatestValue<f64>,
     rates: LatestValue<[f64; 3]>,
     heave: LatestValue<f64>,
-    /// With their device.
+    /// Velocity, with its device.
     velocity: LatestValue<([f64; 2], u32)>,
     fix: LatestValue<(GnssReport, u32)>,
-    /// That fix's height has not gone with a position yet.
+    /// The height of the newest whole fix has not been attached to a position yet.
     height_due: bool,
-    /// The device and time of the last position without a height.
+    /// Device and time of the last position without a height.
     quick: LatestValue<u32>,
     geoid: LocalGeoid,
-    /// Heights that can only be above the sea, and all.
+    /// Number of heights that can only be above the sea, and number of all.
     above_sea: u64,
     heights: u64,
-    /// Whole fixes that their receiver marks with caution, and all.
+    /// Number of whole fixes marked with caution, and number of all.
     cautions: u64,
     fixes: u64,
 }
@@ -150,12 +153,12 @@ impl SensorBus {
             ..SensorBus::default()
         }
     }
-    /// Names a device: the name under which it sends, and another that it claimed (empty: none). The caller bounds the number
-    /// of devices.
+    /// Names a device: the name under which it sends, and the name that it claimed (or empty). The caller limits the
+    /// number of devices.
     pub(super) fn name(&mut self, device: u32, names: [&str; 2]) {
         self.devices.names.insert(device, names);
     }
-    /// Measurements that a message of `device` gives, alone or with those before it.
+    /// Measurements from a message of `device`, possibly combined with earlier messages.
     pub(super) fn take(
         &mut self,
         device: u32,
@@ -170,13 +173,13 @@ impl SensorBus {
         }
         let given = self.measurement(device, at_ns, content)?;
         let is_chosen = self.devices.is_chosen(k, device);
-        // A velocity that is not chosen goes with its receiver's positions.
+        // Unless selected, a velocity belongs to its receiver's positions.
         if k != VELOCITIES || is_chosen {
             self.devices.gave(k, device, at_ns, false);
         }
         Ok(given)
     }
-    /// Takes a message as evidence for or against its device.
+    /// Evaluates a message as evidence for or against its device.
     fn observe(&mut self, device: u32, at_ns: i64, content: &Content) {
         let k = content.group();
         if let Content::Variation(variation)
@@ -207,7 +210,7 @@ impl SensorBus {
             places.note_part(device, part, at_ns);
         }
     }
-    /// Value and standard deviation of a message; None where it is magnetic and the variation is not known.
+    /// Value and standard deviation of a message. None if it is magnetic and the variation is unknown.
     fn sample(&self, device: u32, content: &Content) -> Option<DeviceSample> {
         let mounting = &self.mounting;
         let (value, sd, stated_sd) = match content {
@@ -242,7 +245,7 @@ impl SensorBus {
         };
         Some(DeviceSample { value, sd, stated_sd })
     }
-    /// The angle from the north to an angle's own zero, by its device's variation or that of the network, rad.
+    /// Angle from true north to the reference of an angle, by the variation of its device or of the network, rad.
     fn north(
         &self,
         device: u32,
@@ -288,7 +291,7 @@ impl SensorBus {
             Content::Gnss(fix) => {
                 (self.fix, self.height_due) = (Some(((fix, device), at_ns)), true);
                 (self.fixes, self.cautions) = (self.fixes + 1, self.cautions + u64::from(fix.caution));
-                // Quick positions carry it on where there are any.
+                // Quick positions carry the height, if there are any.
                 if paired(self.quick, at_ns, PAIR_NS) != Some(device) {
                     return self.position(at_ns, fix.place, device).map(Some);
                 }
@@ -316,7 +319,7 @@ impl SensorBus {
             ..self.mounting.tilt([roll, pitch])
         })
     }
-    /// A fix with the velocity, the quality and, once, the height that belong to it.
+    /// Fix with the matching velocity and quality, and the height if it has not been used yet.
     fn position(
         &mut self,
         at_ns: i64,
@@ -353,10 +356,10 @@ impl SensorBus {
         );
         Ok(Measurement::Gnss(GnssFix { height_spread, ..fix }))
     }
-    /// Height above the ellipsoid of what a receiver gives as its altitude, and its spread, m. It is to be above the
-    /// ellipsoid, and some receivers send that above the sea: at sea an antenna is above the water and below the top of a
-    /// mast by the one and not by the other. Where that decides nothing, the difference is the spread. The sea lies where
-    /// the receiver states it, unless that cannot be the geoid (0 is a receiver that states none).
+    /// Height above the ellipsoid from a receiver's altitude, and its spread, m. The altitude should be above the
+    /// ellipsoid, but some receivers send it above the sea. At sea an antenna is above the water and below the top of a
+    /// mast, so usually only one interpretation is possible; otherwise the difference becomes the spread. The height of
+    /// the sea is as stated by the receiver, unless that cannot be the geoid (0 means that it states none).
     fn height(&mut self, place: &Datum, altitude: f64, stated: Option<f64>) -> (f64, f64) {
         let geoid = self.geoid.at(place);
         let stated = stated.filter(|s| *s != 0.0 && (s - geoid.height_m).abs() <= DOUBTFUL_M);
@@ -369,11 +372,11 @@ impl SensorBus {
                 (altitude + sea, sigma_m)
             }
             [true, false] => (altitude, 0.0),
-            // On a lake nothing decides it.
+            // On a lake neither interpretation can be excluded.
             [true, true] | [false, false] => (altitude, sea.abs()),
         }
     }
-    /// Remarks on its devices and heights, and those of the account of its messages.
+    /// Remarks on devices and heights, and those of the message account.
     pub(super) fn remarks(&self, account: &Account) -> Vec<Remark> {
         let mut all = self.devices.remarks();
         all.extend(self.variation.remarks(&self.devices));
@@ -397,12 +400,12 @@ impl SensorBus {
     }
 }
 
-/// A NAME of NMEA 2000 as text: `0x` and 16 hexadecimal digits.
+/// Text of an NMEA 2000 NAME: `0x` and 16 hexadecimal digits.
 pub(super) fn name_text(number: u64) -> String {
     format!("0x{number:016x}")
 }
 
-/// Value that was sent within `limit_ns` of a time.
+/// Newest value, if it was sent within `limit_ns` of a time.
 fn paired<T>(newest: LatestValue<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
     newest
         .filter(|(_, at)| is_near(at_ns, *at, limit_ns))

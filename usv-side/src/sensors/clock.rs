@@ -1,13 +1,13 @@
-//! Dates and times of day as sources write them.
+//! Date and time formats of sources.
 
 use time::{Date, Month};
 
 /// A day, ns.
 pub(super) const DAY_NS: i64 = 86_400_000_000_000;
-/// The Julian day number of 1 January 1970.
+/// Julian day number of 1 January 1970.
 const JULIAN_1970: i32 = 2_440_588;
 
-/// `hhmmss` with a fraction, to nanoseconds of the day.
+/// Parses `hhmmss` with an optional fraction to nanoseconds of the day.
 pub(super) fn time_of_day_ns(text: &str) -> Option<i64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     let digits = |t: &str| t.bytes().all(|b| b.is_ascii_digit());
@@ -24,13 +24,13 @@ pub(super) fn time_of_day_ns(text: &str) -> Option<i64> {
     Some(((h * 60 + m) * 60 + s) * 1_000_000_000 + fraction)
 }
 
-/// `hh:mm:ss` with a fraction, to nanoseconds of the day.
+/// Parses `hh:mm:ss` with an optional fraction to nanoseconds of the day.
 pub(super) fn of_day_ns(text: &str) -> Option<i64> {
     let bytes = text.as_bytes();
     let colons = bytes.get(2) == Some(&b':') && bytes.get(5) == Some(&b':');
     colons.then(|| time_of_day_ns(&text.replacen(':', "", 2)))?
 }
-/// A date and a time of day of UTC (`2016-04-09T16:41:09.078Z`), to nanoseconds since 1970.
+/// Parses a UTC date and time (`2016-04-09T16:41:09.078Z`) to nanoseconds since 1970.
 pub(super) fn utc_ns(text: &str) -> Option<i64> {
     let text = text
         .strip_suffix('Z')

@@ -1,4 +1,4 @@
-//! The sources of a vessel: mounting, format, and accuracy where the source does not state its own.
+//! Configuration of a vessel's sources: mounting, format, and accuracy if the source does not state its own.
 
 use alight_shared::config;
 use alight_shared::config::{ConfigError, Keys};
@@ -21,15 +21,15 @@ pub enum HeaveSign {
     Up,
     /// Down is positive.
     Down,
-    /// It measures none: its field is ignored.
+    /// Not measured: the field is ignored.
     None,
 }
 
 config! {
-    /// Device of a boat's network that is used for each quantity, as a plotter's menu has it. NMEA 2000: its address, "0" to
-    /// "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. NMEA 0183: its talker, "HE", or the
-    /// name of a maker's own sentence, "PASHR". Empty: the first, until another proves better. While a chosen device is silent another
-    /// stands in.
+    /// Device of a boat's network that is used for each quantity, as in a plotter's menu. NMEA 2000: its address, "0"
+    /// to "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. NMEA 0183: its talker,
+    /// "HE", or the name of a proprietary sentence, "PASHR". Empty: the first device, until another proves better.
+    /// While a selected device is silent, another replaces it.
     pub struct BusDevices {
         /// Device of the heading.
         pub heading: String = String::new();
@@ -61,7 +61,7 @@ impl BusDevices {
             ("variation", &self.variation),
         ]
     }
-    /// Checks that a source of this format can have such devices.
+    /// Checks that a source of this format can have these devices.
     fn check_of(&self, format: Format, at: &Keys<'_>) -> Result<(), ConfigError> {
         let allowed = match format {
             Format::N2k => "an address, 0 to 253, or a NAME, 0x and up to 16 hexadecimal digits",
@@ -82,17 +82,17 @@ impl BusDevices {
     }
 }
 
-/// Highest address of a device of NMEA 2000; above it are the network's own.
+/// Highest address of a device on NMEA 2000; higher ones are reserved.
 pub(super) const MAX_ADDRESS: u8 = 253;
 /// Longest name of a device, characters.
 pub(super) const MAX_DEVICE_NAME: usize = 64;
 
-/// Whether a text is the address of a device of NMEA 2000, written without further zeros.
+/// Whether a text is the address of an NMEA 2000 device, without leading zeros.
 fn is_address(text: &str) -> bool {
     text.parse::<u8>()
         .is_ok_and(|a| a <= MAX_ADDRESS && a.to_string() == text)
 }
-/// The NAME of a device of NMEA 2000 (ISO 11783-5, 64 bits); None where a text is something else.
+/// NAME of an NMEA 2000 device (ISO 11783-5, 64 bits). None for other texts.
 pub(super) fn device_name(text: &str) -> Option<u64> {
     let digits = text.strip_prefix("0x").or(text.strip_prefix("0X"))?;
     let is_hexadecimal = digits.bytes().all(|b| b.is_ascii_hexdigit());
@@ -100,41 +100,41 @@ pub(super) fn device_name(text: &str) -> Option<u64> {
 }
 
 config! {
-    /// Place, orientation and accuracy of a source's sensors.
+    /// Position, orientation and accuracy of a source's sensors.
     pub struct Mount {
-        /// Orientation of its inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. What the
-        /// sensor shows while the vessel lies level and heads north.
+        /// Orientation of the inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. Equals the
+        /// sensor's reading while the vessel lies level and heads north.
         pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
-        /// Place of its inertial sensor in the vessel's body frame, m; left out: `vessel.imu.lever_arm_m`.
+        /// Position of the inertial sensor in the vessel's body frame, m; defaults to `vessel.imu.lever_arm_m`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub lever_arm_m: Option<[f64; 3]> = None, in -50.0..=50.0;
-        /// Place of its GNSS antenna in the vessel's body frame, m; left out: `vessel.gnss.antenna_m`.
+        /// Position of the GNSS antenna in the vessel's body frame, m; defaults to `vessel.gnss.antenna_m`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub antenna_m: Option<[f64; 3]> = None, in -50.0..=50.0;
-        /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
+        /// Position of the second receiver's antenna (MAVLink's GPS2_RAW) in the vessel's body frame, m.
         pub second_antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
-        /// Reading of its heading (of two antennas, or a compass) while the vessel heads north, deg.
+        /// Heading reading (of two antennas, or a compass) while the vessel heads north, deg.
         pub heading_offset_deg: f64 = 0.0, in -360.0..=360.0;
-        /// Standard deviation of its roll and pitch, deg.
+        /// Standard deviation of roll and pitch, deg.
         /// Chosen: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
         pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
-        /// Positive direction of its heave: up, down, or none where it measures none.
+        /// Positive direction of heave: up, down, or none if it is not measured.
         pub heave: HeaveSign = HeaveSign::Up;
-        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the
-        /// stream, not to the last: in a recording, and live until the pauses between their arrivals show it.
-        /// Source: most receivers begin an epoch with a sentence that has its time.
+        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the stream, not
+        /// to the previous one. Applies to recordings, and live until the pauses between arrivals show the order.
+        /// Source: most receivers start an epoch with a sentence that has its time.
         pub untimed_lead: bool = false;
-        /// Standard deviation of its heave, m.
+        /// Standard deviation of heave, m.
         /// Source: data sheets of motion sensors, 0.05 m or 5 %.
         pub heave_sd_m: f64 = 0.05, in 1e-4..=100.0;
-        /// Standard deviation of its heading, deg.
+        /// Standard deviation of the heading, deg.
         /// Chosen: two antennas 1 m apart give 0.3 to 0.5.
         pub heading_sd_deg: f64 = 0.5, in 1e-3..=90.0;
-        /// Standard deviation of its position, horizontal and vertical, m; zero: the source's own.
+        /// Standard deviation of the position, horizontal and vertical, m; zero to use the source's own.
         pub position_sd_m: [f64; 2] = [0.0; 2], in 0.0..=1000.0;
-        /// Standard deviation of its velocity, m/s; zero: the source's own.
+        /// Standard deviation of the velocity, m/s; zero to use the source's own.
         pub velocity_sd_mps: f64 = 0.0, in 0.0..=100.0;
-        /// Devices of its network that are used.
+        /// Devices of the source's network to use.
         pub devices: BusDevices;
     }
 }
@@ -154,12 +154,12 @@ pub enum Format {
     /// Deltas of a Signal K server.
     #[serde(rename = "signalk")]
     SignalK,
-    /// RTCM 3 alone, of a moving base: no measurements.
+    /// RTCM 3 from a moving base only; no measurements.
     Rtcm,
 }
 
 impl Format {
-    /// A decoder of this format; of MAVLink that of the system with this number, or of the first boat's (0).
+    /// Creates a decoder of this format. For MAVLink, `system` is the system number, or 0 for the first boat.
     pub fn decoder(self, mounting: &Mounting, system: u8) -> Box<dyn SensorDecoder> {
         match self {
             Format::Nmea => Box::new(NmeaDecoder::new(mounting)),
@@ -170,8 +170,8 @@ impl Format {
             Format::Rtcm => Box::new(NoMeasurements),
         }
     }
-    /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
-    /// sensor's, AIS). Other formats may: the decoder names them.
+    /// Whether a datagram may come from such a source. Only complete NMEA sentences of unsupported kinds (wind sensor,
+    /// AIS) may not. Other formats may; the decoder reports them.
     pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
         move |datagram| match self {
             Format::Nmea => {
@@ -186,9 +186,8 @@ impl Format {
 }
 
 config! {
-    /// A source of measurements.
     pub struct SourceConfig {
-        /// Name of the source in messages to people.
+        /// Name of the source in messages to the crew.
         pub name: String = "source".into();
         /// URL of the source: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, `can://can0`,
         /// `ws://HOST:3000` of a Signal K server, ...
@@ -199,15 +198,15 @@ config! {
         /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
         /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
         pub system: u8 = 0;
-        /// File with the key of MAVLink 2 signing: a passphrase, of which the key is the SHA-256, or 64 hexadecimal
-        /// digits. Empty: nothing is signed, and no signature is checked.
+        /// File with the key for MAVLink 2 signing: a passphrase, whose SHA-256 is the key, or 64 hexadecimal digits.
+        /// If empty, nothing is signed and no signature is checked.
         pub signing_key: String = String::new();
-        /// The receiver is the moving base of the drones' receivers: frames of RTCM 3 among its bytes are passed on to them.
-        /// Always so with format `rtcm`.
+        /// The receiver is the moving base of the drones' receivers: its RTCM 3 frames are forwarded to them. Always on
+        /// with format `rtcm`.
         pub rtcm: bool = false;
-        /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
+        /// Minimum delay from a measurement to its arrival, s: from the data sheet, or half a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
-        /// Mounting and accuracy of its sensors.
+        /// Mounting and accuracy of the source's sensors.
         pub mount: Mount;
     }
     check |this, at| {
@@ -217,7 +216,7 @@ config! {
             "empty",
             "a URL, such as udpin://0.0.0.0:10110",
         )?;
-        // What such an address brings is always this.
+        // The format follows from these address types.
         for (kind, format, name) in [("can:", Format::N2k, "n2k"), ("ws:", Format::SignalK, "signalk")] {
             let fits = !this.connect.starts_with(kind) || this.format == format;
             let given = format!("{:?}", this.format).to_lowercase();
@@ -238,16 +237,15 @@ config! {
 }
 
 impl SourceConfig {
-    /// Whether its frames of RTCM 3 are passed on to the drones.
+    /// Whether RTCM 3 frames are forwarded to the drones.
     pub fn is_base(&self) -> bool {
         self.rtcm || self.format == Format::Rtcm
     }
 }
 
 config! {
-    /// All sources of a vessel.
     pub struct SourcesConfig {
-        /// The sources, in the order of preference for those that are used one at a time.
+        /// Sources, in order of preference for measurements that use one source at a time.
         pub sources: Vec<SourceConfig> = Default::default();
     }
     check |this, at| {
@@ -264,7 +262,7 @@ config! {
 }
 
 impl SourcesConfig {
-    /// This source with every place: one that is left out is the vessel's own.
+    /// Copy of this source with missing positions set to those of the vessel.
     pub fn placed(&self, imu: &ImuConfig, gnss: &GnssConfig) -> SourcesConfig {
         let mut placed = self.clone();
         for source in &mut placed.sources {
@@ -275,11 +273,11 @@ impl SourcesConfig {
     }
 }
 
-/// Turns what a source shows into measurements of the vessel.
+/// Converts readings of a source into measurements of the vessel.
 #[derive(Clone, Debug)]
 pub struct Mounting {
     pub mount: Mount,
-    /// Vessel from sensor.
+    /// Rotation from sensor to vessel.
     turn: Rotation3<f64>,
 }
 
@@ -290,7 +288,6 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// For this configuration.
     pub fn new(mount: &Mount) -> Self {
         let [roll, pitch, yaw] = mount.mounting_deg.map(f64::to_radians);
         Mounting {
@@ -298,21 +295,21 @@ impl Mounting {
             turn: Rotation3::from_euler_angles(roll, pitch, yaw),
         }
     }
-    /// A vector of the sensor's axes in the vessel's.
+    /// Rotates a vector from the sensor's axes to the vessel's.
     pub fn vector(&self, v: [f64; 3]) -> [f64; 3] {
         (self.turn * Vector3::from(v)).into()
     }
-    /// Roll, pitch, yaw of the vessel where the sensor shows these (rad): `R_nb = R_ns R_bs'`.
+    /// Roll, pitch, yaw of the vessel for these sensor readings (rad): `R_nb = R_ns R_bs'`.
     pub fn attitude(&self, [roll, pitch, yaw]: [f64; 3]) -> [f64; 3] {
         let vessel = Rotation3::from_euler_angles(roll, pitch, yaw) * self.turn.inverse();
         let (roll, pitch, yaw) = vessel.euler_angles();
         [roll, pitch, yaw]
     }
-    /// Heading of the vessel where the source shows this one, rad.
+    /// Heading of the vessel for this reading, rad.
     pub fn heading(&self, shown: f64) -> f64 {
         wrap_angle(shown - self.mount.heading_offset_deg.to_radians())
     }
-    /// Heave of the vessel, m down, where the source shows this.
+    /// Heave of the vessel, m down, for this reading.
     pub fn heave(&self, shown: f64) -> Option<f64> {
         match self.mount.heave {
             HeaveSign::Up => Some(-shown),
@@ -320,7 +317,7 @@ impl Mounting {
             HeaveSign::None => None,
         }
     }
-    /// An inertial sample from rates (rad/s) and specific force (m/s²) in the sensor's axes.
+    /// Inertial sample from rates (rad/s) and specific force (m/s²) in the sensor's axes.
     pub fn imu(&self, gyro: [f64; 3], force: [f64; 3]) -> ImuSample {
         ImuSample {
             gyro: self.vector(gyro),
@@ -329,7 +326,7 @@ impl Mounting {
             ..ImuSample::default()
         }
     }
-    /// A fix of the antenna at `datum` with the source's standard deviations.
+    /// Fix of the antenna at `datum` with the source's standard deviations.
     pub fn fix(
         &self,
         datum: Datum,
@@ -346,7 +343,7 @@ impl Mounting {
             ..GnssFix::default()
         }
     }
-    /// A tilt of the vessel (rad) with the configured standard deviation.
+    /// Tilt of the vessel (rad) with the configured standard deviation.
     pub fn tilt(&self, tilt: [f64; 2]) -> AttitudeFix {
         AttitudeFix {
             tilt,
@@ -354,7 +351,7 @@ impl Mounting {
             ..AttitudeFix::default()
         }
     }
-    /// A heading of the vessel (rad) with the configured standard deviation.
+    /// Heading of the vessel (rad) with the configured standard deviation.
     pub fn heading_fix(&self, heading: f64) -> HeadingFix {
         HeadingFix {
             heading,
@@ -370,18 +367,18 @@ impl Mounting {
     pub fn heading_sd(&self) -> f64 {
         self.mount.heading_sd_deg.to_radians()
     }
-    /// Standard deviations of a position: the source's own where none is set, m.
+    /// Standard deviations of a position, m: the source's own if none are configured.
     pub fn position_sd(&self, own: [f64; 3]) -> [f64; 3] {
         let [across, down] = self.mount.position_sd_m;
         configured_sd([across, across, down], own)
     }
-    /// Standard deviations of a velocity: the source's own where none is set, m/s.
+    /// Standard deviations of a velocity, m/s: the source's own if none are configured.
     pub fn velocity_sd(&self, own: [f64; 3]) -> [f64; 3] {
         configured_sd([self.mount.velocity_sd_mps; 3], own)
     }
 }
 
-/// The configured standard deviations of what is measured; the source's own where they are zero.
+/// Configured standard deviations of the measured components; the source's own where zero.
 fn configured_sd(configured: [f64; 3], own: [f64; 3]) -> [f64; 3] {
     core::array::from_fn(|k| match own[k] < NOT_MEASURED_SD && configured[k] > 0.0 {
         true => configured[k],
@@ -389,7 +386,7 @@ fn configured_sd(configured: [f64; 3], own: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Roll, pitch, yaw (rad) of the quaternion w, x, y, z; None when it is not near a unit quaternion.
+/// Roll, pitch, yaw (rad) of the quaternion w, x, y, z. None if it is not close to a unit quaternion.
 pub(crate) fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
     let [w, x, y, z] = q;
     let q = Quaternion::new(w, x, y, z);
@@ -501,7 +498,7 @@ mod tests {
             heading_offset_deg: 90.0,
             ..Mount::default()
         });
-        // What a sensor with this mounting shows of a vessel with this attitude.
+        // Readings of a sensor with this mounting, for a vessel with this attitude.
         let vessel = Rotation3::from_euler_angles(0.2, -0.1, 2.0);
         let shown = vessel * mounting.turn;
         let (r, p, y) = shown.euler_angles();
@@ -509,7 +506,7 @@ mod tests {
         for (a, b) in back.iter().zip([0.2, -0.1, 2.0]) {
             assert!((a - b).abs() < 1e-12, "{back:?}");
         }
-        // The specific force in the sensor's axes is that in the vessel's.
+        // The specific force is the same, expressed in the sensor's axes.
         let force = vessel.inverse() * Vector3::new(0.0, 0.0, -9.81);
         let measured = mounting.turn.inverse() * force;
         let turned = Vector3::from(mounting.vector(measured.into()));

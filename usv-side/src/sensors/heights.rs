@@ -1,48 +1,49 @@
-//! Heights above the ellipsoid from heights above the sea: by the receiver's own separation, or by the geoid's model.
+//! Heights above the ellipsoid from heights above the sea, by the receiver's own separation or by a geoid model.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid::{LocalGeoid, Undulation};
 
 use super::Remark;
 
-/// A stated separation this far from the geoid is no receiver's: the coarsest tables are off by 22.5 m, m.
+/// Minimum difference between a stated separation and the geoid model for the former to be invalid, m; the coarsest
+/// tables are wrong by 22.5 m.
 pub(super) const DOUBTFUL_M: f64 = 25.0;
 
-/// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
+/// Range of an antenna's height above mean sea level, m: from low water (and a geoid error of some metres) to a mast at
 /// high water.
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
-/// A separation of exactly zero is stated by no receiver with a table where the sea lies further than this from the ellipsoid, m.
+/// Distance of the sea from the ellipsoid above which a stated separation of exactly zero is a default, m.
 const ZERO_M: f64 = 2.0;
-/// Two separations of one source further apart are of two receivers, m, and so many changes from the one to the other show it.
+/// Difference between separations of two receivers, m, and number of changes between them that shows two receivers.
 const APART_M: f64 = 2.0;
 const CHANGES: u32 = 5;
 
-/// The separation of sea and ellipsoid for a source's heights, and an account of whose it was.
+/// Separation of sea and ellipsoid for a source's heights, with counts of its origin.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EllipsoidHeights {
     geoid: LocalGeoid,
-    /// Fixes whose receiver stated its separation, and fixes for which the model stood in.
+    /// Number of fixes whose receiver stated its separation, and number that used the model.
     stated: u64,
     modelled: u64,
-    /// Fixes without any height.
+    /// Number of fixes without a height.
     flat: u64,
-    /// Newest model, where it stood in.
+    /// Newest model value used.
     model: Undulation,
-    /// Newest stated separation that cannot be a receiver's geoid, and the model there, m.
+    /// Newest invalid stated separation, and the model's value there, m.
     doubtful: Option<(f64, f64)>,
-    /// Separations of exactly zero that count for none.
+    /// Number of separations of exactly zero that were ignored.
     zeros: u64,
-    /// Newest stated separation, and how often it changed from one to another that is not near, and to which, m.
+    /// Newest stated separation, number of changes to a clearly different one, and that one, m.
     newest_m: Option<f64>,
     changes: u32,
     apart: Option<(f64, f64)>,
 }
 
 impl EllipsoidHeights {
-    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's own separation is taken:
-    /// the height above the sea is its own. Where it cannot be a geoid, the two witnesses' difference is the spread.
-    /// A separation of exactly zero counts for none where `above_m`, the height that comes with it, is one of a boat's antenna
-    /// above the sea; else nothing decides it.
+    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's own separation is used,
+    /// since its height above the sea is based on it. If it cannot be a geoid, the difference from the model is the
+    /// spread. A separation of exactly zero is ignored if `above_m`, the height sent with it, is plausible for a boat's
+    /// antenna above the sea; otherwise the case is undecided.
     pub(super) fn separation(&mut self, place: &Datum, above_m: f64, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
         let is_zero = stated == Some(0.0) && model.height_m.abs() > ZERO_M;
@@ -65,12 +66,12 @@ impl EllipsoidHeights {
         (stated, if self.doubtful.is_some() { apart } else { 0.0 })
     }
 
-    /// A fix has no height.
+    /// Counts a fix without a height.
     pub(super) fn none(&mut self) {
         self.flat += 1;
     }
 
-    /// Whose separation the heights have; None without a fix.
+    /// Remark on the origin of the separation; None without a fix.
     pub(super) fn remark(&self) -> Option<Remark> {
         if let Some((a, b)) = self.apart.filter(|_| self.changes >= CHANGES) {
             return Some(Remark::fault(

@@ -1,8 +1,7 @@
-//! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
-//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place), and by ESTIMATOR_STATUS or EKF_STATUS_REPORT whether the
-//! attitude counts. Payloads are read by their place in the message definition (common.xml, ardupilotmega.xml), extension
-//! fields and left-out zeros included. Of the systems on the link one is the vessel's
-//! ([`crate::mavlink_systems`]).
+//! MAVLink from a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT, GPS2_RAW, ODOMETRY
+//! (with GPS_GLOBAL_ORIGIN for its position), and ESTIMATOR_STATUS or EKF_STATUS_REPORT for the validity of the
+//! attitude. Payloads are read by their offsets in the message definition (common.xml, ardupilotmega.xml), including
+//! extension fields and truncated zeros. One of the systems on the link is the vessel's ([`crate::mavlink_systems`]).
 
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{
@@ -18,13 +17,13 @@ use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Time between two headings of an autopilot's own filter that are used, ns: those in between repeat it.
+/// Minimum time between two headings of an autopilot's filter that are used, ns; those in between repeat information.
 const HEADING_STEP_NS: i64 = 200_000_000;
-/// Fraction of a receiver's stated error that changes within a minute (ours), and the error of one that states
-/// none, across and down, m.
+/// Fraction of a receiver's stated error that changes within a minute (ours), and the horizontal and vertical error of
+/// a receiver that states none, m.
 const FAST_FRACTION: f64 = 0.3;
 const POSITION_SD: [f64; 2] = [2.0, 4.0];
-/// Standard deviation of the velocity of a receiver that states none, m/s.
+/// Velocity standard deviation of a receiver that states none, m/s.
 const VELOCITY_SD: f64 = 0.3;
 
 /// Requested messages and their interval, us.
@@ -37,11 +36,11 @@ const WANTED: [(u32, f32); 6] = [
     (EKF_STATUS_REPORT.0, 1_000_000.0),
 ];
 const ESTIMATOR_STATUS: u32 = 230;
-/// First flag of the estimator's status, and that of ArduPilot's report: the attitude is good.
+/// First flag of the estimator's status, and of ArduPilot's report: attitude valid.
 const ATTITUDE_GOOD: u16 = 1;
-/// So many attitudes are left out after a report without that flag, unless one with it comes: 10 s at 25 Hz.
+/// Number of attitudes rejected after a report without that flag, unless a report with it arrives: 10 s at 25 Hz.
 const UNFIT: u16 = 250;
-/// `quality` of ODOMETRY, -1 and not 0 to 100 %: the odometry has failed.
+/// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
@@ -56,19 +55,19 @@ pub struct MavlinkDecoder {
     systems: Systems,
     sequence: u8,
     heights: EllipsoidHeights,
-    /// Separation of sea and ellipsoid that the receiver reported last, m.
+    /// Newest separation of sea and ellipsoid from the receiver, m.
     separation: Option<f64>,
-    /// Origin of the local frame, its height above the sea.
+    /// Origin of the local frame, with its height above the sea.
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
-    /// Attitudes that are not used, by the newest report of its estimator.
+    /// Number of attitudes still to be rejected because of the estimator's newest report.
     unfit: u16,
     account: Account,
     requests: u32,
 }
 
-/// Millimetres at `at` as m; zero means unknown.
+/// Value in millimetres at `at` as m. None if zero, which means unknown.
 fn known_mm(p: &Fields<'_>, at: usize) -> Option<f64> {
     Some(p.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
 }
@@ -87,7 +86,7 @@ impl MavlinkDecoder {
         }
     }
 
-    /// A decoder of the system with this number; zero: the first whose type is a boat.
+    /// Selects the system with this number; zero for the first one whose type is a boat.
     pub fn of_system(self, system: u8) -> Self {
         MavlinkDecoder {
             systems: Systems::new(Some(system).filter(|s| *s > 0)),
@@ -103,13 +102,13 @@ impl MavlinkDecoder {
             31 if self.is_unfit() => self.leave_out("ATTITUDE_QUATERNION", Why::Invalid),
             331 if self.is_unfit() || p.u8(232) == FAILED => self.leave_out("ODOMETRY", Why::Invalid),
             ESTIMATOR_STATUS => self.estimator(p.u16(40)),
-            // Zero is an autopilot without this estimator.
+            // Zero is sent by an autopilot without this estimator.
             id if id == EKF_STATUS_REPORT.0 => match p.u16(20) {
                 0 => Some(()),
                 flags => self.estimator(flags),
             },
             31 => self.attitude(boot_ms(0), p.floats(4), Some(p.floats(20)), out),
-            // Its accelerometers and gyroscopes are those of this message.
+            // Accelerometers and gyroscopes are included in this message.
             105 if p.u16(60) & 0x3f == 0x3f => self.imu(time_us(0), p.floats(8), p.floats(20), 0, out),
             105 => Some(()),
             27 => {
@@ -145,18 +144,18 @@ impl MavlinkDecoder {
         }
     }
 
-    /// A message of a kind that is used gives nothing.
+    /// Counts a message of a supported kind that yields no measurement.
     fn leave_out(&mut self, name: &str, why: Why) -> Option<()> {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
         Some(())
     }
-    /// The newest report of its estimator.
+    /// Processes the newest status report of the estimator.
     fn estimator(&mut self, flags: u16) -> Option<()> {
         self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
         Some(())
     }
-    /// The attitude that comes now is not to be used.
+    /// Whether the next attitude must be rejected.
     fn is_unfit(&mut self) -> bool {
         let is_unfit = self.unfit > 0;
         self.unfit = self.unfit.saturating_sub(1);
@@ -208,7 +207,7 @@ impl MavlinkDecoder {
         source: u8,
         out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
-        // 0 no receiver, 1 no fix, 2 flat, 3 whole and better.
+        // 0 no receiver, 1 no fix, 2 two-dimensional, 3 and above three-dimensional.
         let kind = p.u8(at.fix_type);
         let (latitude_deg, longitude_deg) = (p.i32(8) * 1e-7, p.i32(12) * 1e-7);
         if kind >= 2 && (latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0) {
@@ -233,7 +232,7 @@ impl MavlinkDecoder {
             _ => self.mounting.mount.second_antenna_m,
         };
         if kind >= 2 {
-            // Zero above the ellipsoid is an autopilot that does not give it.
+            // A height of zero above the ellipsoid means that the autopilot does not provide it.
             let place = Datum::new(latitude_deg, longitude_deg, 0.0);
             let sea_m = p.i32(16) * 1e-3;
             let stated = Some(p.i32(at.ellipsoid) * 1e-3)
@@ -263,7 +262,7 @@ impl MavlinkDecoder {
             };
             out.push(SourceMeasurement::new(at_ns, fix));
         }
-        // Heading by two antennas: 0 without them, 65535 not now, 36000 north.
+        // Heading by two antennas: 0 not supported, 65535 currently unavailable, 36000 north.
         let yaw = p.u16(at.yaw);
         if (1..=36_000).contains(&yaw) {
             self.gps_heading = true;
@@ -323,7 +322,7 @@ impl MavlinkDecoder {
             position: finite(position)?,
             source: 2,
             height_spread,
-            // The place of the autopilot itself.
+            // Position of the autopilot itself.
             lever_arm: Some(self.mounting.mount.lever_arm_m.unwrap_or_default()),
             ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
         };
@@ -378,7 +377,7 @@ impl SensorDecoder for MavlinkDecoder {
             .chain(self.account.remarks())
             .collect()
     }
-    /// Our heartbeat, and with every fifth one the requested messages.
+    /// Heartbeat, and the message requests with every fifth one.
     fn request(&mut self) -> Option<Vec<u8>> {
         let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
             mavtype: m::MavType::MAV_TYPE_ONBOARD_CONTROLLER,
@@ -406,9 +405,9 @@ impl SensorDecoder for MavlinkDecoder {
     }
 }
 
-/// Places of fields in the messages of the two receivers.
+/// Offsets of fields in the messages of the two receivers.
 struct Receiver {
-    /// Names of the message, and of the heading in it.
+    /// Names of the message and of its heading.
     names: [&'static str; 2],
     speed: usize,
     fix_type: usize,

@@ -1,7 +1,7 @@
-//! Sensors of a real vessel: their bytes to measurements of the vessel, with the time of measurement.
+//! Sensors of a real vessel: converts their bytes into measurements of the vessel, with time of measurement.
 //!
-//! A source's own clock is the only time of a measurement; the time of arrival serves for nothing but the
-//! offset between the source's clock and the vessel's.
+//! The time of a measurement comes from the source's own clock. The time of arrival only determines the offset between
+//! the source's clock and the vessel's.
 
 mod age_counts;
 mod bus;
@@ -44,7 +44,6 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// Adds one.
     pub fn push(&mut self, measurement: Measurement) {
         match measurement {
             Measurement::Imu(m) => self.imu.push(m),
@@ -53,20 +52,20 @@ impl Readings {
             Measurement::Attitude(m) => self.attitude.push(m),
         }
     }
-    /// All of these messages.
+    /// Collects the measurements of these messages.
     pub fn of<'a>(messages: impl IntoIterator<Item = &'a SensorReadings>) -> Readings {
         let mut all = Readings::default();
         messages.into_iter().for_each(|m| all.append(m));
         all
     }
-    /// Adds all of a message.
+    /// Adds the measurements of a message.
     pub fn append(&mut self, message: &SensorReadings) {
         self.imu.extend_from_slice(&message.imu);
         self.gnss.extend_from_slice(&message.gnss);
         self.heading.extend_from_slice(&message.heading);
         self.attitude.extend_from_slice(&message.attitude);
     }
-    /// These measurements as messages, numbered on from `header`: as many as the kind of which there are most needs.
+    /// Splits the measurements into messages, numbered from `header`: as many as the most frequent kind needs.
     pub fn messages(&self, header: &mut Header<VesselClock>) -> Vec<SensorReadings> {
         fn part<T: Copy + Default, const N: usize>(all: &[T], k: usize) -> Seq<T, N> {
             Seq::filled(all.iter().skip(k * N).take(N).copied())
@@ -97,9 +96,7 @@ impl Readings {
 /// A measurement of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Measurement {
-    /// An inertial sample.
     Imu(ImuSample),
-    /// A GNSS fix.
     Gnss(GnssFix),
     Heading(HeadingFix),
     Attitude(AttitudeFix),
@@ -146,33 +143,33 @@ impl Measurement {
             Measurement::Attitude(_) => 3,
         }
     }
-    /// Which of the vessel's sources of its kind.
+    /// Index of the source among those of its kind.
     pub const fn source(&self) -> u8 {
         of_any_kind!(self, m => m.source)
     }
-    /// This measurement of another source and time.
+    /// Copy of the measurement with another source and time.
     pub fn of(self, source: u8, at: Time<VesselClock>) -> Self {
         let header = Header { at, ..*self.header() };
         self.headed(source, header)
     }
-    /// This measurement of another source, with this header.
+    /// Copy of the measurement with another source and this header.
     pub fn headed(mut self, source: u8, header: Header<VesselClock>) -> Self {
         of_any_kind!(&mut self, m => (m.source, m.header) = (source, header));
         self
     }
 }
 
-/// A measurement as its source dates it.
+/// Measurement with the time given by its source.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceMeasurement {
-    /// On the source's own clock, ns.
+    /// Time on the source's clock, ns.
     pub at_ns: i64,
-    /// The measurement, whose header is not filled in yet.
+    /// Measurement with an empty header.
     pub measurement: Measurement,
 }
 
 impl SourceMeasurement {
-    /// A measurement at this time of its source.
+    /// Creates a measurement with this source time.
     pub fn new(at_ns: i64, measurement: impl Into<Measurement>) -> Self {
         SourceMeasurement {
             at_ns,
@@ -181,47 +178,48 @@ impl SourceMeasurement {
     }
 }
 
-/// Makes measurements of the bytes of one source.
+/// Decodes the bytes of one source into measurements.
 pub trait SensorDecoder {
-    /// The bytes that are pushed next arrive at `now`. A recording has no arrivals.
+    /// Sets the arrival time of the bytes pushed next. Not called for a recording.
     fn arrive(&mut self, _now: Time<VesselClock>) {}
-    /// Takes bytes, cut anywhere, and appends the measurements that they complete.
+    /// Processes bytes, split at any position, and appends the measurements that they complete.
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>);
-    /// The stream ends: appends the measurements that this completes.
+    /// Ends the stream and appends the measurements that this completes.
     fn finish(&mut self, _out: &mut Vec<SourceMeasurement>) {}
-    /// Statistics of its bytes.
+    /// Decoding statistics.
     fn decoded(&self) -> Decoded;
-    /// The measurements of the bytes pushed last whose time is their arrival, because their source gives them none.
+    /// Measurements from the last pushed bytes that have no source time; their arrival is their time.
     fn timeless(&mut self) -> Vec<Measurement> {
         Vec::new()
     }
-    /// Whether its kinds of measurements come from devices with clocks of their own.
+    /// Whether kinds of measurements come from devices with clocks of their own.
     fn has_clocks_by_kind(&self) -> bool {
         false
     }
-    /// Remarks on the source's bytes for the crew, in addition to the counts.
+    /// Remarks on the source's bytes for the crew, in addition to the statistics.
     fn remarks(&self) -> Vec<Remark> {
         Vec::new()
     }
-    /// Signs requests with this key, and takes only what is signed with it; no effect on a protocol without signatures.
+    /// Signs requests with this key, and accepts only messages signed with it. No effect for protocols without
+    /// signatures.
     fn sign(&mut self, _key: Signing) {}
-    /// Bytes to be sent to the source now, once a second, where it sends only what it is asked for.
+    /// Bytes to send to the source now, once per second, for sources that must be polled.
     fn request(&mut self) -> Option<Vec<u8>> {
         None
     }
 }
 
-/// Use that was made of a source's bytes, as text.
+/// Remark on the use of a source's bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Remark {
     /// The finding, with its values.
     pub text: String,
-    /// Remedy; None: the finding is as it should be.
+    /// Remedy; None if nothing is wrong.
     pub remedy: Option<String>,
 }
 
 impl Remark {
-    /// Something that is as it should be.
+    /// Remark without a fault.
     pub fn fine(text: String) -> Self {
         Remark { text, remedy: None }
     }

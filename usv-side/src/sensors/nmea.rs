@@ -1,11 +1,12 @@
-//! NMEA 0183: GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR and ZDA to
-//! measurements, and the NMEA 2000 that PCDIN, MXPGN and PDGY carry ([`carried`]).
+//! NMEA 0183: decodes GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR
+//! and ZDA, and the NMEA 2000 carried by PCDIN, MXPGN and PDGY ([`carried`]).
 //!
-//! A sentence with a time opens an epoch. Those without one belong to the epoch in which they arrive, or to the next, as
-//! the pauses between arrivals show ([`attribution`]), each kind once: a second one in the same epoch has no time, and is
-//! counted and dropped. Where several come with each time, or no time at all, their arrival is their time; in a recording,
-//! which has no arrivals, attitudes are spread evenly to the next time. Position and velocity of an epoch make one fix,
-//! heading and rate of turn one heading; what comes more seldom than the times is not waited for in between ([`partner`]).
+//! A sentence with a time opens an epoch. Sentences without a time belong to the epoch in which they arrive or to the
+//! next, depending on the pauses between arrivals ([`attribution`]), once per kind; a second one of the same kind in an
+//! epoch has no time and is counted and dropped. If several arrive with each time, or no times at all, the arrival is
+//! their time. In a recording, which has no arrival times, attitudes are spread evenly up to the next time. Position
+//! and velocity of an epoch form one fix, heading and rate of turn one heading. Parts that arrive less often than
+//! epochs are not waited for in between ([`partner`]).
 
 pub(super) mod account;
 mod attribution;
@@ -34,17 +35,18 @@ use carried::{Carried, CarriedMessage};
 use foreign::UbxSkip;
 use partner::Partner;
 
-/// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
+/// Maximum line length, bytes: the standard allows 82; proprietary sentences are longer.
 const MAX_LINE: usize = 512;
-/// So many headings from magnetic north are spare after one from true north: 2 s at 25 Hz.
+/// Number of magnetic headings ignored after a true heading: 2 s at 25 Hz.
 const MAX_SPARE: u8 = 50;
-/// After so many sentences without one, a stream has no checksums (the standard's versions before 2 leave them out).
+/// Number of sentences without a checksum after which a stream is taken to have none (versions of the standard before 2
+/// omit them).
 const UNCHECKED_STREAM: u32 = 10;
-/// Longest time that attitudes of a recording are spread over, ns.
+/// Maximum time over which attitudes of a recording are spread, ns.
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
-/// Most of them.
+/// Maximum number of attitudes that are spread.
 const MAX_SPREAD: usize = 1000;
-/// A rate of turn of its own time is used this long, ns.
+/// Maximum age of a rate of turn that has its own time, ns.
 const RATE_AGE_NS: i64 = 200_000_000;
 
 /// Decodes NMEA 0183.
@@ -52,7 +54,7 @@ const RATE_AGE_NS: i64 = 200_000_000;
 pub struct NmeaDecoder {
     mounting: Mounting,
     lines: LineBuffer,
-    /// Sentences without a checksum in a row from the start; None once there was one.
+    /// Number of sentences without a checksum since the start; None once one had a checksum.
     unchecked: Option<u32>,
     decoded: Decoded,
     account: Account,
@@ -60,39 +62,39 @@ pub struct NmeaDecoder {
     day: Rollover<DAY_NS>,
     epoch: Option<Epoch>,
     attribution: Attribution,
-    /// Sentences before their time, where those without one lead.
+    /// Sentences that precede their time, in streams where those without a time lead.
     waiting: Vec<Untimed>,
-    /// Attitudes of a recording that came after the first of their epoch.
+    /// Attitudes of a recording after the first one of their epoch.
     spread: Vec<([f64; 2], Option<f64>)>,
     /// Measurements whose time is their arrival.
     timeless: Vec<Measurement>,
-    /// Newest rate of turn that has its own time, rad/s, and when it arrived.
+    /// Newest rate of turn that has its own time, rad/s, and its arrival time.
     own_rate: Option<(f64, i64)>,
     variation: Variations,
-    /// Devices are talkers, and the makers' own sentences; their number is their place.
+    /// Devices are talkers and proprietary sentences, numbered by index.
     devices: Devices,
     talkers: Vec<String>,
-    /// Half of an attitude in XDR: roll, pitch, rad, and its device.
+    /// First half of an attitude in XDR: roll, pitch, rad, and its device.
     half_tilt: [Option<f64>; 2],
     half_of: Option<u32>,
-    /// The sentence whose times count, the newest of them, ns, and how many more came of another clock.
+    /// Sentence whose times are used, its newest time, ns, and the majority over sentences of another clock.
     clock: Option<(String, i64, u8)>,
-    /// Bytes of a message of UBX that are still to come.
+    /// Remaining bytes of a UBX message.
     ubx: UbxSkip,
     /// Parts that complete an epoch: velocity of a position, rate of a heading, height of a position.
     velocity: Partner,
     rate: Partner,
     height: Partner,
-    /// No epoch is complete yet: whether a better position comes in each is not known.
+    /// No epoch is complete yet, so it is unknown whether each one has a better position.
     is_first: bool,
-    /// Headings from magnetic north since the last from true north.
+    /// Number of magnetic headings since the last true heading.
     without_true: u8,
-    /// Heading, and roll and pitch, that Seatex's sensor marks as invalid in sentences of their own (PSXN,20).
+    /// Heading, and roll and pitch, marked invalid by Seatex's sensor in separate sentences (PSXN,20).
     seatex_invalid: [bool; 2],
     carried: Carried,
 }
 
-/// A position and how good it is.
+/// Position with its accuracy.
 #[derive(Clone, Copy, Debug)]
 struct Position {
     datum: Datum,
@@ -106,7 +108,7 @@ impl Position {
     }
 }
 
-/// The content of one time.
+/// Content of one epoch.
 #[derive(Clone, Debug, Default)]
 struct Epoch {
     at_ns: i64,
@@ -116,26 +118,26 @@ struct Epoch {
     rate: Option<f64>,
     /// The receiver marks the position as invalid.
     refused: bool,
-    /// The sentence that has heights came, with one or empty.
+    /// The sentence with heights has arrived, even if empty.
     levelled: bool,
     fixed: bool,
     headed: bool,
     tilted: bool,
 }
 
-/// The content of a sentence without a time.
+/// Content of a sentence without a time.
 #[derive(Clone, Copy, Debug)]
 enum Untimed {
     Velocity([f64; 2]),
-    /// And its standard deviation, rad.
+    /// Heading and its standard deviation, rad.
     Heading(f64, f64),
     Rate(f64),
-    /// Roll and pitch, heading where there is one, rad; heave as shown, m.
+    /// Roll and pitch, heading if available, rad; heave as sent, m.
     Tilt([f64; 2], Option<f64>, Option<f64>),
 }
 
 impl Untimed {
-    /// Kind of the content in [`Attribution`].
+    /// Kind index in [`Attribution`].
     const fn kind(&self) -> usize {
         match self {
             Untimed::Velocity(_) => 0,
@@ -179,23 +181,23 @@ impl NmeaDecoder {
             carried: Carried::new(mounting),
         }
     }
-    /// A decoder of a recording in which no sentence has a time: the gateway's counter dates the NMEA 2000 in it.
+    /// Decoder for a recording without times in its sentences: the gateway's counter dates the NMEA 2000 messages.
     pub(crate) fn by_counter(mut self) -> Self {
         self.carried.by_counter();
         self
     }
-    /// Counts of the sentences themselves: one that carries NMEA 2000 is good, whatever is in it.
+    /// Statistics of the sentences themselves. A sentence that carries NMEA 2000 counts as good, whatever its content.
     pub(crate) fn sentences(&self) -> Decoded {
         Decoded {
             good: self.decoded.good + self.carried.sentences,
             ..self.decoded
         }
     }
-    /// Another format came among the sentences.
+    /// Whether another format appeared among the sentences.
     pub(super) fn is_foreign(&self) -> bool {
         self.account.has_foreign()
     }
-    /// Remarks on the NMEA 2000 in its sentences.
+    /// Remarks on the NMEA 2000 messages in the sentences.
     pub(crate) fn carried_remarks(&self) -> Vec<Remark> {
         self.carried.remarks()
     }
@@ -213,12 +215,12 @@ impl NmeaDecoder {
             self.decoded.ignored += 1;
             return;
         }
-        // A logger's prefix, or the tags of IEC 61162-450.
+        // Prefix of a logger, or tags of IEC 61162-450.
         let sentence = text
             .find(['$', '!'])
             .and_then(|at| text.get(at..))
             .unwrap_or_default();
-        // iKonvert's have no checksum.
+        // iKonvert's sentences have no checksum.
         if let Some(message) = sentence.strip_prefix("!PDGY,") {
             return self.carrier("PDGY", CarriedMessage::of_pdgy(message).map(Some));
         }
@@ -231,12 +233,12 @@ impl NmeaDecoder {
         };
         self.sentence(&frame, out);
     }
-    /// A sentence of a kind that is not read.
+    /// Counts a sentence of an unsupported kind.
     fn pass_over(&mut self, address: &str) {
         self.decoded.ignored += 1;
         self.account.leave_out(address, foreign::not_read(address));
     }
-    /// Takes a message of NMEA 2000; the inner None is one whose bytes' order is not known yet.
+    /// Processes a message of NMEA 2000. The inner None means that the order of its bytes is not known yet.
     fn carrier(&mut self, address: &str, message: Option<Option<CarriedMessage>>) {
         match message {
             None => self.decoded.corrupted += 1,
@@ -245,7 +247,7 @@ impl NmeaDecoder {
             Some(Some(message)) => self.carried.take(message, self.attribution.now_ns),
         }
     }
-    /// Adds what was carried to the measurements of the sentence itself, which begin at these places.
+    /// Appends carried measurements after those of the sentence itself, which start at these indices.
     fn add_carried(&mut self, [dated, timeless]: [usize; 2], out: &mut Vec<SourceMeasurement>) {
         let own = out.iter().skip(dated).map(|m| m.measurement.kind());
         let own = own.chain(self.timeless.iter().skip(timeless).map(Measurement::kind));
@@ -262,8 +264,8 @@ impl NmeaDecoder {
             }
         }
     }
-    /// The frame of a sentence whose checksum is right. One without a checksum may be cut off: it is taken whole only in a
-    /// stream that has none.
+    /// Frame of a sentence with a valid checksum. Without a checksum it may be truncated, so it is only accepted in
+    /// streams without checksums.
     fn frame<'a>(&mut self, sentence: &'a str) -> Option<NmeaFrame<'a>> {
         if sentence.contains('*') {
             self.unchecked = None;
@@ -301,7 +303,7 @@ impl NmeaDecoder {
             NmeaSentence::Pashr(s) => self.pashr(&address, &s, out),
             NmeaSentence::Prdid(s) => self.prdid(&address, &s, out),
             NmeaSentence::Zda(s) => {
-                // Its time opens an epoch; its date is not needed.
+                // The time opens an epoch; the date is not needed.
                 let _epoch = self.open(&address, s.time.as_deref(), out);
             }
             _ => match frame.sentence_type {
@@ -319,18 +321,18 @@ impl NmeaDecoder {
             },
         }
     }
-    /// A whole sentence of a kind that is read gives nothing.
+    /// Counts a complete sentence of a supported kind that yields no measurement.
     fn leave_out(&mut self, address: &str, why: Why) {
         self.decoded.good += 1;
         self.left_out(address, why);
     }
-    /// Leaves a sentence out that is counted already.
+    /// Marks a sentence that was already counted as unused.
     fn left_out(&mut self, address: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(address, why);
     }
 
-    /// The epoch of a sentence's time; None, and counted, where that is no time.
+    /// Epoch at a sentence's time. None, and counted, if the time is invalid.
     fn open(
         &mut self,
         address: &str,
@@ -338,7 +340,7 @@ impl NmeaDecoder {
         out: &mut Vec<SourceMeasurement>,
     ) -> Option<&mut Epoch> {
         let Some(time) = time.filter(|t| !t.is_empty()) else {
-            // A receiver that does not know the time yet.
+            // The receiver does not know the time yet.
             self.leave_out(address, Why::Empty);
             return None;
         };
@@ -369,7 +371,7 @@ impl NmeaDecoder {
         self.epoch.as_mut()
     }
 
-    /// A sentence without a time has its own, goes to its epoch, or waits for it.
+    /// Dates a sentence without a time by arrival, adds it to its epoch, or lets it wait for the next one.
     fn untimed(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
         self.decoded.good += 1;
         let kind = untimed.kind();
@@ -377,7 +379,7 @@ impl NmeaDecoder {
         if let Some(now_ns) = self.attribution.own_time(kind) {
             self.arrived(untimed, now_ns, out);
         } else if self.attribution.leads(kind) {
-            // The newest is nearest to the time that comes.
+            // The newest one is nearest to the next time.
             let before = self.waiting.len();
             self.waiting.retain(|w| w.kind() != kind);
             self.decoded.undated += (before - self.waiting.len()) as u64;
@@ -386,11 +388,11 @@ impl NmeaDecoder {
             self.add(untimed, out);
         }
     }
-    /// A sentence whose arrival is its time.
+    /// Processes a sentence whose arrival is its time.
     fn arrived(&mut self, untimed: Untimed, now_ns: i64, out: &mut Vec<SourceMeasurement>) {
         let before = self.timeless.len();
         match untimed {
-            // Without its position it is of no use; one goes with each time.
+            // A velocity is useless without its position; one is used per time.
             Untimed::Velocity(_) => return self.add(untimed, out),
             Untimed::Rate(rate) => self.own_rate = Some((rate, now_ns)),
             Untimed::Heading(heading, sd) => self.own_heading(now_ns, heading, sd),
@@ -444,7 +446,7 @@ impl NmeaDecoder {
         self.emit(false, out);
     }
 
-    /// Emits complete measurements, and at the epoch's end incomplete ones too.
+    /// Emits complete measurements; at the end of the epoch also incomplete ones.
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
@@ -479,7 +481,7 @@ impl NmeaDecoder {
             out.push(SourceMeasurement::new(at_ns, fix));
         }
     }
-    /// The epoch is complete; `next_ns` begins another.
+    /// Ends the epoch; `next_ns` starts another.
     fn close(&mut self, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         self.emit(true, out);
         let at_ns = self.epoch.as_ref().map(|e| e.at_ns);
@@ -498,7 +500,7 @@ impl NmeaDecoder {
         }
         self.spread_evenly(at_ns, next_ns, out);
     }
-    /// Dates the attitudes after the first of a recorded epoch evenly between its time and the next.
+    /// Dates the attitudes after the first one of a recorded epoch evenly between its time and the next.
     fn spread_evenly(&mut self, at_ns: i64, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         let all = core::mem::take(&mut self.spread);
         let count = all.len() as i64 + 1;
@@ -540,9 +542,9 @@ impl SensorDecoder for NmeaDecoder {
                 }
                 continue;
             }
-            // A sentence begins in the middle of a line where bytes were lost.
+            // After lost bytes, a sentence may start in the middle of a line.
             if *byte == b'$' {
-                // The prefix that a logger writes before a sentence is no damage.
+                // A logger's prefix before a sentence is not damage.
                 let dropped = self.lines.restart();
                 self.decoded.corrupted += u64::from(dropped.starts_with(b"$"));
             }
@@ -558,7 +560,7 @@ impl SensorDecoder for NmeaDecoder {
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        // A sentence without its end may be cut off.
+        // A sentence without its terminator may be truncated.
         self.decoded.corrupted += u64::from(self.lines.end().is_some());
         // The last epoch is complete.
         self.close(None, out);

@@ -1,5 +1,5 @@
-//! The node of all sources of a vessel: bytes as they arrive to measurements on the vessel's clock, with statistics
-//! of each source.
+//! Node of all sources of a vessel: converts bytes, as they arrive, into measurements on the vessel's clock, with
+//! statistics of each source.
 
 use alight_shared::bus::wiring;
 use alight_shared::estimation::SourceClock;
@@ -21,39 +21,38 @@ use super::{
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
 
-/// Most bytes of a source in one step; further ones are lost, and counted.
+/// Maximum number of bytes of a source in one step; the rest is lost, and counted.
 pub const MAX_STEP_BYTES: usize = 1 << 16;
-/// Sources of one kind within one source of bytes (two receivers of an autopilot).
+/// Number of sources of one kind within one byte stream (two receivers of an autopilot).
 const WITHIN: u8 = 2;
-/// Names of the sources within one in remarks: an autopilot's second receiver, and its odometry.
+/// Names in remarks of the sources within one: an autopilot's second receiver, and its odometry.
 const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
-/// Above this a time is counted from 1970 and not from the source's start, ns.
+/// Threshold above which a time is counted from 1970 rather than from the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
-/// Time between two requests to a source that sends only what it is asked for.
+/// Interval between requests to a source that must be polled.
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
 /// Bytes of each source since the last step, in the order of the configuration.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsIn {
-    /// One for each source.
+    /// One entry per source.
     pub bytes: Vec<Vec<u8>>,
-    /// Measurements of sources whose driver gives them.
+    /// Measurements of sources whose driver provides them.
     pub samples: Vec<Vec<SourceMeasurement>>,
 }
 
-/// Measurements, frames of RTCM, and requests to sources.
+/// Measurements, RTCM frames, and requests to sources.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsOut {
     /// For the vessel's process.
     pub readings: Vec<SensorReadings>,
     /// Frames of a moving base, for the vessel's process.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
-    /// Number of a source and bytes for it.
+    /// Index of a source, and the bytes to send to it.
     pub requests: Vec<(usize, Vec<u8>)>,
 }
 
 wiring! {
-    /// Topics that the sensors' node writes; it reads bytes alone.
     SensorPorts of SensorNode: SensorsIn => SensorsOut {
         reads {}
         edge { bytes, samples }
@@ -65,22 +64,22 @@ wiring! {
 struct Source {
     format: Format,
     decoder: Box<dyn SensorDecoder>,
-    /// Frames of a moving base, where it is one.
+    /// RTCM frames, if the source is a moving base.
     rtcm: Option<RtcmTraffic>,
     latency: Span,
-    /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
+    /// Clocks for times from the source's start, and for times from 1970; a single one or one per kind.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
+    /// Newest time passed on, by kind and source within, on the source's own clock, and for those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
-    /// Ages of fixes and of headings, which the estimator takes a little late.
+    /// Ages of fixes and headings, which the estimator accepts only up to a limit.
     ages: [AgeCounts; 2],
-    /// Per source within.
+    /// By source within.
     plausible: [Plausibility; WITHIN as usize + 1],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
 }
 
-/// Places of fixes and headings in [`KINDS`].
+/// Indices of fixes and headings in [`KINDS`].
 const GNSS: usize = 1;
 const HEADING: usize = 2;
 
@@ -115,7 +114,8 @@ impl Source {
         *lost_bytes += (bytes.len() - taken.len()) as u64;
         let rtcm = self.rtcm.as_mut();
         let others = rtcm.map(|rtcm| rtcm.push(now, taken, frames, lost_bytes));
-        // A frame before a sentence would be a part of its line. UBX has frames of its own: it does not wait for others' ends.
+        // RTCM frames are removed first, as they would otherwise become part of the following line. UBX has its own
+        // framing and does not need this.
         let read = others.as_deref().filter(|_| self.format == Format::Nmea);
         self.decoder.arrive(now);
         self.decoder.push(read.unwrap_or(taken), decoded);
@@ -125,7 +125,7 @@ impl Source {
         }
     }
 
-    /// The vessel's time of a time of the source's own clock.
+    /// Converts a time of the source's clock to the vessel's clock.
     fn source_time(
         &mut self,
         now: Time<VesselClock>,
@@ -148,7 +148,7 @@ impl Source {
         }
         at
     }
-    /// Remarks on its bytes and its clock for the crew.
+    /// Remarks on bytes and clock of the source for the crew.
     fn remarks(&self) -> Vec<Remark> {
         let within = self.plausible.iter().zip(WHOSE);
         let mut all: Vec<Remark> = self.rtcm.iter().flat_map(RtcmTraffic::remarks).collect();
@@ -177,7 +177,7 @@ impl Source {
         all
     }
 
-    /// The measurement of source `number` without channels that cannot be true; None where nothing of it can be.
+    /// Measurement of source `number` without implausible channels. None if nothing is left.
     fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
         let within = usize::from(m.source());
         let still = boat.take((number * self.plausible.len() + within) as u8, &m);
@@ -186,7 +186,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// The measurement on the vessel's clock; None, and counted, when it is not passed on.
+    /// Measurement on the vessel's clock. None, and counted, if it is not passed on.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;
@@ -194,11 +194,10 @@ impl Source {
         };
         self.pass(now, at, (0, decoded.at_ns), decoded.measurement)
     }
-    /// Dates a measurement by its arrival.
     fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
         self.pass(now, now - self.latency, (1, now.nanos()), measurement)
     }
-    /// The measurement where its time on its own clock (0: the source's, 1: ours), ns, is newer than the last of its kind.
+    /// Passes a measurement on if its time (ns, clock 0: the source's, 1: ours) is newer than the last of its kind.
     fn pass(
         &mut self,
         now: Time<VesselClock>,
@@ -238,7 +237,7 @@ impl Source {
     }
 }
 
-/// Place of a fix that has one.
+/// Position of a fix that has one.
 fn fixed(m: &Measurement) -> Option<Datum> {
     match m {
         Measurement::Gnss(fix) if fix.position_sd[0] < NOT_MEASURED_SD => {
@@ -251,7 +250,7 @@ fn fixed(m: &Measurement) -> Option<Datum> {
     }
 }
 
-/// Ages of no measurement yet, before an estimator as it comes.
+/// Empty age counts, with the limits of a default estimator.
 fn no_ages() -> [AgeCounts; 2] {
     let estimator = VesselNodeConfig::default();
     [
@@ -260,17 +259,16 @@ fn no_ages() -> [AgeCounts; 2] {
     ]
 }
 
-/// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
-    /// What moves on the boat, by all of them.
+    /// Motion of the boat according to all sensors.
     movement: Movement,
-    /// Headers of the newest measurement, of the newest message, and of the newest frame of RTCM.
+    /// Headers of the newest measurement, the newest message, and the newest RTCM frame.
     headers: [Header<VesselClock>; 3],
 }
 
 impl SensorNode {
-    /// A node for these sources. `boot` is a random number of each start.
+    /// Creates a node for these sources. `boot` is a random number for each start.
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
@@ -278,14 +276,14 @@ impl SensorNode {
             headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 3],
         }
     }
-    /// On a vessel whose deck's centre is here in her body frame, m.
+    /// Sets the position of the deck's centre in the vessel's body frame, m.
     #[must_use]
     pub fn with_deck(mut self, centre_m: [f64; 3]) -> Self {
         let bases = self.sources.iter_mut().filter_map(|s| s.rtcm.as_mut());
         bases.for_each(|rtcm| rtcm.place(centre_m));
         self
     }
-    /// The key of MAVLink signing of source `number`.
+    /// Sets the MAVLink signing key of source `number`.
     pub fn sign(&mut self, number: usize, key: Signing) {
         if let Some(source) = self.sources.get_mut(number) {
             source.decoder.sign(key);
@@ -295,7 +293,6 @@ impl SensorNode {
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
         self.sources.iter().map(Source::remarks).collect()
     }
-    /// Statistics of each source.
     pub fn status(&self) -> Vec<SourceStatus> {
         self.sources.iter().map(|s| s.status).collect()
     }
@@ -321,7 +318,7 @@ impl Node for SensorNode {
             }
             let boat = &mut self.movement;
             for m in dated.into_iter().filter_map(|m| source.plausible(k, boat, m)) {
-                // An autopilot's odometry is the filter of its own receivers: it counts as the second.
+                // An autopilot's odometry is filtered from its own receivers, so it counts as the second receiver.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 measured.at = m.at();
                 place = fixed(&m).or(place);

@@ -1,9 +1,9 @@
-//! Plausibility of each channel of a measurement: a channel that cannot be true is left out and named, and the others of the
-//! same sensor are used.
+//! Plausibility of each channel of a measurement. A channel that cannot be true is removed and reported; the other
+//! channels of the sensor are used.
 //!
-//! A channel is compared with bounds of physics, which a single value breaks, and over a window of a minute with another
-//! channel of the same sensor or with its own mean, so that noise does not count. A channel that is left out returns when
-//! it passes the same test for a window. What a good sensor measures passes unchanged, bit for bit.
+//! A channel is compared with physical bounds, which a single value can violate, and over a window of a minute with
+//! another channel of the same sensor or with its own mean, so that noise has no effect. A rejected channel is used
+//! again once it passes the same test for a window. Measurements of a working sensor pass unchanged, bit for bit.
 
 mod agreement;
 mod heave;
@@ -24,43 +24,43 @@ use self::standstill::Still;
 use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 use super::{Measurement, Remark};
 
-/// Largest roll and pitch of a deck that is estimated, rad (75 deg): a boat beyond it has capsized.
+/// Maximum roll and pitch of a deck, rad (75 deg); beyond it a boat has capsized.
 const MAX_TILT_RAD: f64 = 1.31;
-/// Fastest turn of a hull about an axis, rad/s: a roll of 45 deg to either side with a period of 1 s is 4.9 rad/s at its
-/// fastest. Degrees that are taken for radians are beyond it in most waves.
+/// Maximum angular rate of a hull about an axis, rad/s. A roll of 45 deg to either side with a period of 1 s has a peak
+/// of 4.9 rad/s. Degrees mistaken for radians exceed it in most waves.
 const MAX_TURN_RADPS: f64 = 5.0;
-/// Fastest boat, m/s (97 kn).
+/// Maximum speed of a boat, m/s (97 kn).
 const MAX_SPEED_MPS: f64 = 50.0;
-/// Heights of an antenna above the ellipsoid, m: from the Dead Sea's shore (-430) to the highest navigated lake (Titicaca,
-/// 3 812), with the geoid (-107 to 86) and a mast.
+/// Range of an antenna's height above the ellipsoid, m: from the Dead Sea's shore (-430) to the highest navigated lake
+/// (Titicaca, 3 812), with the geoid (-107 to 86) and a mast.
 const HEIGHTS_M: core::ops::RangeInclusive<f64> = -600.0..=4000.0;
-/// Jump of a height that a change of the receiver's solution explains, m, and further in its standard deviations. Below
-/// it the estimator moves its level.
+/// Maximum jump of a height that a change of the receiver's solution explains, m, and additionally in its standard
+/// deviations. Smaller jumps are handled by the estimator's level.
 const HEIGHT_JUMP_M: f64 = 20.0;
 const HEIGHT_JUMP_SDS: f64 = 6.0;
-/// Fastest climb of an antenna on a mast in waves, m/s.
+/// Maximum climb rate of an antenna on a mast in waves, m/s.
 const MAX_CLIMB_MPS: f64 = 20.0;
 
-/// Time constant of a mean specific force, s, and the angle from down at which it is that of another axis: 60 deg, as a boat
-/// that lies over by 30 deg rolls by as much.
+/// Averaging time of the specific force, s, and the angle from down above which its mean belongs to another axis: 60
+/// deg, since a boat heeled by 30 deg rolls by as much.
 const GRAVITY_S: f64 = 10.0;
 const MAX_MEAN_TILT_RAD: f64 = 1.05;
 /// [`Measurement::kind`] of headings and attitudes.
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
 
-/// Standard deviations of a difference of two values that are noise, sqrt 2 times 3.
+/// Difference of two values that noise explains, in standard deviations: sqrt 2 times 3.
 const NOISE: f64 = 3.0 * core::f64::consts::SQRT_2;
-/// Smallest standard deviation that is assumed of a tilt (0.2 deg), a heading (1 deg), rad, and a position, m.
+/// Minimum standard deviation assumed for a tilt (0.2 deg), a heading (1 deg), rad, and a position, m.
 const MIN_TILT_SD: f64 = 0.0035;
 const MIN_HEADING_SD: f64 = 0.017;
 const MIN_POSITION_SD_M: f64 = 0.3;
-/// Error of a rate of turn that is permitted, rad/s: the bias of a gyroscope, 1 deg/s.
+/// Permitted error of a rate of turn, rad/s: gyroscope bias, 1 deg/s.
 const RATE_ERROR_RADPS: f64 = 0.0175;
-/// Error of a velocity, m/s, in addition to its noise: waves that the receiver's rate does not resolve.
+/// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
 const VELOCITY_ERROR_MPS: f64 = 0.3;
-/// Fraction of a change by which the integral of its rate may differ: half, where the rate is of the same instant; more than
-/// all of it where the rate is smoothed, as a rate of turn and a course are: smoothing takes at most the whole.
+/// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate, more than one for a
+/// smoothed rate such as a rate of turn or a course, because smoothing removes at most the whole change.
 const EXACT: f64 = 0.5;
 const SMOOTHED: f64 = 1.5;
 
@@ -83,16 +83,16 @@ const OF_POSITION: Lengths = Lengths {
     window: 12,
 };
 
-/// The fate of one measurement.
+/// Result for one measurement.
 #[derive(Clone, Debug)]
 pub(crate) struct Judged {
-    /// The measurement without what is left out of it; None: it is left out as a whole.
+    /// Measurement without the removed parts. None if it is removed completely.
     pub(crate) measurement: Option<Measurement>,
-    /// Parts that are left out from now on, by values since then.
+    /// Parts removed from now on, and the time of the first value that led to this.
     retracted: Vec<(Part, Time<VesselClock>)>,
 }
 
-/// The channels of the sensors of one source.
+/// Channels of the sensors of one source.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility {
     heave: Heave,
@@ -109,7 +109,7 @@ pub(crate) struct Plausibility {
     place: ChannelState,
     heading: ChannelState,
     force: ChannelState,
-    /// Mean specific force, m/s², and since when.
+    /// Mean specific force, m/s², with the times of start and newest sample.
     mean_force: Option<([f64; 3], Time<VesselClock>, Time<VesselClock>)>,
 }
 
@@ -134,7 +134,7 @@ impl Default for Plausibility {
 }
 
 impl Plausibility {
-    /// Takes a measurement with its time of validity, after those before it, and its channels that stand still.
+    /// Checks a measurement with its time of validity, in order, given the channels that stand still.
     pub(crate) fn take(&mut self, mut m: Measurement, still: &Still) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
         let passed = Taken {
@@ -209,7 +209,7 @@ impl Plausibility {
         }
     }
 
-    /// Gravity shows whether a sensor's third axis is down: over many waves the mean specific force is up.
+    /// Checks that the sensor's third axis points down: over many waves the mean specific force points up.
     fn force(&mut self, at: Time<VesselClock>, force: [f64; 3]) -> Taken {
         let (mean, newest, begun) = self.mean_force.unwrap_or((force, at, at));
         let gap_s = (at - newest).secs();
@@ -231,7 +231,7 @@ impl Plausibility {
         }
     }
 
-    /// Rates of the angles that the rates of the body make: `roll' = p + (q sin + r cos) tan pitch`, `pitch' = q cos - r sin`.
+    /// Checks angular rates against `roll' = p + (q sin + r cos) tan pitch`, `pitch' = q cos - r sin`.
     fn rates(&mut self, fix: &AttitudeFix, rates: [f64; 3]) -> Taken {
         let [roll, pitch] = fix.tilt;
         let ([p, q, r], (sin, cos)) = (rates, roll.sin_cos());
@@ -249,7 +249,8 @@ impl Plausibility {
             })
     }
 
-    /// The yaw rate that came with the newest attitude against the heading; the time since when it disagrees, once it does.
+    /// Compares the yaw rate of the newest attitude with the heading. Returns the start of a disagreement, once
+    /// detected.
     fn compare_yaw_rate(&mut self, fix: &HeadingFix) -> Option<Time<VesselClock>> {
         let at = fix.header.at;
         let (then, rate) = self.newest_yaw_rate?;
@@ -266,7 +267,8 @@ impl Plausibility {
             .take(fix.header.at, fix.heading, rate, turn_by_heading(fix))
     }
 
-    /// The distance made good against that by the velocity, and their directions with the tolerance of a smoothed course.
+    /// Compares distance and direction made good with the velocity; the direction has the tolerance of a smoothed
+    /// course.
     fn velocity(&mut self, fix: &GnssFix) -> Taken {
         let sd = fix.position_sd[0].max(fix.position_sd[1]);
         let rate_sd = fix.velocity_sd[0].max(fix.velocity_sd[1]);
@@ -277,7 +279,7 @@ impl Plausibility {
         let place = (fix.datum, fix.position);
         self.velocity
             .take(fix.header.at, place, rate, |from, to, integral| {
-                // A position that repeats shows nothing of the velocity.
+                // A repeated position gives no information on the velocity.
                 if from == to {
                     return None;
                 }
@@ -316,11 +318,11 @@ impl Plausibility {
         }
     }
 
-    /// Whether roll and pitch are within their bounds.
+    /// Checks the bounds of roll and pitch.
     fn tilt(&mut self, fix: &AttitudeFix) -> Taken {
         let at = fix.header.at;
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
-        // A boat without its attitude is estimated no more, so a good one is used at once.
+        // Without attitude the boat cannot be estimated, so a good value is used at once.
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
             None => self.tilt.judge(at, None),
@@ -359,7 +361,7 @@ impl Plausibility {
             Part::Force => &mut self.force,
         }
     }
-    /// A remark on each part of which something was left out; `whose` names the sensor ("" or "second receiver: ").
+    /// Remark on each part with removed values; `whose` names the sensor ("" or "second receiver: ").
     pub(crate) fn remarks(&self, whose: &str) -> Vec<Remark> {
         let remark = |(part, verdict): (Part, &ChannelState)| {
             let (doubt, left_out, taken) = verdict.account()?;
@@ -379,7 +381,7 @@ impl Plausibility {
     }
 }
 
-/// A reason as text, with its number; without a sign, which depends on the mounting, except beyond a bound.
+/// Text of a reason, with its value. The sign is omitted, as it depends on the mounting, except beyond a bound.
 fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     let size = |x: f64| format!("{:.1} {}", t.factor * x.abs(), t.unit);
     match doubt {
@@ -399,11 +401,11 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     }
 }
 
-/// Comparison of a rate of turn with the change of this heading (rad) within an interval.
+/// Compares a rate of turn with the change of this heading (rad) over an interval.
 fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Option<(f64, bool)> {
     let noise = NOISE * fix.heading_sd.max(MIN_HEADING_SD) + OF_HEADING.interval_s * RATE_ERROR_RADPS;
     move |from: f64, to: f64, [turned, _]: [f64; 2]| {
-        // A heading that repeats shows nothing of the rate.
+        // A repeated heading gives no information on the rate.
         if from.to_bits() == to.to_bits() {
             return None;
         }
@@ -413,7 +415,7 @@ fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Optio
     }
 }
 
-/// All are within a bound to either side; else the value that is furthest beyond. NaN is beyond any bound.
+/// Checks that the magnitudes are within a bound; otherwise returns the largest. NaN exceeds any bound.
 fn bounded(values: &[f64], bound: f64) -> Result<(), Doubt> {
     let beyond = values.iter().filter(|v| !(-bound..=bound).contains(*v));
     match beyond.copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) {
@@ -432,8 +434,8 @@ fn has_height(fix: &GnssFix) -> bool {
     fix.position_sd[2] < NOT_MEASURED_SD
 }
 
-/// The measurements of a recording, in their order, without implausible channels, and remarks on these. The values by which
-/// a channel was found implausible are left out afterwards, too.
+/// Measurements of a recording, in order, without implausible channels, and remarks on these. The values that led to a
+/// rejection are removed as well.
 pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     let mut sources: [Plausibility; MAX_SOURCES] = Default::default();
     let mut movement = Movement::default();
@@ -461,7 +463,8 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     (kept, remarks.collect())
 }
 
-/// Leaves a part out of the newest measurements of a source, those since then; returns how many had it.
+/// Removes a part from the newest measurements of a source, from `since` on. Returns the number of measurements
+/// affected.
 fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<VesselClock>) -> u64 {
     if part.is_whole() {
         let count = kept.len();
@@ -473,7 +476,7 @@ fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<Vess
         kept.retain(|m| m.source() != number || m.at() < since || m.kind() != kind);
         return (count - kept.len()) as u64;
     }
-    // Measurements of other kinds, and late ones, stand between them.
+    // Measurements of other kinds, and late ones, are interleaved.
     let begin = since - Span::from_secs(WINDOW_S);
     let recent = kept.iter_mut().rev().take_while(|m| m.at() >= begin);
     recent

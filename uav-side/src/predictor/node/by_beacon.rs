@@ -1,13 +1,13 @@
-//! The forecast of a vessel that is known by its beacon alone, or by where it was known last.
+//! Forecast of a vessel that is known only by its beacon or its last position.
 
 use super::*;
 
-/// The deck's level as it was known last counts for so long, s: a barometer drifts by a metre meanwhile.
+/// Time for which the last known level of the deck is used, s; a barometer drifts by a metre in that time.
 const LEVEL_S: f64 = 300.0;
 
 impl Predictor {
-    /// The forecast by the beacon alone: a level deck on a straight course, at the height over mean sea level that it is
-    /// configured with. None without a beacon, and before the autopilot has reported where the sea is.
+    /// Forecast by the beacon alone: a level deck on a straight course, at its configured height above mean sea level.
+    /// None without a beacon, or before the autopilot has reported the sea level.
     pub(super) fn forecast_by_beacon(
         &mut self,
         now: Time<DroneClock>,
@@ -45,7 +45,7 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
-    /// A forecast without a deck, where several are in sight of which none is followed, so that the reason can be reported.
+    /// Forecast without a deck, published to report that several decks are in sight and none is followed.
     pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
@@ -65,7 +65,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// Knowledge by the beacon now, or of where a vessel went that is not received any more: the better of both.
+    /// Present estimate by the beacon or from the last known position, whichever is better.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
@@ -73,7 +73,7 @@ impl Predictor {
             .filter_map(|track| track.known(now, drone))
             .min_by(|a, b| a.sd_m.total_cmp(&b.sd_m))
     }
-    /// Remembers where the vessel is and goes, by what is fresh of it, for when nothing is.
+    /// Stores position and velocity of the vessel from fresh measurements, for use when none are received.
     pub(super) fn remember(&mut self, now: Time<DroneClock>, axes: &[Axis; AXES], source: Source) {
         let Some(drone) = self.track.newest().filter(|_| self.config.beacons) else {
             return;
@@ -96,7 +96,7 @@ impl Predictor {
         let velocity = level(&|i| (axes[i].x[RATE], axes[i].p[RATE][RATE]));
         self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
-    /// Takes the sea's level, and the vessel's beacons where the mission permits them.
+    /// Updates the sea level, and the vessel's beacons if the mission permits them.
     pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(a) = &input.autopilot {
             self.origin_sea_m = a.origin_sea_m;

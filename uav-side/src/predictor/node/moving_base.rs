@@ -1,4 +1,4 @@
-//! The relative place by a receiver with the vessel's as its moving base.
+//! Relative position by a receiver with the vessel as its moving base.
 
 use nalgebra::UnitQuaternion;
 
@@ -8,7 +8,8 @@ use super::super::relative;
 use super::*;
 
 impl Predictor {
-    /// Takes a relative place. One that is not fixed, or that the tags contradict, shows in the forecast's state alone.
+    /// Processes a relative position. If it is not fixed, or the tags contradict it, it only appears in the forecast's
+    /// state.
     pub(super) fn relative_place(
         &mut self,
         now: Time<DroneClock>,
@@ -23,7 +24,7 @@ impl Predictor {
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let axes = filter.at(&self.waves, at);
         let deck = measurement::plane(&axes, &self.waves.motion(at), self.waves.lever_arm());
-        // The baseline is about true north, which is where neither compass errs.
+        // The baseline refers to true north, so the rotation removes the compass errors.
         let to_north = UnitQuaternion::from_euler_angles(0.0, 0.0, -axes[5].x[VISION]);
         let heading_sd = axes[5].project(MeasurementRow::Level).1.sqrt();
         let deck = Plane {
@@ -36,7 +37,7 @@ impl Predictor {
         self.relative.count(at);
         Ok(())
     }
-    /// Fuses a detection: more of its errors count next to a relative place.
+    /// Fuses a detection. While a relative position is in use, more of the camera's errors are included.
     pub(super) fn fuse_next_to_relative(
         &mut self,
         now: Time<DroneClock>,
@@ -48,8 +49,8 @@ impl Predictor {
             self.fuse(o)
         }
     }
-    /// Compares the vessel's own tags with the relative place. Where they contradict it, the place that it gave is given up, so that
-    /// the tags are no outliers.
+    /// Compares the vessel's own tags with the relative position. On a contradiction, the position derived from it is
+    /// discarded, so that the tags are not rejected as outliers.
     pub(super) fn compare_relative(&mut self, tag: &DeckObservation) {
         let comparable = self.relative.is_comparable(tag.at);
         let Some(filter) = self.filter.as_mut().filter(|_| comparable) else {
@@ -63,7 +64,7 @@ impl Predictor {
             filter.give_up_place(apart_m);
         }
     }
-    /// Distance of a detection from the relative place, and its maximum, m, where it is another deck's.
+    /// Distance of a detection from the relative position, and its limit, m, if the detection is another deck.
     pub(super) fn apart_from_relative(&self, axes: &[Axis; AXES], o: &DeckObservation) -> Option<[f64; 2]> {
         if !self.relative.is_comparable(o.at) {
             return None;
@@ -73,7 +74,7 @@ impl Predictor {
     }
 }
 
-/// The deck's velocity in the drone's frame at `at`, m/s, by the filters' state of that time.
+/// Velocity of the deck in the drone's frame at `at`, m/s, from the filters' state at that time.
 fn velocity(waves: &Waves, axes: &[Axis; AXES], at: Time<DroneClock>) -> Vector3<f64> {
     let modes = waves.motion(at);
     Vector3::from_fn(|i, _| axes[i].predicted(MeasurementRow::Rate) + axes[i].x[DRIFT] + modes.rate[i])

@@ -1,4 +1,4 @@
-//! Messages of the vessel: its estimate and its wave model.
+//! Messages from the vessel: estimate and wave model.
 
 use alight_shared::admission::RejectionReason;
 use alight_shared::msg::{VesselEstimate, WaveModel};
@@ -22,7 +22,7 @@ impl Predictor {
         Ok(())
     }
 
-    /// The filter follows newer modes, valid at `at`; `identified`: a bank of oscillators has gone for them.
+    /// Switches the filter to newer modes, valid at `at`. `identified` if they replace the default oscillators.
     pub(super) fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
         match &mut self.filter {
             Some(f) if identified => f.adopt_modes(&self.waves),

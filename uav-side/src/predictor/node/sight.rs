@@ -1,9 +1,8 @@
-//! Measurements of the deck by camera and rangefinder: which deck it is, where that may be, and the filter that takes it.
+//! Measurements of the deck by camera and rangefinder: identification of the deck, check of its position, and fusion.
 
 use super::*;
 
 impl Predictor {
-    /// Takes the measurements of the deck by camera and rangefinder.
     pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         for m in &input.relative {
             let admitted = self.relative_place(now, m);
@@ -18,7 +17,7 @@ impl Predictor {
             });
             self.count(admitted);
         }
-        // All of an image first: what else is in sight decides on each.
+        // All tags of an image are registered first, because each decision depends on the other decks in sight.
         let sighted: Vec<_> = input.tags.iter().map(|m| self.sighted(now, m)).collect();
         for detected in sighted {
             let admitted = detected.and_then(|detected| self.identified(now, detected));
@@ -30,7 +29,7 @@ impl Predictor {
         }
     }
 
-    /// A detection of the deck in the drone's frame.
+    /// Detection of the deck in the drone's frame.
     pub(super) fn observed(
         &self,
         now: Time<DroneClock>,
@@ -44,7 +43,7 @@ impl Predictor {
             .ok_or(RejectionReason::NoDroneState)?;
         Ok(observe(&pose, &self.config))
     }
-    /// The deck that tags belong to, where they are not elsewhere than the vessel is.
+    /// Deck to which tags belong. Rejected if the tags are not where the vessel is.
     pub(super) fn sighted(
         &mut self,
         now: Time<DroneClock>,
@@ -65,7 +64,7 @@ impl Predictor {
         let deck = self.decks.see(&o, range_m, velocity, apart);
         Ok((o, deck))
     }
-    /// Takes tags of the deck `k` where they are the vessel's own.
+    /// Fuses tags of deck `k` if it is the vessel's own.
     pub(super) fn identified(
         &mut self,
         now: Time<DroneClock>,
@@ -96,11 +95,11 @@ impl Predictor {
         }
         Ok(())
     }
-    /// The radio still places the vessel: until it is known by its tags alone.
+    /// Whether the radio still provides the vessel's position; afterwards it is known by its tags alone.
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
         self.age_s(now, &[Estimate]) <= SILENT_S
     }
-    /// Whether a detection is where the vessel is, as far as radio and beacon place it.
+    /// Rejects a detection that is not where radio or beacon place the vessel.
     pub(super) fn not_elsewhere(
         &mut self,
         now: Time<DroneClock>,
@@ -116,8 +115,8 @@ impl Predictor {
         }
     }
 
-    /// Distance of the detected tags from where the relative place or the radio has the deck, and its maximum, m, where they are
-    /// another vessel's. A silent radio places none; the beacon does then, of a deck that is not followed.
+    /// Distance of detected tags from the position by the relative position or the radio, and its limit, m, if they
+    /// belong to another vessel. While the radio is silent and the deck is not followed, the beacon is used instead.
     pub(super) fn apart_from_radio(
         &self,
         now: Time<DroneClock>,
@@ -136,8 +135,8 @@ impl Predictor {
         filter.elsewhere(&self.waves, axes?, o, followed)
     }
 
-    /// The place by vision less the place by radio, and the most that it may be, m: of the deck, or of tags that are not
-    /// its own.
+    /// Distance between the positions by vision and by radio, and its limit, m, for the deck or for tags of another
+    /// one.
     pub(super) fn place_apart_m(
         &self,
         now: Time<DroneClock>,
@@ -148,7 +147,7 @@ impl Predictor {
         let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
         match elsewhere {
             Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
-            // What was received long ago is no witness of where a vessel has gone since.
+            // An old radio position does not tell where the vessel has gone since.
             Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
         }
     }

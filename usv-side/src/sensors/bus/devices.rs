@@ -1,9 +1,9 @@
-//! Evidence for the better of several devices of a group, and for two that contradict each other.
+//! Choice of the best device of a group, and detection of devices that contradict each other.
 //!
-//! Windows of five seconds give each device its rate, standard deviation and range. The score is the information a second of
-//! white errors, `rate / sd²`. The device in use changes where another's score is clearly higher for three windows in a row;
-//! the way back needs the same margin. Values of two devices that differ by more than their standard deviations allow, for
-//! twelve windows in a row, are a finding.
+//! The rate, standard deviation and range of each device are determined over windows of five seconds. The score is the
+//! information per second with white errors, `rate / sd²`. The device in use changes if the score of another is clearly
+//! higher for three consecutive windows; the change back needs the same margin. If the values of two devices differ by
+//! more than their standard deviations allow for twelve consecutive windows, this is reported.
 
 use std::collections::BTreeMap;
 
@@ -12,34 +12,34 @@ use alight_shared::frames::wrap_angle;
 use crate::sensors::Remark;
 use crate::sensors::config::MAX_DEVICE_NAME;
 
-/// A device that is silent for so long gives its group to another, ns.
+/// Silence after which another device is used for the group, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// Age up to which a value is compared with a newer one, ns: three periods at 10 Hz.
+/// Maximum age of a value that is compared with a newer one, ns: three periods at 10 Hz.
 pub(in crate::sensors) const PAIR_NS: i64 = 300_000_000;
-/// Devices of a group of which evidence is kept.
+/// Maximum number of devices per group for which evidence is kept.
 const MAX_DEVICES: usize = 16;
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 5_000_000_000;
-/// Factor between two scores (a device at 10 Hz and one at 3 Hz), and windows in a row in which it holds, before the device in
-/// use changes. Chosen.
+/// Ratio of scores (a device at 10 Hz to one at 3 Hz), and number of consecutive windows, required to change the device
+/// in use. Chosen.
 const MARGIN: f64 = 3.0;
 const BETTER_WINDOWS: u32 = 3;
-/// Windows in a row after which a contradiction is a finding: a minute. Chosen.
+/// Number of consecutive windows after which a contradiction is reported: a minute. Chosen.
 const DIFFERENT_WINDOWS: u32 = 12;
-/// Values of a window that are enough for a comparison.
+/// Minimum number of values of a window for a comparison.
 const ENOUGH: u32 = 3;
-/// Standard deviations by which two devices may differ.
+/// Maximum difference between two devices, in standard deviations.
 const SIGMAS: f64 = 3.0;
-/// Fraction of the range's part in a difference that counts for its mean.
+/// Fraction of the range tolerance that applies to the mean difference.
 const MEAN_OF_RANGE: f64 = 0.2;
-/// Metres of a degree of latitude.
+/// Length of one degree of latitude, m.
 const DEGREE_M: f64 = 111_120.0;
-/// Devices that a remark lists.
+/// Maximum number of devices listed in a remark.
 const MAX_LISTED: usize = 8;
 
 /// Number of groups.
 pub(super) const GROUPS: usize = 8;
-/// The groups of headings, rates of turn, angular rates, attitudes, positions and velocities.
+/// Indices of the groups of headings, rates of turn, angular rates, attitudes, positions and velocities.
 pub(in crate::sensors) const HEADINGS: usize = 0;
 pub(in crate::sensors) const TURNS: usize = 1;
 pub(in crate::sensors) const TILTS: usize = 3;
@@ -50,16 +50,16 @@ pub(super) const VELOCITIES: usize = 7;
 /// Difference of two values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Metric {
-    /// Angles, rad, within half a turn.
+    /// Angles, rad, wrapped to half a turn.
     Angle,
     /// Numbers.
     Linear,
-    /// Latitudes and longitudes in degrees, with a difference in m.
+    /// Latitudes and longitudes in degrees; the difference is in m.
     Place,
 }
 
 impl Metric {
-    /// `a` less `b`.
+    /// `a` minus `b`.
     fn difference(self, a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
         let [x, y] = [a[0] - b[0], a[1] - b[1]];
         match self {
@@ -77,18 +77,20 @@ impl Metric {
 #[derive(Clone, Copy, Debug)]
 struct GroupLimits {
     name: &'static str,
-    /// Key of `[sensor.sources.mount.devices]` that chooses its device.
+    /// Key of `[sensor.sources.mount.devices]` that selects the group's device.
     key: &'static str,
     metric: Metric,
-    /// Unit that is printed, and its size in SI.
+    /// Display unit, and its size in SI.
     unit: (&'static str, f64),
-    /// Difference of two sound devices in addition to their standard deviations: mounting, places of antennas, slow error.
+    /// Permitted difference between two working devices in addition to their standard deviations: mounting, antenna
+    /// positions, slow error.
     floor: f64,
-    /// Further difference as a fraction of the window's range: their values are of different times.
+    /// Further permitted difference as a fraction of the window's range, since the values have different times.
     of_range: f64,
-    /// Range of a device that moves; values of another that stand still meanwhile are no measurements. Infinite: they may.
+    /// Range above which a device is moving; constant values of another device are then not measurements. Infinite if
+    /// they may be constant.
     moved: f64,
-    /// Rate above which more is no gain, Hz; zero: the device in use does not change.
+    /// Rate above which a higher one is no advantage, Hz; zero if the device in use never changes.
     useful_hz: f64,
 }
 
@@ -115,8 +117,8 @@ const fn limits(
 }
 
 const NEVER: f64 = f64::INFINITY;
-/// Chosen: angles of mounting on boats are a few degrees, antennas lie up to 10 m apart with 10 m of slow error. Two filters of a
-/// rate or a speed may differ by any amount. A variation is constant at a place.
+/// Chosen: mounting angles on boats are a few degrees; antennas are up to 10 m apart and have a slow error of 10 m.
+/// Filters of a rate or a speed may differ by any amount. The variation is constant at a place.
 const LIMITS: [GroupLimits; GROUPS] = {
     use Metric::{Angle, Linear, Place};
     let m = ("m", 1.0);
@@ -150,12 +152,12 @@ const LIMITS: [GroupLimits; GROUPS] = {
     ]
 };
 
-/// Names of the network's devices by their number: that under which they send, and another that they claimed.
+/// Names of the network's devices by number: the name under which each sends, and the name that it claimed.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct DeviceNames(BTreeMap<u32, [String; 2]>);
 
 impl DeviceNames {
-    /// Names a device. The caller bounds their number.
+    /// Names a device. The caller limits their number.
     pub(in crate::sensors) fn insert(&mut self, device: u32, names: [&str; 2]) {
         let printed = |name: &str| {
             name.chars()
@@ -165,7 +167,7 @@ impl DeviceNames {
         };
         self.0.insert(device, names.map(printed));
     }
-    /// Whether this name is the device's.
+    /// Whether the device has this name.
     pub(super) fn is_named(&self, device: u32, name: &str) -> bool {
         match self.0.get(&device) {
             Some(names) => names.iter().any(|n| n == name),
@@ -181,12 +183,12 @@ impl DeviceNames {
     }
 }
 
-/// A value that a device gave, for the evidence.
+/// Value of a device, used as evidence.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::sensors) struct DeviceSample {
-    /// SI; of a position latitude and longitude, deg.
+    /// SI; for a position latitude and longitude, deg.
     pub(in crate::sensors) value: [f64; 2],
-    /// Standard deviation where the device states none, and its own, SI.
+    /// Standard deviation assumed if the device states none, and the stated one, SI.
     pub(in crate::sensors) sd: f64,
     pub(in crate::sensors) stated_sd: Option<f64>,
 }
@@ -196,13 +198,13 @@ pub(in crate::sensors) struct DeviceSample {
 struct DeviceWindow {
     count: u32,
     first: [f64; 2],
-    /// Largest differences from the first.
+    /// Extreme differences from the first value.
     low: [f64; 2],
     high: [f64; 2],
-    /// The largest.
+    /// Largest standard deviation.
     sd: f64,
     stated_sd: Option<f64>,
-    /// Values that were compared with the device in use, the sum of the squares of their differences, and their sums.
+    /// Number of values compared with the device in use, sum of their squared differences, and sum of the differences.
     compared: u32,
     squares: f64,
     sums: [f64; 2],
@@ -247,22 +249,23 @@ impl DeviceWindow {
     }
 }
 
-/// A device of a group, and the evidence of its windows.
+/// Device of a group, with the evidence of its windows.
 #[derive(Clone, Copy, Debug)]
 struct GroupDevice {
     device: u32,
-    /// The newest value and its time, ns.
+    /// Newest value and its time, ns.
     newest: ([f64; 2], i64),
     window: Option<DeviceWindow>,
-    /// When it gave a velocity and a height last, ns, where it is a receiver.
+    /// Times of the last velocity and the last height of a receiver, ns.
     parts_ns: [Option<i64>; 2],
     /// Rate (Hz) and standard deviation (SI) of the last window.
     rate_hz: f64,
     sd: f64,
-    /// Windows in a row in which its values stood still, and in which it was better than the device in use.
+    /// Numbers of consecutive windows in which its values were constant, and in which it was better than the device in
+    /// use.
     still: u32,
     better: u32,
-    /// The device from which it differs, windows in a row, and the sum of the differences (root mean square), SI.
+    /// Device from which it differs, number of consecutive windows, and sum of the differences (root mean square), SI.
     differs: (u32, u32, f64),
 }
 
@@ -274,7 +277,7 @@ impl GroupDevice {
         }
         rate / self.sd.max(1e-9).powi(2)
     }
-    /// Whether it gives a velocity and a height as far as the other does.
+    /// Whether it provides velocity and height if the other does.
     fn has_parts_of(&self, other: &GroupDevice, at_ns: i64) -> bool {
         let has = |part: Option<i64>| part.is_some_and(|then_ns| is_near(at_ns, then_ns, WINDOW_NS));
         let mut parts = self.parts_ns.into_iter().zip(other.parts_ns);
@@ -285,35 +288,34 @@ impl GroupDevice {
 /// Devices of a group.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct DeviceGroup {
-    /// The device that is kept to, and when it gave something last, ns.
+    /// Selected device, and time of its last value, ns.
     kept: Option<(u32, i64)>,
-    /// The one that stands in, likewise.
+    /// Device that replaces it while it is silent, likewise.
     stand_in: Option<(u32, i64)>,
-    /// At most [`MAX_DEVICES`], in the order in which they came.
+    /// At most [`MAX_DEVICES`], in order of appearance.
     devices: Vec<GroupDevice>,
-    /// Begin of the window, ns.
+    /// Start of the window, ns.
     begun_ns: Option<i64>,
-    /// The last change of the device in use by the evidence: before, after, and why.
+    /// Last change of the device in use based on evidence: before, after, and reason.
     change: Option<(u32, u32, String)>,
 }
 
 impl DeviceGroup {
-    /// The device that is kept to.
     pub(super) fn kept(&self) -> Option<u32> {
         self.kept.map(|(device, _)| device)
     }
-    /// Whether another device gives this group.
+    /// Whether another device provides this group.
     pub(super) fn is_spare(&self, device: u32, at_ns: i64) -> bool {
         let gives = |(of, newest): (u32, i64)| of != device && is_near(at_ns, newest, SILENT_NS);
         let is_kept = self.kept.is_none_or(|(of, _)| of == device);
         !is_kept && [self.kept, self.stand_in].into_iter().flatten().any(gives)
     }
-    /// The device that gives it at that time.
+    /// Device that provides the group at that time.
     pub(super) fn giving(&self, at_ns: i64) -> Option<u32> {
         let (device, newest) = self.stand_in.or(self.kept)?;
         is_near(at_ns, newest, SILENT_NS).then_some(device)
     }
-    /// A device gave something; the chosen one is kept to from then on.
+    /// Records a value of a device. A device selected in the configuration is used from then on.
     pub(super) fn gave(&mut self, device: u32, at_ns: i64, is_chosen: bool) {
         let is_kept = self.kept.is_none_or(|(of, _)| of == device);
         if is_kept || is_chosen {
@@ -322,15 +324,15 @@ impl DeviceGroup {
             self.stand_in = Some((device, at_ns));
         }
     }
-    /// Notes that a receiver gave a velocity (0) or a height (1).
+    /// Records a velocity (0) or a height (1) from a receiver.
     pub(super) fn note_part(&mut self, device: u32, part: usize, at_ns: i64) {
         let of = self.devices.iter_mut().find(|d| d.device == device);
         if let Some(noted) = of.and_then(|d| d.parts_ns.get_mut(part)) {
             *noted = Some(at_ns);
         }
     }
-    /// Takes a value of a device of group `k` as evidence. It is compared with that of the device in use. `is_free`: the
-    /// evidence may change the device in use.
+    /// Adds a value of a device of group `k` as evidence, compared with the device in use. `is_free`: the evidence may
+    /// change the device in use.
     pub(super) fn observe(
         &mut self,
         k: usize,
@@ -369,7 +371,7 @@ impl DeviceGroup {
         let window = own.window.get_or_insert_with(|| DeviceWindow::new(sample));
         window.add(limits.metric, sample, value.map(|(value, _)| value));
     }
-    /// Ends the window where it is over. A gap, or a clock that was set, is no evidence.
+    /// Ends the window if it is over. A gap or a change of the clock is not evidence.
     fn close(&mut self, limits: &GroupLimits, at_ns: i64, used: Option<u32>, is_free: bool) {
         let begun = *self.begun_ns.get_or_insert(at_ns);
         let elapsed_ns = at_ns.saturating_sub(begun);
@@ -385,7 +387,7 @@ impl DeviceGroup {
         }
         self.devices.iter_mut().for_each(|d| d.window = None);
     }
-    /// Takes the results of a window of so many seconds.
+    /// Evaluates a window of this many seconds.
     fn weigh(&mut self, limits: &GroupLimits, seconds: f64, used: Option<u32>) {
         let ranges = self.devices.iter().filter_map(|d| Some(d.window?.range()));
         let largest = ranges.fold(0.0, f64::max);
@@ -405,7 +407,7 @@ impl DeviceGroup {
                 let (rms, mean) = ((own.squares / n).sqrt(), own.sums[0].hypot(own.sums[1]) / n);
                 let range = limits.of_range * own.range().max(used.range());
                 let allowed = limits.floor + SIGMAS * (own.sd() + used.sd());
-                // Different times change the mean of a window of waves less.
+                // Time differences affect the mean over a window of waves less.
                 let differ = rms > allowed + range || mean > allowed + MEAN_OF_RANGE * range;
                 differ.then_some((of, rms))
             });
@@ -457,7 +459,7 @@ impl DeviceGroup {
         let why = format!("{:.1} Hz for {:.1} Hz{sds}{stands}", to.rate_hz, own.rate_hz);
         self.change = Some((kept, to.device, why));
     }
-    /// Findings of the evidence of group `k`, while messages came up to `now_ns`.
+    /// Remarks on the evidence of group `k`, with messages up to `now_ns`.
     pub(super) fn remarks(&self, k: usize, names: &DeviceNames, now_ns: i64) -> Vec<Remark> {
         let Some(limits) = LIMITS.get(k) else {
             return Vec::new();
@@ -503,7 +505,7 @@ impl DeviceGroup {
         }
         all
     }
-    /// A finding on the chosen device of group `k` that did not come, or is silent, at `now_ns`.
+    /// Remark on the selected device of group `k` if it never appeared, or is silent, at `now_ns`.
     pub(super) fn missing_choice(
         &self,
         k: usize,
@@ -541,7 +543,7 @@ impl DeviceGroup {
     }
 }
 
-/// Whether two times lie within `limit_ns`, ns.
+/// Whether two times are within `limit_ns` of each other, ns.
 pub(in crate::sensors) fn is_near(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
     a_ns.abs_diff(b_ns) <= limit_ns.unsigned_abs()
 }

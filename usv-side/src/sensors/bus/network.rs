@@ -1,54 +1,55 @@
-//! Devices of a source by group: the one that is used, and what two of them state of the same thing.
+//! Devices of a source by group: the one in use, and contradictions between devices.
 
 use super::devices::{DeviceGroup, DeviceNames, DeviceSample, GROUPS, PLACES, RATES, VELOCITIES, is_near};
 use super::name_text;
 use crate::sensors::config::{BusDevices, device_name};
 use crate::sensors::{Mounting, Remark};
 
-/// Time from the first message on after which a chosen device is missed, ns.
+/// Time from the first message after which a selected device counts as missing, ns.
 const MISSED_NS: i64 = 5_000_000_000;
-/// Statements of a variation that are kept.
+/// Maximum number of stated variations that are kept.
 const MAX_STATED: usize = 16;
-/// Difference of two sound variations, rad (2 deg): tables of ten years ago.
+/// Maximum difference between two valid variations, rad (2 deg): ten-year-old tables.
 const VARIATIONS_APART: f64 = 0.035;
 
 /// The devices of each group.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Devices {
-    /// Name of the device that the configuration chooses for each group; empty: none.
+    /// Name of the device selected in the configuration for each group, or empty.
     choices: [String; GROUPS],
     pub(super) groups: [DeviceGroup; GROUPS],
     pub(in crate::sensors) names: DeviceNames,
     /// Times of the first and the newest message, ns.
     times_ns: Option<[i64; 2]>,
-    /// Positions of all are used, unless one is chosen.
+    /// All positions are used, unless a device is selected.
     is_merged: bool,
 }
 
 impl Devices {
-    /// None yet, of sources with this mounting.
+    /// No devices yet, for a source with this mounting.
     pub(in crate::sensors) fn new(mounting: &Mounting) -> Self {
         Devices {
             choices: choices(&mounting.mount.devices),
             ..Devices::default()
         }
     }
-    /// Devices of which positions are used all together, unless one is chosen: sentences of one epoch.
+    /// Uses the positions of all devices, unless one is selected: sentences of one epoch.
     pub(in crate::sensors) fn merged(mut self) -> Self {
         self.is_merged = true;
         self
     }
-    /// A message comes.
+    /// Records the arrival of a message.
     pub(in crate::sensors) fn arrive(&mut self, at_ns: i64) {
         let [first_ns, _] = self.times_ns.unwrap_or([at_ns; 2]);
         self.times_ns = Some([first_ns, at_ns]);
     }
-    /// Whether the configuration chooses this device for group `k`.
+    /// Whether the configuration selects this device for group `k`.
     pub(in crate::sensors) fn is_chosen(&self, k: usize, device: u32) -> bool {
         let choice = self.choices.get(k).filter(|choice| !choice.is_empty());
         choice.is_some_and(|choice| self.names.is_named(device, choice))
     }
-    /// The device of group `k` at that time. A velocity is of the receiver that gives the positions, unless it is chosen.
+    /// Device that provides group `k` at that time. The velocity comes from the receiver of the positions, unless a
+    /// device is selected for it.
     fn giving(&self, k: usize, at_ns: i64) -> Option<u32> {
         let own = self.groups.get(k)?.giving(at_ns);
         if k != VELOCITIES {
@@ -57,7 +58,7 @@ impl Devices {
         let chosen = own.filter(|of| self.is_chosen(k, *of));
         chosen.or_else(|| self.groups.get(PLACES)?.giving(at_ns))
     }
-    /// Another device gives group `k`.
+    /// Whether another device provides group `k`.
     pub(in crate::sensors) fn is_spare(&self, k: usize, device: u32, at_ns: i64) -> bool {
         let has_choice = self.choices.get(k).is_some_and(|choice| !choice.is_empty());
         if self.is_chosen(k, device) || self.is_merged && k == PLACES && !has_choice {
@@ -68,14 +69,14 @@ impl Devices {
             _ => self.groups.get(k).is_some_and(|g| g.is_spare(device, at_ns)),
         }
     }
-    /// A device gave group `k`; it is kept to from then on where it is chosen or `is_better`.
+    /// Records a value of group `k`. The device is used from then on if it is selected or `is_better`.
     pub(in crate::sensors) fn gave(&mut self, k: usize, device: u32, at_ns: i64, is_better: bool) {
         let is_kept = is_better || self.is_chosen(k, device);
         if let Some(group) = self.groups.get_mut(k) {
             group.gave(device, at_ns, is_kept);
         }
     }
-    /// Takes a value of a device of group `k` as evidence for or against it.
+    /// Adds a value of a device of group `k` as evidence for or against it.
     pub(in crate::sensors) fn observe(&mut self, k: usize, of: (u32, i64), sample: &DeviceSample) {
         let used = self.giving(k, of.1);
         let kept = self.groups.get(k).and_then(DeviceGroup::kept);
@@ -84,7 +85,7 @@ impl Devices {
             group.observe(k, of, sample, used, !is_fixed);
         }
     }
-    /// Findings on all groups.
+    /// Remarks on all groups.
     pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
         let Some([first_ns, now_ns]) = self.times_ns else {
             return Vec::new();
@@ -92,7 +93,7 @@ impl Devices {
         let is_missed = !is_near(now_ns, first_ns, MISSED_NS);
         let mut all = Vec::new();
         for (k, (group, choice)) in self.groups.iter().zip(&self.choices).enumerate() {
-            // A device that is chosen for its attitude may give no angular rates.
+            // A device selected for its attitude need not provide angular rates.
             if is_missed && !choice.is_empty() && k != RATES {
                 all.extend(group.missing_choice(k, (choice.as_str(), &self.names), now_ns));
             }
@@ -102,7 +103,7 @@ impl Devices {
     }
 }
 
-/// Magnetic variations as devices state them, rad, east positive.
+/// Magnetic variations as stated by devices, rad, east positive.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Variations(Vec<(u32, f64)>);
 
@@ -110,7 +111,7 @@ pub(in crate::sensors) struct Variations(Vec<(u32, f64)>);
 const VARIATION: usize = 5;
 
 impl Variations {
-    /// A device states its variation.
+    /// Records the variation stated by a device.
     pub(in crate::sensors) fn state(&mut self, device: u32, variation: f64) {
         let is_full = self.0.len() >= MAX_STATED;
         match self.0.iter_mut().find(|(of, _)| *of == device) {
@@ -119,8 +120,8 @@ impl Variations {
             None => self.0.push((device, variation)),
         }
     }
-    /// The chosen device's variation, else that which `own` states, else the first device's. One of exactly zero is a compass
-    /// without a table where another device states one.
+    /// Variation of the selected device, otherwise of `own`, otherwise of the first device. A variation of exactly zero
+    /// indicates a compass without a table if another device states one.
     pub(in crate::sensors) fn of(&self, own: Option<u32>, devices: &Devices) -> Option<f64> {
         let stated =
             |is: &dyn Fn(u32, f64) -> bool| self.0.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);
@@ -129,7 +130,7 @@ impl Variations {
             .or_else(|| stated(&|_, v| v != 0.0))
             .or_else(|| stated(&|_, _| true))
     }
-    /// A finding on two devices whose variations contradict each other.
+    /// Remark on two devices whose variations contradict each other.
     pub(in crate::sensors) fn remarks(&self, devices: &Devices) -> Option<Remark> {
         let used = self.of(None, devices)?;
         let (other, apart) = self.0.iter().find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;
@@ -153,7 +154,7 @@ impl Variations {
     }
 }
 
-/// Names of the chosen devices by group; a NAME of NMEA 2000 with all its digits.
+/// Names of the selected devices by group; an NMEA 2000 NAME with all its digits.
 fn choices(d: &BusDevices) -> [String; GROUPS] {
     [
         &d.heading,

@@ -15,15 +15,15 @@ fn devices_of_a_group_that_fall_silent_and_return() {
         bus.take(device, (at_s * 1e9) as i64, heading).is_ok()
     };
     assert!(takes(1, 0.0) && !takes(2, 0.1) && takes(1, 1.0));
-    // The second stands in, alone, until the first returns.
+    // The second device replaces the first until that returns.
     assert!(!takes(2, 2.9) && takes(2, 3.1) && !takes(3, 3.2));
     assert!(takes(1, 3.3) && !takes(2, 3.4) && takes(1, 4.0));
-    // A third where both are silent.
+    // A third one replaces both while they are silent.
     assert!(takes(2, 6.1) && takes(3, 8.2) && !takes(2, 8.3) && takes(1, 8.4));
 }
 
-/// Fixes of two receivers at 10 Hz with whole ones each second, of which `first` speaks first, and `other` perhaps of
-/// its velocity before. A receiver's number is its latitude.
+/// Fixes of two receivers at 10 Hz, with whole ones each second. `first` sends first, optionally after a velocity from
+/// `other`. A receiver's number is its latitude.
 fn fixes_of_two([first, other]: [u32; 2], velocity_before: bool) -> Vec<GnssFix> {
     let mut bus = SensorBus::default();
     let place = |of: u32| [f64::from(of), 14.5];
@@ -90,14 +90,14 @@ fn receiver_that_stands_in_with_its_velocity() {
     let place = Content::Position([50.0, 14.5]);
     let mut takes = |of, at_s: f64, c| bus.take(of, (at_s * 1e9) as i64, c).is_ok();
     assert!(takes(1, 0.0, place) && !takes(2, 0.1, velocity(2)) && takes(1, 0.1, velocity(1)));
-    // The first has no position any more, and still a velocity.
+    // The first has lost its position, but still sends a velocity.
     assert!(takes(2, 2.5, place) && takes(2, 2.5, velocity(2)) && !takes(1, 2.6, velocity(1)));
     assert!(takes(1, 3.0, place) && takes(1, 3.0, velocity(1)) && !takes(2, 3.1, velocity(2)));
 }
 
 #[test]
 fn separation_of_a_receiver() {
-    // The sea lies 45 m above the ellipsoid here.
+    // The sea is 45 m above the ellipsoid here.
     let mut bus = SensorBus::default();
     let place = Datum::new(50.0, 14.5, 0.0);
     assert_eq!(bus.height(&place, 2.5, Some(44.0)), (46.5, 0.0));
@@ -140,7 +140,7 @@ fn texts(bus: &SensorBus) -> String {
     let of = |r: Remark| format!("{} [{}]\n", r.text, r.remedy.unwrap_or_default());
     all.into_iter().map(of).collect()
 }
-/// Which device was used at each tenth of a second, of two of which `sent` gives what they send then.
+/// Device in use at each tenth of a second; `sent` gives the messages of each of two devices.
 fn used_of_two(
     bus: &mut SensorBus,
     tenths: i64,
@@ -176,7 +176,7 @@ fn quicker_device_after_some_seconds_of_evidence() {
 #[test]
 fn devices_that_are_about_as_good_are_not_changed() {
     let mut bus = SensorBus::default();
-    // The dilutions change, and one gives five for ten of the other.
+    // The dilutions change; one device sends at half the rate of the other.
     let used = used_of_two(&mut bus, 3000, |device, k| {
         let hdop = if (k / 300 + i64::from(device)) % 2 == 0 {
             0.9
@@ -237,7 +237,7 @@ fn headings_of_two_devices_that_contradict_each_other() {
 
 #[test]
 fn receivers_that_contradict_each_other() {
-    // 0.001 degrees of latitude are 111 m; 0.0001 are less than antennas and slow error.
+    // 0.001 degrees of latitude are 111 m; 0.0001 degrees are within antenna distance and slow error.
     for (apart, is_finding) in [(1e-3, true), (1e-4, false)] {
         let mut bus = SensorBus::default();
         used_of_two(&mut bus, 700, |device, _| {

@@ -1,4 +1,4 @@
-//! Lines of text in which gateways and loggers show NMEA 2000.
+//! Text formats in which gateways and loggers output NMEA 2000.
 //!
 //! ```text
 //! 17:33:21.141 R 09F80115 A0 7D E6 18 C0 05 FB D5             Yacht Devices RAW: a CAN frame
@@ -13,19 +13,19 @@ use crate::sensors::clock::{of_day_ns, time_of_day_ns, utc_ns};
 
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
-/// Times that are counted from 1970 are later than this one in 2001, ns.
+/// Threshold between times counted from 1970 and others (a date in 2001), ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
 /// Bytes of a CAN frame.
 pub(super) const FRAME: usize = 8;
 
-/// When a line was written, ns, by whoever wrote it.
+/// Time at which a line was written, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum N2kStamp {
     /// Since midnight.
     OfDay(i64),
     /// Since 1970.
     Unix(i64),
-    /// Since the first line, or since the one before.
+    /// Since the first line, or since the previous one.
     Relative(i64),
     /// Not stated.
     None,
@@ -40,12 +40,12 @@ pub(super) struct N2kLine {
     /// Address of its sender.
     pub(super) source: u8,
     pub(super) data: Vec<u8>,
-    /// A whole message even where it is longer than a frame.
+    /// The line holds a complete message, even if it is longer than a frame.
     pub(super) whole: bool,
 }
 
 impl N2kLine {
-    /// Reads a line's text; None for any other kind of line.
+    /// Parses a line; None for any other kind of line.
     pub(super) fn parse(text: &str) -> Option<N2kLine> {
         let text = text.trim();
         if text.split(',').count() > 6 {
@@ -53,7 +53,7 @@ impl N2kLine {
         }
         if let Some((stamp, rest)) = text.strip_prefix('(').and_then(|t| t.split_once(')')) {
             let at = match unix_ns(stamp) {
-                // candump counts from 1970, or (-td, -tz) from another line.
+                // candump counts from 1970 or, with -td and -tz, from another line.
                 Some(at_ns) if at_ns < EPOCH_NS => N2kStamp::Relative(at_ns),
                 Some(at_ns) => N2kStamp::Unix(at_ns),
                 None => N2kStamp::Unix(utc_ns(stamp)?),
@@ -73,7 +73,8 @@ impl N2kLine {
     }
 }
 
-/// Number and sender of a CAN identifier of 29 bits (ISO 11783-3): what addresses one receiver has no group extension.
+/// Parameter group and sender of a 29-bit CAN identifier (ISO 11783-3). A group addressed to one receiver has no group
+/// extension.
 fn identifier(text: &str) -> Option<(u32, u8)> {
     let id = u32::from_str_radix(text, 16).ok().filter(|id| *id < 1 << 29)?;
     let (page, format, specific) = ((id >> 24) & 3, (id >> 16) & 0xff, (id >> 8) & 0xff);
@@ -83,7 +84,7 @@ fn identifier(text: &str) -> Option<(u32, u8)> {
 fn byte(text: &str) -> Option<u8> {
     (text.len() == 2).then(|| u8::from_str_radix(text, 16).ok())?
 }
-/// Bytes of a row of digits.
+/// Parses hexadecimal digits.
 fn bytes(text: &str) -> Option<Vec<u8>> {
     let whole = text.is_ascii() && text.len().is_multiple_of(2) && text.len() <= 2 * MAX_MESSAGE;
     let all = text.as_bytes().chunks(2);
@@ -100,7 +101,7 @@ fn frame(at: N2kStamp, id: &str, data: &[&str]) -> Option<N2kLine> {
         whole: false,
     })
 }
-/// Interface, then identifier and bytes, in either of its two ways.
+/// Interface, then identifier and bytes, in either of candump's two formats.
 fn candump(at: N2kStamp, fields: &[&str]) -> Option<N2kLine> {
     let (_, rest) = fields.split_first()?;
     // Direction and flags.
@@ -178,7 +179,7 @@ mod tests {
         let position = [0xa0, 0x7d, 0xe6, 0x18, 0xc0, 0x05, 0xfb, 0xd5];
         let of_day = (17 * 60 + 33) * 60_000_000_000 + 21_141_000_000;
         for (text, at) in [
-            // The example of Yacht Devices' manual.
+            // Example in Yacht Devices' manual.
             (
                 "17:33:21.141 R 09F80115 A0 7D E6 18 C0 05 FB D5",
                 N2kStamp::OfDay(of_day),
@@ -213,7 +214,7 @@ mod tests {
             );
             assert_eq!(line.data, position, "{text}");
         }
-        // Of a public test of a parser for canboat's format: attitude without yaw.
+        // From a public test of a parser for canboat's format: attitude without yaw.
         let line =
             N2kLine::parse("2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00,21,fe,ff").unwrap();
         assert_eq!(
@@ -221,7 +222,7 @@ mod tests {
             (127_257, 17, 8, false)
         );
         assert_eq!(line.at, N2kStamp::Unix(1_460_220_069_078_000_000));
-        // The example of Actisense's manual: 130323, which is longer than a frame.
+        // Example in Actisense's manual: group 130323, which is longer than a frame.
         let line = N2kLine::parse("A173321.107 23FF7 1F513 012F3070002F30709F").unwrap();
         assert_eq!(
             (line.pgn, line.source, line.data.len(), line.whole),

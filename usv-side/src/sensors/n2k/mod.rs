@@ -1,6 +1,6 @@
-//! NMEA 2000 as text of a gateway or a logger ([`line`]), of which [`SensorBus`] makes measurements.
+//! NMEA 2000 as text of a gateway or a logger ([`line`]), converted to measurements by [`SensorBus`].
 //!
-//! The bus has no clock that all share: a message's time is that of its line, else of its arrival.
+//! The bus has no common clock: the time of a message is that of its line, otherwise that of its arrival.
 
 mod line;
 mod pgn;
@@ -19,10 +19,10 @@ use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 
 /// Longest line, bytes: a message in canboat's plain format.
 const MAX_LINE: usize = 800;
-/// Messages of several frames that are open at a time.
+/// Maximum number of incomplete multi-frame messages.
 const OPEN: usize = 8;
 
-/// A message of several frames that is not whole yet.
+/// Incomplete multi-frame message.
 #[derive(Clone, Debug)]
 struct Open {
     source: u8,
@@ -40,10 +40,10 @@ pub struct N2kDecoder {
     decoded: Decoded,
     account: Account,
     day: Rollover<DAY_NS>,
-    /// When the bytes that are pushed arrive, ns; None in a recording.
+    /// Arrival time of the pushed bytes, ns; None in a recording.
     now_ns: Option<i64>,
     open: Vec<Open>,
-    /// Newest time that is counted from the begin of a recording, ns.
+    /// Newest time counted from the start of a recording, ns.
     relative: Option<i64>,
     bus: SensorBus,
     timeless: Vec<Measurement>,
@@ -87,7 +87,7 @@ impl N2kDecoder {
         let (at_ns, is_stamped) = match line.at {
             N2kStamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
             N2kStamp::Unix(at) => (at, true),
-            // In a recording a time from its begin is one; those from the line before go back and forth.
+            // In a recording, times from its start are used; those relative to the previous line are not monotonic.
             N2kStamp::Relative(at)
                 if self.now_ns.is_none() && self.relative.is_none_or(|last| at >= last) =>
             {
@@ -141,8 +141,8 @@ impl N2kDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// The whole message that this frame completes. Frames of one message have one sequence and count from 0; the first has
-    /// its length.
+    /// Message completed by this frame, if any. The frames of a message share a sequence number and count from 0; the
+    /// first one contains the length.
     fn assemble(&mut self, line: N2kLine) -> Option<Vec<u8>> {
         let (head, data) = line.data.split_first()?;
         let (sequence, index) = (head >> 5, head & 0x1f);
@@ -192,7 +192,7 @@ impl SensorDecoder for N2kDecoder {
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        // The last line of a file may have no end; a message that is cut off lacks a field or a frame.
+        // The last line of a file may lack its terminator; a truncated message lacks a field or a frame.
         if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
             self.take(&line, out);
         }

@@ -1,9 +1,10 @@
-//! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
-//! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
+//! Fields of the supported parameter groups. Numbers, resolutions and signs are from canboat's NMEA 2000 database
+//! (`docs/canboat.json`). An integer with all bits set means "not available", the two below it "out of range" and
+//! "reserved".
 
 use crate::sensors::bus::{Content, GnssReport};
 
-/// A turn and a step of an angle, rad.
+/// Full turn plus one resolution step, rad.
 const TURN: f64 = core::f64::consts::TAU + 1e-4;
 
 /// Manufacturer (11 bits), 2 reserved, and industry (3 bits) of Furuno's own messages: 1855, marine.
@@ -12,7 +13,7 @@ const FURUNO: u16 = 1855 | 3 << 11 | 4 << 13;
 /// Claim of an address (ISO 11783-5), with the sender's NAME.
 pub(super) const ADDRESS_CLAIM: u32 = 60_928;
 
-/// The groups that are used: number, name, and whether a message is longer than a frame.
+/// Supported groups: number, name, and whether a message is longer than a frame.
 const USED: [(u32, &str, bool); 10] = [
     (ADDRESS_CLAIM, "60928", false),
     (127_250, "127250", false),
@@ -26,13 +27,13 @@ const USED: [(u32, &str, bool); 10] = [
     (130_842, "130842", true),
 ];
 
-/// Name of a group that is used, and whether it is longer than a frame.
+/// Name of a supported group, and whether a message is longer than a frame.
 pub(super) fn used(pgn: u32) -> Option<(&'static str, bool)> {
     let of = USED.iter().find(|(number, ..)| *number == pgn);
     of.map(|(_, name, long)| (*name, *long))
 }
 
-/// A message's bytes, field by field.
+/// Reader of a message's fields.
 struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {
@@ -60,12 +61,12 @@ impl Fields<'_> {
     }
 }
 
-/// The NAME in a claim of an address, 64 bits.
+/// NAME in an address claim, 64 bits.
 pub(super) fn claimed(data: &[u8]) -> Option<u64> {
     Fields(data).bytes(0).map(u64::from_le_bytes)
 }
 
-/// Whether the device itself marks a message without content as in error.
+/// Whether the device marks a message without content as an error.
 pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
     let reference = match pgn {
         127_250 => data.get(7),
@@ -75,14 +76,14 @@ pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
     reference.is_some_and(|b| b & 3 == 2)
 }
 
-/// Content of a message of a group that is used; None where its fields are not available.
+/// Content of a supported message. None if its fields are not available.
 pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     let f = Fields(data);
-    /// A step of an angle, rad.
+    /// Resolution of an angle, rad.
     const ANGLE: f64 = 1e-4;
-    // From zero to a turn; what is above it is no angle.
+    // Valid directions are from zero to a full turn.
     let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
-    // From true or magnetic north; where that is in error or not stated the angle is invalid.
+    // Reference: true or magnetic north. If it is invalid or not stated, so is the angle.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
         1 => Some(true),
@@ -105,14 +106,14 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,
-            // Zero is a receiver that has none.
+            // Zero is sent by a receiver that does not provide it.
             hdop: f.i16(34).filter(|x| *x > 0.0).map(|x| x * 0.01),
             // 0: not checked, 1: safe, 2: caution, 3: not available.
             caution: f.u8(32).is_some_and(|b| b & 3 == 2),
             separation_m: f.i32(38).map(|x| x * 0.01),
         }),
-        // Furuno's satellite compasses: angular rates of the boat in steps of 0.001 deg/s. Of its other fields neither
-        // meaning nor resolution is known; others send other things with this number.
+        // Furuno's satellite compasses: angular rates of the boat in steps of 0.001 deg/s. Meaning and resolution of
+        // the other fields are unknown; other manufacturers use this number for other content.
         130_842 => {
             let own = f.bytes(0).map(u16::from_le_bytes) == Some(FURUNO);
             let rate = |at| f.i32(at).map(|x| (x * 1e-3).to_radians()).filter(|_| own);

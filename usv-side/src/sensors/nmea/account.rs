@@ -1,43 +1,43 @@
-//! Sentences of a source that were left out, with the reasons as text.
+//! Account of unused sentences, with the reasons as text.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::sensors::Remark;
 
-/// Most addresses of sentences that are distinguished.
+/// Maximum number of sentence addresses that are distinguished.
 const MAX_ADDRESSES: usize = 48;
-/// Most that one remark names.
+/// Maximum number of addresses in a remark.
 const MAX_NAMED: usize = 6;
-/// Longest address, bytes.
+/// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Above this fraction of one kind's sentences, stamps that repeat are the source's habit and no doubled datagram, and
-/// headings of a float carrier solution no start.
+/// Fraction of one kind's sentences above which repeated time stamps are normal for the source rather than duplicate
+/// datagrams, and headings of a float carrier solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
-/// Standard deviation of a position that its receiver calls unsafe (the navigational status U of version 4.1), m (ours).
+/// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).
 pub(super) const UNSAFE_SD: f64 = 10.0;
 
-/// The text on kinds that have an attitude or a heading.
+/// Text on kinds with an attitude or a heading.
 pub(crate) const ANGLES: &str =
     "attitude or heading in a kind that is not read; HDT, PASHR, PSXN, PRDID, HPR, XDR are";
 
-/// Why a sound sentence gave no measurement.
+/// Reason why a valid sentence yields no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::sensors) enum Why {
     Simulated,
     NoFix,
-    /// Its quality, as in GGA.
+    /// Fix quality, as in GGA.
     Quality(u8),
     Magnetic,
-    /// Number of its fields, and of those that are known of its kind.
+    /// Number of fields, and the number known for the kind.
     Fields(u8, u8),
     Range,
     Length,
     Invalid,
     FixedBase,
     OtherClock,
-    /// Another format among the sentences, and the remedy.
+    /// Another format among the sentences, with the remedy.
     Foreign(&'static str),
     Spare,
     Cached,
@@ -72,7 +72,7 @@ impl Why {
         };
         text.into()
     }
-    /// Remedy, where it is a fault.
+    /// Remedy, if it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
             Why::NotRead
@@ -105,7 +105,7 @@ impl Why {
     }
 }
 
-/// Stamps of one address.
+/// Time stamps of one address.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stamps {
     newest_ns: Option<i64>,
@@ -113,20 +113,20 @@ struct Stamps {
     repeated: u64,
 }
 
-/// The account of a decoder.
+/// Account of a decoder.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
-    /// Headings of two antennas: of a float carrier solution, and all that are valid.
+    /// Number of two-antenna headings with a float carrier solution, and of all valid ones.
     antennas: [u64; 2],
-    /// Positions that their receiver calls unsafe.
+    /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,
-    /// Sentences that were taken without a checksum.
+    /// Number of sentences accepted without a checksum.
     pub(in crate::sensors) unchecked: u64,
 }
 
-/// A message's name, short and of letters, digits, hyphens and underscores.
+/// Name of a message, shortened and restricted to letters, digits, hyphens and underscores.
 fn bounded(address: &str) -> String {
     address
         .chars()
@@ -142,19 +142,19 @@ impl Account {
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
     }
-    /// Something of another format was left out.
+    /// Whether content of another format was ignored.
     pub(in crate::sensors) fn has_foreign(&self) -> bool {
         self.left_out
             .keys()
             .any(|(why, _)| matches!(why, Why::Foreign(_)))
     }
-    /// Notes a valid heading of two antennas; one of a float carrier solution is left out.
+    /// Counts a valid two-antenna heading; one with a float carrier solution is not used.
     pub(in crate::sensors) fn antennas(&mut self, is_float: bool) {
         let [float, all] = &mut self.antennas;
         *float += u64::from(is_float);
         *all += 1;
     }
-    /// Notes the time of a sentence.
+    /// Records the time of a sentence.
     pub(in crate::sensors) fn stamp(&mut self, address: &str, at_ns: i64) {
         let name = bounded(address);
         if self.stamps.len() >= MAX_ADDRESSES && !self.stamps.contains_key(&name) {
@@ -209,7 +209,7 @@ impl Account {
             None => Remark::fine(text),
         })
     }
-    /// Headings of a float carrier solution: a fault where they are not those of a short while alone.
+    /// Remark on headings with a float carrier solution: a fault unless they only occurred briefly.
     fn float(&self) -> Option<Remark> {
         let [float, all] = self.antennas;
         let text = format!("moving base: float in {float} of {all} headings: left out");

@@ -1,32 +1,31 @@
-//! To which time sentences without one belong, by the order and the pauses in which they arrive.
+//! Attribution of sentences without a time to an epoch, from the order and the pauses of their arrivals.
 
 /// Kinds of sentences without a time.
 pub(super) const KINDS: usize = 4;
-/// After so many epochs in a row that speak for the other side of the time, a kind belongs there.
+/// Number of consecutive epochs with evidence for the other side of the time after which a kind is moved there.
 const CHANGE: u8 = 3;
-/// After so many epochs in a row with several of a kind, it is a device's of its own.
+/// Number of consecutive epochs with several sentences of a kind after which it belongs to a separate device.
 const SEVERAL: u8 = 2;
-/// Without any time for so long, a source has none, ns.
+/// Time without any time stamp after which a source is taken to have none, ns.
 const TIMELESS_NS: i64 = 2_000_000_000;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Kind {
-    /// They come before the sentence with their time.
+    /// The sentences precede the one with their time.
     leads: bool,
-    /// Epochs in a row that speak for the other.
+    /// Number of consecutive epochs with evidence for the opposite.
     against: u8,
-    /// Number that came since the last new time, and in how many epochs in a row several did.
+    /// Number received since the last new time, and number of consecutive epochs with several.
     count: u32,
     several: u8,
-    /// Arrival of the newest, and how long after the newest sentence with a time it came, ns.
+    /// Arrival of the newest sentence, and its delay after the newest sentence with a time, ns.
     arrived: Option<(i64, i64)>,
 }
 
-/// The attribution of all kinds.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Attribution {
     kinds: [Kind; KINDS],
-    /// Arrival of the bytes that are being read, ns; None in a recording.
+    /// Arrival of the bytes being read, ns; None in a recording.
     pub(super) now_ns: Option<i64>,
     first_ns: Option<i64>,
     /// Arrival of the newest sentence with a time.
@@ -34,11 +33,11 @@ pub(super) struct Attribution {
 }
 
 impl Attribution {
-    /// All kinds before or after the sentence with their time until their arrivals show it.
+    /// Initial assumption for all kinds, until their arrivals show the order.
     pub(super) fn new(leads: bool) -> Self {
         let kind = Kind {
             leads,
-            // The first epoch decides.
+            // A single epoch is sufficient at the start.
             against: CHANGE - 1,
             ..Kind::default()
         };
@@ -49,12 +48,11 @@ impl Attribution {
             timed_ns: None,
         }
     }
-    /// Bytes arrive.
     pub(super) fn arrive(&mut self, now_ns: i64) {
         self.now_ns = Some(now_ns);
         self.first_ns.get_or_insert(now_ns);
     }
-    /// A sentence with a time arrived; `new`: another than the last.
+    /// Records a sentence with a time; `new` if it differs from the last one.
     pub(super) fn timed(&mut self, new: bool) {
         if let (true, Some(now)) = (new, self.now_ns) {
             for kind in &mut self.kinds {
@@ -63,7 +61,7 @@ impl Attribution {
         }
         self.timed_ns = self.now_ns;
     }
-    /// A sentence without a time arrived.
+    /// Records a sentence without a time.
     pub(super) fn untimed(&mut self, kind: usize) {
         let (now, timed) = (self.now_ns, self.timed_ns);
         if let Some(k) = self.kinds.get_mut(kind) {
@@ -73,11 +71,11 @@ impl Attribution {
                 .map(|(now, timed)| (now, now.saturating_sub(timed)));
         }
     }
-    /// It belongs to the next time.
+    /// Whether the kind belongs to the next time.
     pub(super) fn leads(&self, kind: usize) -> bool {
         self.kinds.get(kind).is_some_and(|k| k.leads)
     }
-    /// The arrival, where that is its time: several come with each time, or no time comes at all.
+    /// Arrival time, if it is used as the time: several sentences arrive per time, or no time arrives at all.
     pub(super) fn own_time(&self, kind: usize) -> Option<i64> {
         let now = self.now_ns?;
         let since = now.saturating_sub(self.timed_ns.or(self.first_ns)?);
@@ -87,7 +85,8 @@ impl Attribution {
 }
 
 impl Kind {
-    /// The next time arrived at `now`: the newest of this kind belongs to the nearer of the two, where that is clear.
+    /// Handles the arrival of the next time at `now`: the newest sentence of a kind belongs to the nearer time, if that
+    /// is clear.
     fn end_epoch(&mut self, now: i64) {
         if let (1, Some((arrived, after))) = (self.count, self.arrived) {
             let before = now.saturating_sub(arrived);

@@ -1,4 +1,4 @@
-//! NMEA 2000 inside of sentences, of which [`N2kDecoder`] makes measurements: PCDIN (SeaSmart; Yacht Devices), MXPGN
+//! NMEA 2000 inside sentences, converted to measurements by [`N2kDecoder`]: PCDIN (SeaSmart; Yacht Devices), MXPGN
 //! (ShipModul's MiniPlex; Yacht Devices) and `!PDGY` (Digital Yacht's iKonvert).
 //!
 //! ```text
@@ -7,8 +7,8 @@
 //! !PDGY,127257,3,17,255,0.563,AP9/UgAh/v8=          group, priority, sender, receiver, counter (s), bytes in base64
 //! ```
 //!
-//! Live, the arrival is the time, as on a bus. In a recording the messages between two times of sentences are spread evenly
-//! over them, each group of a sender for itself; where no sentence has a time, the gateway's counter is the clock.
+//! Live, the arrival is the time, as on a bus. In a recording, messages are spread evenly between two sentence times,
+//! separately for each group and sender; if no sentence has a time, the gateway's counter is the clock.
 
 use std::collections::BTreeMap;
 
@@ -16,41 +16,41 @@ use data_encoding::{BASE64_NOPAD, HEXUPPER, HEXUPPER_PERMISSIVE};
 
 use crate::sensors::{Decoded, Mounting, N2kDecoder, Remark, SensorDecoder, SourceMeasurement};
 
-/// Longest message, bytes, and the parts of it that its first frame and each further one have.
+/// Maximum message length, bytes, and the number of bytes in its first and in each further frame.
 const MAX_MESSAGE: usize = 223;
 const FIRST_PART: usize = 6;
 const PART: usize = 7;
 /// Bytes of a CAN frame.
 const FRAME: usize = 8;
-/// Groups that are longer than a frame: MXPGN has them frame by frame.
+/// Groups longer than a frame, which MXPGN sends frame by frame.
 const LONG: [u32; 2] = [129_029, 130_842];
-/// Groups of one frame that ends with reserved bits, which are ones, and does not begin with them.
+/// Single-frame groups that end with reserved bits (all ones) but do not start with them.
 const ENDED: [u32; 6] = [127_250, 127_251, 127_252, 127_257, 127_258, 129_026];
-/// Smallest byte that is reserved but for its two lowest bits.
+/// Minimum value of a byte with its upper six bits reserved.
 const RESERVED: u8 = 0xfc;
-/// Frames in a row that outvote all before them on the order of the bytes.
+/// Maximum number of votes on the byte order, so that this many frames overrule all earlier ones.
 const VOTES: i8 = 5;
-/// Most messages of a recording that wait for the next time, and the longest time that they are spread over, ns.
+/// Maximum number of waiting messages in a recording, and maximum time over which they are spread, ns.
 const MAX_WAITING: usize = 3000;
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
-/// So many measurements of a kind are spare after one of the sentences themselves: 5 s at 10 Hz.
+/// Number of carried measurements of a kind that are ignored after one of the sentences themselves: 5 s at 10 Hz.
 const MAX_SPARE: u8 = 50;
-/// Times are given to the bus's decoder counted from here, ns since 1970 (2033), and may lie so far around it.
+/// Base of the times passed to the bus decoder, ns since 1970 (2033), and their maximum distance from it.
 const BASE_NS: i64 = 2_000_000_000_000_000_000;
 const TIMES_NS: core::ops::Range<i64> = -900_000_000_000_000_000..6_000_000_000_000_000_000;
 
-/// A message, or a frame of one.
+/// Message, or one frame of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct CarriedMessage {
     pgn: u32,
     source: u8,
-    /// The gateway's own counter, ns.
+    /// Counter of the gateway, ns.
     counter_ns: Option<i64>,
     data: Vec<u8>,
 }
 
 impl CarriedMessage {
-    /// A message of these parts; None where one of them cannot be.
+    /// Message of these parts; None if one of them is invalid.
     fn new(pgn: Option<u32>, source: Option<u8>, counter_ns: Option<i64>, data: Vec<u8>) -> Option<Self> {
         let is_one = (1..=MAX_MESSAGE).contains(&data.len());
         Some(CarriedMessage {
@@ -60,7 +60,7 @@ impl CarriedMessage {
             data,
         })
     }
-    /// Message of the fields of PCDIN.
+    /// Parses the fields of PCDIN.
     pub(super) fn of_pcdin(fields: &[&str]) -> Option<Self> {
         let [pgn, counter, source, data] = fields else {
             return None;
@@ -71,7 +71,7 @@ impl CarriedMessage {
         let source = u8::from_str_radix(source, 16).ok();
         Self::new(u32::from_str_radix(pgn, 16).ok(), source, counter_ns, hex(data)?)
     }
-    /// Message of the fields of MXPGN, with the bytes as they are written.
+    /// Parses the fields of MXPGN, with the bytes in the order as written.
     fn of_mxpgn(fields: &[&str]) -> Option<Self> {
         let [pgn, attributes, data] = fields else {
             return None;
@@ -82,7 +82,7 @@ impl CarriedMessage {
         let pgn = u32::from_str_radix(pgn, 16).ok().filter(|_| is_whole);
         Self::new(pgn, Some(source), None, data)
     }
-    /// Message of the text behind `!PDGY,`, which has no checksum.
+    /// Parses the text after `!PDGY,`, which has no checksum.
     pub(super) fn of_pdgy(text: &str) -> Option<Self> {
         let fields: Vec<&str> = text.trim().split(',').collect();
         let [pgn, _priority, source, _receiver, counter, data] = fields[..] else {
@@ -92,32 +92,32 @@ impl CarriedMessage {
         let counter_ns = seconds.map(|s| (s * 1e3).round() as i64 * 1_000_000);
         Self::new(pgn.parse().ok(), source.parse().ok(), counter_ns, base64(data)?)
     }
-    /// A frame of a longer message that is not its first.
+    /// Whether it is a continuation frame of a longer message.
     fn is_rest(&self) -> bool {
         let continues = self.data.first().is_some_and(|head| head & 0x1f != 0);
         continues && self.data.len() <= FRAME && LONG.contains(&self.pgn)
     }
 }
 
-/// The messages of a source, and what became of them.
+/// Carried messages of a source, with statistics.
 #[derive(Clone, Debug)]
 pub(super) struct Carried {
     decoder: N2kDecoder,
-    /// The kind of sentence that is kept to: a gateway may send each message in two.
+    /// Kind of sentence in use: a gateway may send each message in two.
     kept: Option<String>,
     /// Messages of a recording since the newest time.
     waiting: Vec<CarriedMessage>,
-    /// The counter is the clock.
+    /// The counter is used as the clock.
     by_counter: bool,
-    /// Order of MXPGN's bytes: above zero as they are, below zero reversed.
+    /// Byte order of MXPGN: positive if as written, negative if reversed.
     votes: i8,
-    /// Number of the next message that is cut into frames.
+    /// Sequence number of the next message that is split into frames.
     sequence: u8,
-    /// Measurements that wait for those of the sentence itself.
+    /// Measurements waiting for those of the sentence itself.
     given: Vec<SourceMeasurement>,
-    /// Measurements of each kind since the last of the sentences themselves.
+    /// By kind, number of measurements since the last one of the sentences themselves.
     without_own: [u8; 4],
-    /// Sentences that are read.
+    /// Number of sentences read.
     pub(super) sentences: u64,
     counts: Decoded,
 }
@@ -138,16 +138,16 @@ impl Carried {
             counts: Decoded::default(),
         }
     }
-    /// The gateway's counter is the clock.
+    /// Uses the gateway's counter as the clock.
     pub(super) fn by_counter(&mut self) {
         self.by_counter = true;
     }
-    /// Another kind of sentence carries the messages.
+    /// Whether another kind of sentence already carries the messages.
     pub(super) fn is_spare(&mut self, address: &str) -> bool {
         self.kept.get_or_insert_with(|| address.into()) != address
     }
-    /// The message of the fields of MXPGN, in whose order gateways differ: ShipModul's manual has the last byte first, Yacht
-    /// Devices send the first one first. Reserved bytes, which end a frame, show which it is. Inner None: not known yet.
+    /// Parses MXPGN. Gateways differ in byte order: last byte first in ShipModul's manual, first byte first from Yacht
+    /// Devices. Reserved bytes at the end of a frame reveal the order. The inner None means that it is not known yet.
     pub(super) fn of_mxpgn(&mut self, fields: &[&str]) -> Option<Option<CarriedMessage>> {
         let mut message = CarriedMessage::of_mxpgn(fields)?;
         if let [first, .., last] = message.data[..]
@@ -166,7 +166,7 @@ impl Carried {
         }
         Some((self.votes != 0).then_some(message))
     }
-    /// Takes a message that arrives at `now_ns`, or in a recording.
+    /// Processes a message that arrives at `now_ns`; None in a recording.
     pub(super) fn take(&mut self, message: CarriedMessage, now_ns: Option<i64>) {
         self.sentences += 1;
         match (now_ns, message.counter_ns) {
@@ -176,7 +176,7 @@ impl Carried {
             (None, _) => self.waiting.push(message),
         }
     }
-    /// Dates the messages that wait between two times, ns; without two that are close they have none.
+    /// Dates the waiting messages between two times, ns. Without two close times they are dropped.
     pub(super) fn date(&mut self, between: Option<(i64, i64)>) {
         let all = core::mem::take(&mut self.waiting);
         let span = between.map(|(at_ns, next_ns)| (at_ns, next_ns.saturating_sub(at_ns)));
@@ -184,7 +184,7 @@ impl Carried {
             self.counts.undated += all.len() as u64;
             return;
         };
-        // How many there are of each group and sender, and how many of them are dated.
+        // Number of messages by group and sender, and number of those already dated.
         let mut groups: BTreeMap<(u32, u8), (i64, i64)> = BTreeMap::new();
         for message in all.iter().filter(|m| !m.is_rest()) {
             groups.entry((message.pgn, message.source)).or_default().0 += 1;
@@ -207,7 +207,7 @@ impl Carried {
             self.counts.spread += (self.given.len() - before) as u64;
         }
     }
-    /// Gives a message to the bus's decoder, as the lines of a CAN interface.
+    /// Passes a message to the bus decoder, as lines of a CAN interface.
     fn decode(&mut self, message: &CarriedMessage, at_ns: i64) {
         if !TIMES_NS.contains(&at_ns) {
             self.counts.undated += 1;
@@ -229,7 +229,7 @@ impl Carried {
             given.at_ns = given.at_ns.saturating_sub(BASE_NS);
         }
     }
-    /// The frames of a message: each has the message's number and its own, the first the length.
+    /// Splits a message into frames with sequence number and frame index; the first contains the length.
     fn frames(&mut self, data: &[u8]) -> Vec<Vec<u8>> {
         if data.len() <= FRAME {
             return vec![data.to_vec()];
@@ -242,14 +242,14 @@ impl Carried {
         all.extend(further.map(|(k, part)| [&[head | k][..], part].concat()));
         all
     }
-    /// The sentences themselves gave a measurement of this kind.
+    /// Records that the sentences themselves provided a measurement of this kind.
     pub(super) fn own(&mut self, kind: usize) {
         if let Some(without) = self.without_own.get_mut(kind) {
             *without = 0;
         }
     }
-    /// The measurements of the messages that were dated since, and how many more are spare, as the sentences themselves give
-    /// their kind.
+    /// Measurements of the messages dated since the last call, and number of those ignored because the sentences
+    /// themselves provide the kind.
     pub(super) fn measurements(&mut self, by_arrival: bool) -> (Vec<SourceMeasurement>, usize) {
         let mut all = core::mem::take(&mut self.given);
         let count = all.len();
@@ -268,7 +268,7 @@ impl Carried {
         self.counts.left_out += spare as u64;
         (all, spare)
     }
-    /// The counts of the sentences themselves with those of the messages in others.
+    /// Statistics of the sentences combined with those of the carried messages.
     pub(super) fn decoded(&self, own: &Decoded) -> Decoded {
         let (n, c) = (self.decoder.decoded(), &self.counts);
         Decoded {
@@ -282,7 +282,6 @@ impl Carried {
             ..*own
         }
     }
-    /// Remarks on the messages.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         match self.sentences {
             0 => Vec::new(),
@@ -291,11 +290,11 @@ impl Carried {
     }
 }
 
-/// Bytes of a row of hexadecimal digits.
+/// Parses hexadecimal digits.
 fn hex(text: &str) -> Option<Vec<u8>> {
     HEXUPPER_PERMISSIVE.decode(text.as_bytes()).ok()
 }
-/// Bytes of a text in base64 (RFC 4648), with its padding or without.
+/// Decodes base64 (RFC 4648), with or without padding.
 fn base64(text: &str) -> Option<Vec<u8>> {
     let digits = text.trim_end_matches('=');
     BASE64_NOPAD.decode(digits.as_bytes()).ok()
@@ -311,7 +310,7 @@ mod tests {
 
     const TILT: [u8; 8] = [0x2a, 0xff, 0x7f, 0xe8, 0x03, 0x18, 0xfc, 0xff];
 
-    /// A message as PCDIN, and as MXPGN in either order of its bytes.
+    /// A message as PCDIN, and as MXPGN in both byte orders.
     fn carriers(ms: u32, pgn: u32, data: &[u8; 8]) -> [String; 3] {
         let reversed: Vec<u8> = data.iter().rev().copied().collect();
         [

@@ -1,17 +1,17 @@
-//! Devices of a stream of sentences: talkers, and the makers' own sentences; and its clock.
+//! Devices of a stream of sentences (talkers and proprietary sentences), and selection of its clock.
 
 use super::account::Why;
 use super::{HEADINGS, MAX_SPARE, NmeaDecoder, SourceMeasurement, TILTS, Untimed};
 use crate::sensors::bus::DeviceSample;
 
-/// Talkers that are distinguished.
+/// Maximum number of talkers that are distinguished.
 const MAX_TALKERS: usize = 16;
-/// Times further apart are of two clocks, ns, and so many more of the other than of the one make it the clock.
+/// Difference between the times of two clocks, ns, and majority of sentences required to change the clock.
 const OTHER_CLOCK_NS: i64 = 20_000_000_000;
 const MAX_OTHERS: u8 = 10;
 
 impl NmeaDecoder {
-    /// Number of the device of a sentence.
+    /// Device number of a sentence.
     pub(super) fn device(&mut self, address: &str) -> u32 {
         let talker = match address.starts_with('P') {
             true => address,
@@ -25,7 +25,7 @@ impl NmeaDecoder {
         }
         number as u32
     }
-    /// Takes a value of group `k` with its standard deviation as evidence for or against its device; whether it is used.
+    /// Adds a value of group `k` with its standard deviation as evidence on its device. Returns whether it is used.
     pub(super) fn is_used(
         &mut self,
         k: usize,
@@ -34,7 +34,7 @@ impl NmeaDecoder {
         is_better: bool,
     ) -> bool {
         let device = self.device(address);
-        // In a recording its epoch is its time.
+        // In a recording, the epoch gives the time.
         let Some(at_ns) = self.attribution.now_ns.or(self.epoch.as_ref().map(|e| e.at_ns)) else {
             return true;
         };
@@ -48,8 +48,8 @@ impl NmeaDecoder {
         }
         !is_spare
     }
-    /// Whether a time is of the clock that the other sentences have. A second clock next to it (an instrument in local time) is
-    /// left out; that of most sentences counts.
+    /// Whether a time is from the clock in use. A second clock (an instrument in local time) is ignored; the clock of
+    /// most sentences is used.
     pub(super) fn is_of_clock(&mut self, address: &str, at_ns: i64) -> bool {
         let (of, newest_ns, others) = self.clock.get_or_insert_with(|| (address.into(), at_ns, 0));
         let is_near = (at_ns - *newest_ns).abs() <= OTHER_CLOCK_NS;
@@ -64,7 +64,7 @@ impl NmeaDecoder {
         }
         changes
     }
-    /// Roll and pitch of a sentence without a time, with a heading from true north and a heave where there are any.
+    /// Roll and pitch of a sentence without a time, with true heading and heave if available.
     pub(super) fn own_tilt(
         &mut self,
         address: &str,
@@ -79,14 +79,14 @@ impl NmeaDecoder {
             false => self.leave_out(address, Why::Spare),
         }
     }
-    /// Takes a heading from true north for the epoch.
+    /// Adds a true heading to the epoch.
     pub(super) fn true_heading(&mut self, address: &str, heading: Option<f64>, sd: f64) {
         let heading = heading.filter(|h| self.is_true_used(address, *h));
         if let Some((heading, e)) = heading.zip(self.epoch.as_mut()) {
             e.heading.get_or_insert((heading, sd));
         }
     }
-    /// Whether a heading from true north is used; it is better than one from magnetic north.
+    /// Whether a true heading is used; it takes precedence over a magnetic one.
     pub(super) fn is_true_used(&mut self, address: &str, heading: f64) -> bool {
         let is_first = self.without_true >= MAX_SPARE;
         let value = ([heading, 0.0], self.mounting.heading_sd());

@@ -1,4 +1,4 @@
-//! Lines and bytes among sentences that are none: named, so that the crew sees what the source sends.
+//! Detection of lines and bytes of other formats among sentences, so that the crew sees what the source sends.
 
 use super::account::Why;
 use super::shape::has_angles;
@@ -10,14 +10,14 @@ pub(in crate::sensors) const JSON: &str =
     "record or send the plain format in place of JSON (candump -L; analyzer without -json)";
 pub(super) const UBX: &str =
     "set format = \"ubx\" for this source, or switch UBX off at this port of the receiver";
-/// Characters of TSS1, which begins with a colon.
+/// Length of TSS1, which starts with a colon.
 const TSS1: core::ops::RangeInclusive<usize> = 22..=27;
-/// Longest message of UBX that is skipped, bytes, and those around its payload.
+/// Maximum length of a UBX message that is skipped, bytes, and number of bytes around its payload.
 const MAX_UBX: usize = 2048;
 const HEAD: usize = 6;
 const CHECKSUM: usize = 2;
 
-/// Name of a line of another format, and what to do.
+/// Name of a line of another format, and the remedy.
 pub(super) fn line(text: &str) -> Option<(&'static str, Why)> {
     let text = text.trim();
     Some(match text.as_bytes().first()? {
@@ -30,7 +30,7 @@ pub(super) fn line(text: &str) -> Option<(&'static str, Why)> {
         _ => return None,
     })
 }
-/// Name of a sentence that is not read: that of a maker with its first field, where it is a name.
+/// Name of an unsupported sentence; for a proprietary one with its first field if that is a name.
 pub(super) fn name(address: &str, fields: &[&str]) -> String {
     let own = fields
         .first()
@@ -40,7 +40,7 @@ pub(super) fn name(address: &str, fields: &[&str]) -> String {
         None => address.into(),
     }
 }
-/// Why a kind that is not read is left out.
+/// Reason why an unsupported kind is not used.
 pub(super) fn not_read(name: &str) -> Why {
     if has_angles(name) {
         Why::Angles
@@ -49,7 +49,7 @@ pub(super) fn not_read(name: &str) -> Why {
     }
 }
 
-/// Messages of UBX among sentences: 0xb5, 0x62, class, number, length, payload, checksum.
+/// Skips UBX messages among sentences: 0xb5, 0x62, class, number, length, payload, checksum.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct UbxSkip {
     count: usize,
@@ -57,7 +57,7 @@ pub(super) struct UbxSkip {
 }
 
 impl UbxSkip {
-    /// Whether this byte is one of a message.
+    /// Whether this byte belongs to a UBX message.
     pub(super) fn is_inside(&mut self, byte: u8) -> bool {
         let is_it = match (self.count, byte) {
             (0, 0xb5) | (1, 0x62) => true,
@@ -78,7 +78,7 @@ impl UbxSkip {
         }
         is_it
     }
-    /// The newest byte was the second of a message.
+    /// Whether the newest byte was the second of a message.
     pub(super) fn begins(&self) -> bool {
         self.count == 2
     }

@@ -1,24 +1,24 @@
-//! Whether a part of an epoch is still to come: the velocity of a position, the rate of a heading, the sentence with the
-//! height. It comes no more often than its own times are apart; an epoch between two of them is complete without it.
+//! Tracks whether a part of an epoch is still to come: the velocity of a position, the rate of a heading, the sentence
+//! with the height. A part arrives at its own period; epochs in between are complete without it.
 
-/// After so many epochs in a row that lack it though it was due, it is not waited for.
+/// Number of consecutive epochs without a part that was due, after which it is not waited for.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
-/// Times are cut to hundredths of a second, ns.
+/// Resolution of times, ns: a hundredth of a second.
 const STAMP_NS: i64 = 10_000_000;
 
-/// The epochs of one part.
+/// Epochs of one part.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::sensors) struct Partner {
-    /// Time of the newest epoch that has it, ns.
+    /// Time of the newest epoch with the part, ns.
     newest_ns: Option<i64>,
-    /// Times between the newest three such epochs, ns: the lesser one is its period, as one may be lost.
+    /// Intervals between the three newest such epochs, ns. The smaller one is the period, as one may be lost.
     apart_ns: [Option<i64>; 2],
-    /// Epochs in a row that lack it though it was due.
+    /// Number of consecutive epochs without the part although it was due.
     without: u8,
 }
 
 impl Default for Partner {
-    /// One that never came, and is not waited for.
+    /// A part that never arrived and is not waited for.
     fn default() -> Self {
         Partner {
             newest_ns: None,
@@ -29,7 +29,7 @@ impl Default for Partner {
 }
 
 impl Partner {
-    /// It is to be waited for in the epoch at `at_ns`.
+    /// Whether to wait for the part in the epoch at `at_ns`.
     pub(in crate::sensors) fn is_due(&self, at_ns: i64) -> bool {
         if self.without >= MAX_EPOCHS_WITHOUT {
             return false;
@@ -39,10 +39,10 @@ impl Partner {
             return true;
         };
         let since = at_ns.saturating_sub(newest);
-        // An epoch before the newest is of a clock that was set back.
+        // An earlier epoch follows when the clock was set back.
         since <= 0 || since.saturating_add(STAMP_NS) >= period
     }
-    /// The epoch at `at_ns` is complete, with it or without.
+    /// Records a complete epoch at `at_ns`, with or without the part.
     pub(in crate::sensors) fn end_epoch(&mut self, at_ns: i64, has_it: bool) {
         if !has_it {
             self.without += u8::from(self.is_due(at_ns));
@@ -77,7 +77,7 @@ mod tests {
             due.push(p.is_due(k * S));
             p.end_epoch(k * S, k % 2 == 0 && k != 10);
         }
-        // Until its period is known it is waited for; then with its own epochs, and until it is back.
+        // The part is waited for until its period is known, then in its own epochs, and again once it is back.
         let expected = |k: usize| k > 0 && (k <= 2 || k.is_multiple_of(2) || k == 11);
         assert_eq!(due, (0..20).map(expected).collect::<Vec<_>>());
     }
@@ -91,7 +91,7 @@ mod tests {
         assert!(!p.is_due(8 * S));
     }
 
-    /// Fixes with the sentence by which each came, of sentences with their times (hundredths of a second).
+    /// Fixes, each with the sentence that completed it, from sentences with times (hundredths of a second).
     fn fixes_by_sentence(sentences: &[(i64, String)]) -> Vec<(usize, i64, GnssFix)> {
         let mut d = NmeaDecoder::new(&Mounting::new(&Mount::default()));
         let mut all = Vec::new();
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn nmea_positions_that_come_more_often_than_heights() {
-        // RMC every second, or at 5 Hz, and GGA every two seconds or once a second, before RMC or after it.
+        // RMC at 1 or 5 Hz, and GGA at 0.5 or 1 Hz, before or after RMC.
         for (step, ratio, leads) in [
             (100, 2, true),
             (100, 2, false),
@@ -137,7 +137,7 @@ mod tests {
             let learnt = 2 * ratio * step;
             let (mut count, mut high) = (0, 0);
             for (k, at, fix) in all.iter().filter(|(_, at, _)| *at > learnt) {
-                // No fix waits for the sentence of a later epoch.
+                // No fix waits for a sentence of a later epoch.
                 assert_eq!(sentences[*k].0, *at, "{case}");
                 count += 1;
                 let has_height = fix.position_sd[2] < NOT_MEASURED_SD;

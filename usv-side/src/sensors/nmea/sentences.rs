@@ -1,4 +1,4 @@
-//! Contents of each kind of sentence.
+//! Content of each kind of sentence.
 
 use alight_shared::geodesy::{Datum, KNOT_MPS};
 use alight_shared::msg::NOT_MEASURED_SD;
@@ -7,12 +7,12 @@ use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg,
 use super::account::{UNSAFE_SD, Why};
 use super::{HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasurement, TILTS, TURNS, Untimed};
 
-/// Below it a velocity needs no course, m/s.
+/// Speed below which a velocity needs no course, m/s.
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
-/// Standard deviation of a velocity in tenths of a knot, m/s (ours).
+/// Standard deviation of a velocity with a resolution of 0.1 kn, m/s (ours).
 pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
-/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
-/// within a minute; slow error is the filter's height bias). NovAtel has 9 for SBAS, which is 2 in the standard.
+/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes within a
+/// minute; the slow error is the filter's height bias). NovAtel uses 9 for SBAS, which is 2 in the standard.
 const POSITION_SD: [(u8, f64); 6] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1), (9, 0.3)];
 /// Standard deviation of a position by dead reckoning, m.
 const DEAD_RECKONING_SD: f64 = 5.0;
@@ -20,11 +20,11 @@ const DEAD_RECKONING_SD: f64 = 5.0;
 const DEAD_RECKONING: u8 = 6;
 const MANUAL: u8 = 7;
 const SIMULATED: u8 = 8;
-/// A minute of arc of latitude, m.
+/// Minute of arc of latitude, m.
 const MINUTE_M: f64 = 1852.0;
-/// Standard deviation of a magnetic compass, rad: its deviation on a boat (2 deg, ours).
+/// Standard deviation of a magnetic compass, rad: deviation on a boat (2 deg, ours).
 pub(in crate::sensors) const MAGNETIC_SD: f64 = 0.035;
-/// Quality as in GGA by the mode letters of GNS, RMC, GLL and VTG; the best of several constellations, unless one is
+/// Quality as in GGA from the mode letters of GNS, RMC, GLL and VTG: the best of several constellations, unless one is
 /// simulated.
 fn quality_of(modes: &str) -> u8 {
     let has = |letter: char| modes.contains(letter);
@@ -44,7 +44,7 @@ fn quality_of(modes: &str) -> u8 {
     }
     0
 }
-/// The quality of a sentence with a status and, since version 2.3, a mode.
+/// Quality of a sentence with a status and, since version 2.3, a mode.
 fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
     let by_mode = mode.map_or(1, |m| quality_of(m.encode_utf8(&mut [0; 4])));
     match status {
@@ -52,7 +52,7 @@ fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
         Some(_) | None => by_mode,
     }
 }
-/// Standard deviation at a dilution of 1, m, or why it is no fix.
+/// Standard deviation at a dilution of 1, m, or the reason why it is not a fix.
 pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
     match quality {
         0 => Err(Why::NoFix),
@@ -64,7 +64,7 @@ pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
         }
     }
 }
-/// Whether a heading of THS counts, by its mode: autonomous or estimated, not by hand, simulated or invalid.
+/// Whether a THS heading is valid by its mode: autonomous or estimated, not manual, simulated or invalid.
 pub(super) fn mode_of_ths(mode: Option<char>) -> Result<(), Why> {
     match mode {
         Some('A' | 'E') => Ok(()),
@@ -72,7 +72,7 @@ pub(super) fn mode_of_ths(mode: Option<char>) -> Result<(), Why> {
         Some(_) | None => Err(Why::Invalid),
     }
 }
-/// Half a step of a coordinate that is written with so many decimals of a minute, as a standard deviation, m.
+/// Half a resolution step of a coordinate with this many decimals of a minute, as a standard deviation, m.
 fn resolution(coordinate: Option<&&str>) -> f64 {
     let decimals = coordinate
         .and_then(|c| c.split_once('.'))
@@ -82,7 +82,7 @@ fn resolution(coordinate: Option<&&str>) -> f64 {
 fn rad(degrees: Option<f32>) -> Option<f64> {
     degrees.map(|d| f64::from(d).to_radians())
 }
-/// A heading, rad, or the reason for its absence.
+/// Heading, rad, or the reason why there is none.
 fn in_turn(degrees: Option<f32>) -> Result<f64, Why> {
     let degrees = degrees.ok_or(Why::Empty)?;
     match (0.0..=360.0).contains(&degrees) {
@@ -114,13 +114,14 @@ impl NmeaDecoder {
             self.with_height(address, place, sd, height, out);
         }
     }
-    /// Standard deviation, m, with the navigational status: U alone marks a position whose integrity is below what was set.
+    /// Standard deviation, m, considering the navigational status. Only U marks a position whose integrity is below the
+    /// required level.
     fn by_status(&mut self, sd: Result<f64, Why>, status: Option<char>) -> Result<f64, Why> {
         let is_unsafe = status == Some('U');
         self.account.unsafe_positions += u64::from(is_unsafe && sd.is_ok());
         sd.map(|sd| if is_unsafe { sd.max(UNSAFE_SD) } else { sd })
     }
-    /// A position with a height above the sea and perhaps the sea's above the ellipsoid.
+    /// Adds a position with a height above the sea and, if stated, that of the sea above the ellipsoid.
     fn with_height(
         &mut self,
         address: &str,
@@ -129,7 +130,7 @@ impl NmeaDecoder {
         (altitude, separation): (Option<f32>, Option<f32>),
         out: &mut Vec<SourceMeasurement>,
     ) {
-        // One that is empty or none is not waited for any more.
+        // An empty or invalid height is not waited for any longer.
         if let Some(e) = self.epoch.as_mut() {
             e.levelled = true;
         }
@@ -137,7 +138,7 @@ impl NmeaDecoder {
             Ok((place, sd)) => {
                 let position = self.position(place, sd, altitude, separation);
                 if let Some(e) = self.epoch.as_mut() {
-                    // A position of RMC in the same epoch has no height.
+                    // RMC's position in the same epoch has no height.
                     if !e.position.is_some_and(|p| p.has_height()) {
                         e.position = Some(position);
                     }
@@ -154,7 +155,7 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
-    /// The place of a sentence and its standard deviation, m, where its device is not another than the chosen one.
+    /// Position of a sentence and its standard deviation, m, unless another device is selected.
     fn usable(
         &mut self,
         address: &str,
@@ -214,7 +215,7 @@ impl NmeaDecoder {
             self.flat(address, place, sd, out);
         }
     }
-    /// A position without a height: it stands in where no sentence of the epoch has one.
+    /// Adds a position without a height, used if no sentence of the epoch has one.
     fn flat(
         &mut self,
         address: &str,
@@ -242,7 +243,7 @@ impl NmeaDecoder {
         match (verdict, velocity(knots, s.course_true)) {
             (Err(why), _) => self.leave_out(address, why),
             (Ok(_), None) => self.leave_out(address, Why::Empty),
-            // RMC of this epoch has it as well; where VTG leads, it is of the next.
+            // RMC of this epoch has the velocity as well; if VTG leads, it belongs to the next one.
             (Ok(_), Some(_))
                 if !self.attribution.leads(0)
                     && self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) =>
@@ -275,7 +276,7 @@ impl NmeaDecoder {
         let deviation = variation(s.deviation, s.deviation_ew);
         self.magnetic(address, s.heading_mag, deviation, out);
     }
-    /// `true = magnetic + deviation + variation`, east positive. It stands in where no heading from true north comes.
+    /// `true = magnetic + deviation + variation`, east positive. Used if no true heading is available.
     pub(super) fn magnetic(
         &mut self,
         address: &str,
@@ -305,7 +306,7 @@ impl NmeaDecoder {
         self.untimed(Untimed::Heading(heading, sd), out);
     }
     pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {
-        // Degrees a minute, to starboard positive.
+        // Degrees per minute, to starboard positive.
         match (rad(s.rate_of_turn), s.valid) {
             (Some(r), Some('A')) => match self.is_used(TURNS, address, ([r / 60.0, 0.0], 1.0), false) {
                 true => self.untimed(Untimed::Rate(r / 60.0), out),
@@ -331,7 +332,7 @@ impl NmeaDecoder {
             return;
         };
         let at_ns = e.at_ns;
-        // The quality of its fixes does not count: a gyrocompass needs none.
+        // The fix quality is ignored, since a gyrocompass needs no fix.
         if s.imu_alignment == Some(0) {
             return self.left_out(address, Why::Invalid);
         }
@@ -340,7 +341,7 @@ impl NmeaDecoder {
             Some((roll, pitch)) if !self.is_used(TILTS, address, ([roll, pitch], sd), false) => {
                 self.left_out(address, Why::Spare);
             }
-            // A second attitude of the same time is counted where measurements are admitted.
+            // A second attitude with the same time is counted when measurements are admitted.
             Some((roll, pitch)) => {
                 let fix = self.tilt([roll, pitch], s.heave.map(f64::from), sd);
                 out.push(SourceMeasurement::new(at_ns, fix));
@@ -384,7 +385,7 @@ impl NmeaDecoder {
             None => self.leave_out(address, Why::Empty),
         }
     }
-    /// True North Technologies: heading (magnetic), pitch, roll, deg, each followed by its state, N where it is normal.
+    /// True North Technologies: heading (magnetic), pitch, roll, deg, each followed by its state; N is normal.
     pub(super) fn ptnthpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let normal = |k: usize| fields.get(k) == Some(&"N");
         match number(fields, 4).zip(number(fields, 2)) {
@@ -395,8 +396,8 @@ impl NmeaDecoder {
             None => self.leave_out(address, Why::Empty),
         }
     }
-    /// Receivers with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas show one of pitch and
-    /// roll, and zero for the other, which is no measurement.
+    /// Receivers with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas measure either
+    /// pitch or roll; the other one is zero and not a measurement.
     pub(super) fn hpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let [heading, pitch, roll] = [1, 2, 3].map(|k| number(fields, k));
         let quality = number(fields, 4);
@@ -415,8 +416,8 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
-    /// Trimble: AVR, time, yaw, its name, tilt, its name, roll, its name, range, quality: 2 float, 3 fixed. By the mounting the
-    /// tilt is of pitch or of roll: it is not used.
+    /// Trimble: AVR, time, yaw, its name, tilt, its name, roll, its name, range, quality: 2 float, 3 fixed. The tilt is
+    /// not used, since it is pitch or roll depending on the mounting.
     pub(super) fn avr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let (yaw, quality) = (number(fields, 2), number(fields, 9));
         if self.open(address, fields.get(1).copied(), out).is_none() {
@@ -425,7 +426,7 @@ impl NmeaDecoder {
         self.two_antennas(address, yaw, [quality == Some(3.0), quality == Some(2.0)]);
         self.emit(false, out);
     }
-    /// Takes a heading of two antennas, deg, whose carrier solution is fixed, or float; whether it is used.
+    /// Adds a two-antenna heading, deg, with its carrier solution. Returns whether it is used.
     fn two_antennas(&mut self, address: &str, degrees: Option<f64>, [is_fixed, is_float]: [bool; 2]) -> bool {
         match degrees.filter(|d| (0.0..=360.0).contains(d)) {
             Some(_) if is_float => {
@@ -443,7 +444,7 @@ impl NmeaDecoder {
         }
         false
     }
-    /// Angles by their names: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
+    /// Angles by name: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
         let mut any = false;
         let device = Some(self.device(address));
@@ -484,7 +485,7 @@ fn without_height(place: Datum, sd: f64) -> Position {
     }
 }
 
-/// Standard deviation of a position, m: by quality and dilution, and of what its decimals leave out.
+/// Standard deviation of a position, m, from quality, dilution and the resolution of its decimals.
 fn sd_at(quality: u8, sd: f64, hdop: Option<f32>, latitude: Option<&&str>) -> f64 {
     let dilution = match quality {
         DEAD_RECKONING => 1.0,

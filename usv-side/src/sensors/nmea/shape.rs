@@ -1,10 +1,10 @@
-//! Numbers of fields of each kind of sentence: one that is cut off has fewer, one with decimal commas has more.
+//! Number of fields of each kind of sentence. A truncated sentence has fewer, one with decimal commas has more.
 
 use nmea_kit::NmeaFrame;
 
 use super::account::Why;
 
-/// Number of fields of a sentence: what is cut off is shorter, and with decimal commas it is longer.
+/// Minimum and maximum number of fields of a sentence.
 const FIELDS: [(&str, usize, usize); 14] = [
     ("GGA", 14, 14),
     ("GNS", 12, 13),
@@ -21,10 +21,10 @@ const FIELDS: [(&str, usize, usize); 14] = [
     ("PRDID", 0, 3),
     ("HPR", 0, 8),
 ];
-/// Begin and number of fields of Seatex's sentence, and fields of a group of XDR.
+/// First field and number of fields of Seatex's sentence, and fields of an XDR group.
 const PSXN: (&str, usize) = ("23", 5);
 const XDR: usize = 4;
-/// Kinds that are not read and have an attitude or a heading: Hemisphere, Furuno, Septentrio, ComNav, Kongsberg, Unicore.
+/// Unsupported kinds with an attitude or a heading: Hemisphere, Furuno, Septentrio, ComNav, Kongsberg, Unicore.
 const ANGLES: [&str; 11] = [
     "PSAT-HPR",
     "PSAT-INTLT",
@@ -39,23 +39,23 @@ const ANGLES: [&str; 11] = [
     "INSPVAXA",
 ];
 
-/// A kind that is not read has an attitude or a heading.
+/// Whether an unsupported kind has an attitude or a heading.
 pub(super) fn has_angles(name: &str) -> bool {
     ANGLES.iter().any(|known| known.eq_ignore_ascii_case(name))
 }
-/// A sentence without a checksum has all its fields, as far as that is known of its kind.
+/// Whether a sentence without a checksum has all its fields, if their number is known for the kind.
 pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
     let known = FIELDS.iter().find(|(kind, ..)| *kind == frame.sentence_type);
     known.is_none_or(|(_, min, _)| frame.fields.len() >= *min)
 }
-/// A sentence has more fields than are known of its kind; empty ones at its end do not count.
+/// Checks that a sentence has no more fields than known for its kind, not counting empty ones at the end.
 pub(super) fn is_shifted(frame: &NmeaFrame<'_>) -> Result<(), Why> {
     let (kind, fields) = (frame.sentence_type, &frame.fields);
     let count = fields.iter().rposition(|f| !f.is_empty()).map_or(0, |k| k + 1);
     let of_kind = FIELDS.iter().find(|known| known.0 == kind).map(|known| known.2);
     let known = match kind {
         "PSXN" if fields.first() == Some(&PSXN.0) => Some(PSXN.1),
-        // Its groups are whole; an empty name may end it.
+        // Groups are complete; an empty name may follow.
         "XDR" => (count % XDR != 0 && !(fields.len().is_multiple_of(XDR) && count + 1 == fields.len()))
             .then_some(count / XDR * XDR),
         _ => of_kind,

@@ -1,15 +1,16 @@
-//! Agreement of a rate with the quantity whose rate it is: over each interval, the integral of the rate against the change.
+//! Agreement of a rate with the quantity that it belongs to: the integral of the rate over an interval is compared with
+//! the change of the quantity.
 //!
-//! Single values decide nothing: over a short step the noise of the quantity is larger than its change. An interval
-//! averages it, and the channel is left out only when most intervals of a window disagree, so that a jump of the quantity
-//! itself does not count against its rate.
+//! Single values are not sufficient, because over a short step the noise of the quantity exceeds its change. An
+//! interval averages the noise. The channel is rejected only if most intervals of a window disagree, so that a jump of
+//! the quantity does not count against its rate.
 
 use alight_shared::time::{Time, VesselClock};
 
 use super::verdict::{ChannelState, Doubt, Taken};
 
-/// Fraction of a window's intervals that disagree before the rate is left out. The rate of a sensor that is late by a tenth
-/// of the motion's period disagrees in half of them.
+/// Fraction of disagreeing intervals of a window above which the rate is rejected. The rate of a sensor that lags by a
+/// tenth of the motion's period disagrees in half of them.
 const MAX_DISAGREEING: f64 = 0.6;
 
 /// Lengths of a comparison.
@@ -17,22 +18,22 @@ const MAX_DISAGREEING: f64 = 0.6;
 pub(super) struct Lengths {
     /// Length of an interval, s.
     pub(super) interval_s: f64,
-    /// Longest time between two values, s: over longer ones the rate is not known.
+    /// Maximum time between two values, s; beyond it the rate is unknown.
     pub(super) step_s: f64,
-    /// Intervals of a window.
+    /// Number of intervals of a window.
     pub(super) window: u32,
 }
 
-/// A rate in two components against a quantity `P`.
+/// Comparison of a rate with two components and a quantity `P`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Agreement<P> {
     pub(super) verdict: ChannelState,
     lengths: Lengths,
-    /// Begin of the interval.
+    /// Start of the interval.
     begin: Option<(Time<VesselClock>, P)>,
     last: Option<(Time<VesselClock>, [f64; 2])>,
     integral: [f64; 2],
-    /// Intervals of the window, those of them that disagree, and the sum of their squared differences.
+    /// Number of intervals in the window, number of disagreeing ones, and sum of their squared differences.
     intervals: u32,
     disagreeing: u32,
     squares: f64,
@@ -40,7 +41,6 @@ pub(super) struct Agreement<P> {
 }
 
 impl<P: Copy> Agreement<P> {
-    /// Without a value yet.
     pub(super) fn new(lengths: Lengths) -> Self {
         Agreement {
             verdict: ChannelState::default(),
@@ -54,8 +54,8 @@ impl<P: Copy> Agreement<P> {
             since: None,
         }
     }
-    /// Takes a quantity and its rate, or the reason why the rate is impossible by itself. `compare` gives the difference
-    /// of the integral from the change of the quantity, and whether it is too large; None where the interval shows nothing.
+    /// Adds a quantity and its rate, or the reason why the rate is impossible. `compare` returns the integral minus the
+    /// change of the quantity, and whether it is too large. None if the interval gives no information.
     pub(super) fn take(
         &mut self,
         at: Time<VesselClock>,

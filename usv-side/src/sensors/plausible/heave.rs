@@ -1,37 +1,38 @@
-//! Plausibility of a heave: bounds of what waves do, and the mean and the trend of a motion whose mean is zero.
+//! Plausibility of heave: physical bounds of waves, and mean and trend of a zero-mean motion.
 //!
-//! A heave sensor integrates its acceleration twice and filters off what is slow, so in waves its mean over many periods
-//! is zero. Over a window of length L, a wave of amplitude a and period T has a trend of up to `6 a T / (pi L)` (the
-//! regression of a sine): 0.95 a for a swell of 20 s in the shortest window, less than twice its standard deviation. The
-//! slow error of a good sensor adds as much. An unfiltered integral, a sensor that reports another quantity and one that
-//! stands far off are beyond it.
+//! A heave sensor integrates its acceleration twice and removes slow components, so in waves its mean over many periods
+//! is zero. Over a window of length L, a wave of amplitude a and period T has a trend of up to `6 a T / (pi L)`
+//! (regression of a sine): 0.95 a for a 20 s swell in the shortest window, less than twice its standard deviation. The
+//! slow error of a good sensor adds as much. An unfiltered integral, a sensor of another quantity, or a constant offset
+//! exceeds the limit.
 
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 
-/// Largest heave of a hull, m: half of the height of the highest waves that were measured (29 m, RRS Discovery 2000,
-/// Holliday and others 2006).
+/// Maximum heave of a hull, m: half the height of the highest measured waves (29 m, RRS Discovery 2000, Holliday and
+/// others 2006).
 const MAX_HEAVE_M: f64 = 15.0;
-/// Fastest heave, m/s: a deep-water wave of the limiting steepness 1/7 moves the water by `g T / 14`, 8 m/s at 11.4 s.
+/// Maximum heave rate, m/s: a deep-water wave of the limiting steepness 1/7 moves the water at `g T / 14`, 8 m/s at
+/// 11.4 s.
 const MAX_RATE_MPS: f64 = 8.0;
-/// Change that a coarse clock or a late message explains, m.
+/// Change explained by a coarse clock or a late message, m.
 const JUMP_M: f64 = 1.0;
-/// Parts of a window, and their length, s: the sums of a part are kept together.
+/// Number of blocks of a window, and their length, s. Sums are kept per block.
 const BLOCKS: usize = 6;
 const BLOCK_S: f64 = WINDOW_S / BLOCKS as f64;
-/// Parts of the shortest window that is tested while the heave is used: two periods of a swell of 20 s.
+/// Number of blocks of the shortest window that is tested while the heave is used: two periods of a 20 s swell.
 const MIN_BLOCKS: usize = 4;
-/// Values of the smallest window that is tested.
+/// Minimum number of values in a window that is tested.
 const MIN_VALUES: f64 = 20.0;
-/// Values further apart are not of one window, s.
+/// Maximum gap within a window, s.
 const MAX_GAP_S: f64 = 5.0;
-/// Change of the mean within a window, and mean, that are always permitted, m: the slow error of a good sensor, and a
-/// reference point that sinks with the load, the speed or a heel.
+/// Permitted mean and change of the mean within a window, m: the slow error of a good sensor, and a reference point
+/// that sinks with load, speed or heel.
 const DRIFT_M: f64 = 0.5;
 const MEAN_M: f64 = 1.0;
-/// More of both that is permitted, in standard deviations of the motion about its trend, and of the sensor's stated error.
-/// A slow error of a seventh of the significant height with a memory of 40 s passes for hours.
+/// Additional permitted mean and change, in standard deviations of the motion about its trend, and of the sensor's
+/// stated error. A slow error of a seventh of the significant height with a memory of 40 s passes for hours.
 const DRIFT_SPREADS: f64 = 4.0;
 const MEAN_SPREADS: f64 = 2.0;
 const STATED: f64 = 4.0;
@@ -80,7 +81,7 @@ impl Sums {
             mean(self.th) - t * h,
             mean(self.hh) - h * h,
         );
-        // Times that are spread evenly over a length have a twelfth of its square as their variance.
+        // The variance of uniformly spread times is a twelfth of the squared length.
         (tt > 0.0).then(|| {
             let slope = th / tt;
             [h, slope, (hh - slope * th).max(0.0).sqrt(), (12.0 * tt).sqrt()]
@@ -88,21 +89,21 @@ impl Sums {
     }
 }
 
-/// A heave over the newest window.
+/// Heave over the newest window.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Heave {
     pub(super) verdict: ChannelState,
     last: Option<(Time<VesselClock>, f64)>,
-    /// Begin of the window's first block, and the newest value's time.
+    /// Start of the window's first block, and time of the newest value.
     window: Option<(Time<VesselClock>, Time<VesselClock>)>,
     block: Sums,
     ring: [Sums; BLOCKS],
-    /// Blocks completed since the begin.
+    /// Number of blocks completed since the start.
     blocks: usize,
 }
 
 impl Heave {
-    /// Takes a heave (m) with its stated standard deviation (m).
+    /// Adds a heave (m) with its stated standard deviation (m).
     pub(super) fn take(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> Taken {
         let oldest = at - Span::from_secs(WINDOW_S + BLOCK_S);
         let since = self.window.map_or(at, |(begin, _)| begin.max(oldest));
@@ -119,7 +120,7 @@ impl Heave {
             since: loses.then_some(since),
         }
     }
-    /// Reason why a value is impossible by itself.
+    /// Reason why a single value is impossible.
     fn doubt(&mut self, at: Time<VesselClock>, heave: f64) -> Option<Doubt> {
         let last = self.last.take();
         if !(-MAX_HEAVE_M..=MAX_HEAVE_M).contains(&heave) {
@@ -131,7 +132,7 @@ impl Heave {
         let most = JUMP_M + MAX_RATE_MPS * (at - then).abs().secs();
         (change.abs() > most).then_some(Doubt::Jump(change))
     }
-    /// Takes a possible value; true when the channel is left out from now on.
+    /// Adds a possible value. Returns true if the channel is rejected from now on.
     fn add(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
         let begin = match self.window {
             Some((begin, newest)) if (at - newest).secs() > -1.0 && (at - newest).secs() <= MAX_GAP_S => {
@@ -175,7 +176,6 @@ impl Heave {
         };
         self.verdict.judge(at, doubt)
     }
-    /// Begins a window.
     fn clear(&mut self) {
         *self = Heave {
             verdict: self.verdict,

@@ -1,4 +1,4 @@
-//! Parts of a measurement that are left out by themselves, and the texts about them.
+//! Parts of a measurement that can be removed separately, and the texts about them.
 
 use alight_shared::msg::NOT_MEASURED_SD;
 
@@ -6,14 +6,14 @@ use super::standstill::Channel;
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
-/// Channels that are left out by themselves.
+/// Channels that can be removed separately.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Part {
     /// Heave of an attitude.
     Heave,
-    /// Angular rates of an attitude, by its roll and pitch.
+    /// Angular rates of an attitude, compared with its roll and pitch.
     Rates,
-    /// Rate of turn, by the heading.
+    /// Yaw rate, compared with the heading.
     YawRate,
     /// Rate of turn of a heading.
     RateOfTurn,
@@ -23,15 +23,13 @@ pub(super) enum Part {
     Height,
     /// Latitude and longitude of a fix.
     Place,
-    /// Roll and pitch, and the attitude with them.
+    /// Roll and pitch, and the whole attitude with them.
     Tilt,
-    /// A heading as a whole.
     Heading,
-    /// An inertial sample as a whole.
     Force,
 }
 
-/// Texts about a part: name, unit, its number in an SI unit, quantity of comparison, channels that are used, remedy.
+/// Texts about a part: name, unit, its size in SI, quantity of comparison, channels that remain in use, remedy.
 pub(super) struct Texts {
     pub(super) name: &'static str,
     pub(super) unit: &'static str,
@@ -42,7 +40,7 @@ pub(super) struct Texts {
 }
 
 impl Part {
-    /// Takes the channel out of a measurement; false where it is not in it.
+    /// Removes the channel from a measurement. Returns false if the measurement does not have it.
     pub(super) fn leave_out(self, m: &mut Measurement) -> bool {
         match (self, m) {
             (Part::Heave, Measurement::Attitude(m)) => m.heave.take().is_some(),
@@ -79,11 +77,11 @@ impl Part {
             ) => false,
         }
     }
-    /// Without this part nothing of its measurement is used.
+    /// Whether the whole measurement is unusable without this part.
     pub(super) const fn is_whole(self) -> bool {
         matches!(self, Part::Tilt | Part::Heading | Part::Force)
     }
-    /// The channel whose standstill is this part's.
+    /// Channel whose standstill applies to this part.
     pub(super) const fn channel(self) -> Option<Channel> {
         Some(match self {
             Part::Heave => Channel::Heave,

@@ -1,11 +1,12 @@
-//! Channels that repeat their numbers bit by bit while the boat moves: a driver that repeats its last sentence, an instrument
-//! that aligns itself, a field that no instrument fills.
+//! Detection of channels that repeat the same number while the boat moves: a driver that repeats its last sentence, an
+//! instrument that is aligning, a field without a sensor.
 //!
-//! Swings of any channel of any sensor of the boat are the witnesses: a value that turns, and turns again, by more than its
-//! noise. A manoeuvre does not turn back; waves do, twice a period. Each swing implies a smallest movement of the other
-//! channels. A channel stands still when several swings, each of which implies clearly more than the channel's resolution,
-//! leave its numbers as they are. The resolution is the smallest of its newest changes; a channel that never changed is
-//! taken for a coarse one; a heading of exactly zero from the start is a placeholder, for which a tenth of that is enough.
+//! Evidence of motion comes from swings of any channel of any sensor: a value that reverses twice by more than its
+//! noise. A manoeuvre does not reverse; waves do, twice per period. Each swing implies a minimum movement of the other
+//! channels. A channel stands still if its numbers do not change during several swings, each of which implies clearly
+//! more than the channel's resolution. The resolution is the smallest recent change. A channel that never changed is
+//! assumed to be coarse; a heading of exactly zero from the start is a placeholder, for which a tenth of that
+//! resolution is assumed.
 
 use core::f64::consts::PI;
 
@@ -16,7 +17,7 @@ use alight_shared::time::{Time, VesselClock};
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
-/// Channels that may stand still, in the order of their evidence.
+/// Channels that may stand still, in order of their evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Channel {
     Tilt,
@@ -29,26 +30,27 @@ pub(super) enum Channel {
 }
 const CHANNELS: usize = 7;
 
-/// Smallest time, number of equal values and of swings before a channel stands still. A gateway that repeats a sensor of 1 Hz
-/// is below the time.
+/// Minimum time, number of equal values and number of swings before a channel stands still. A gateway that repeats a 1
+/// Hz sensor is below the time.
 const STILL_S: f64 = 4.0;
 const STILL_VALUES: u32 = 5;
 const STILL_SWINGS: u32 = 3;
-/// Movement that a swing implies, in resolutions of the channel that should show it.
+/// Minimum movement implied by a swing, in resolutions of the affected channel.
 const CLEARLY: f64 = 2.0;
 /// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s. A tenth of it is
-/// the finest that counts.
+/// the finest resolution considered.
 const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
-/// Numbers this near are the same (rad, m, deg of a place): rotations leave as much of the same angles.
+/// Maximum difference of equal numbers (rad, m, deg of a position): rounding errors of rotations.
 const SAME: f64 = 1e-9;
-/// Factor on the smallest change with every further change: changes of long ago are of another setting.
+/// Factor on the smallest change at each further change: old changes may stem from another setting.
 const FORGETTING: f64 = 1.005;
-/// Way by the velocity of its own fix after which a place stands still, m: places are cut to thousandths of a minute at most.
+/// Distance by the velocity of the same fix after which a position stands still, m. Positions are truncated to
+/// thousandths of a minute at most.
 const WAY_M: f64 = 10.0;
 
-/// Witnesses: their names, and the smallest swing from turn to turn that is no noise, SI. Rates are integrated over some seconds
-/// first: their own turns are those of noise.
+/// Witnesses: names, and minimum peak-to-peak swing above noise, SI. Rates are first integrated over some seconds,
+/// because their own reversals are noise.
 const WITNESSES: [(&str, f64); 7] = [
     ("roll", 0.005),
     ("pitch", 0.005),
@@ -58,33 +60,33 @@ const WITNESSES: [(&str, f64); 7] = [
     ("roll rate", 0.005),
     ("pitch rate", 0.005),
 ];
-/// Time over which a rate is integrated, and longest time between two of its values, s.
+/// Integration time of a rate, and maximum time between two of its values, s.
 const RATE_S: f64 = 3.0;
 const MAX_STEP_S: f64 = 0.35;
-/// Further, the swing of a height in its standard deviations.
+/// Minimum swing of a height, additionally in its standard deviations.
 const HEIGHT_SDS: f64 = 6.0;
-/// A swing that takes longer, or has a longer gap, is no wave, s.
+/// Maximum duration of a swing or of a gap in it, s; beyond it, the motion is not a wave.
 const MAX_SWING_S: f64 = 15.0;
-/// Fractions of a movement that go over into another, chosen low: a hull follows the slope of a wave, rolls while it yaws and
-/// yaws while it rolls, and heaves with the wave that makes it roll.
+/// Fractions of a movement that couple into another, conservatively small: a hull follows the wave slope, rolls while
+/// it yaws, yaws while it rolls, and heaves with the wave that makes it roll.
 const OF_SLOPE: f64 = 0.5;
 const OF_TILT: f64 = 0.5;
 const TILT_OF_YAW: f64 = 0.1;
 const YAW_OF_TILT: f64 = 0.05;
 const HEAVE_OF_TILT: f64 = 0.1;
-/// Steepest wave's slope, rad: beyond it the witness is noise.
+/// Maximum wave slope, rad; beyond it the witness is noise.
 const MAX_SLOPE: f64 = 0.4;
-/// A hull that rolls more slowly heels in her turns, half a period, s.
+/// Maximum half period of roll, s; a slower one is heel in a turn.
 const MAX_ROLL_S: f64 = 4.0;
 const G: f64 = 9.81;
 
-/// A channel that stands still: since when, its first number (SI), and the witness that moves meanwhile.
+/// Channel that stands still: start, first number (SI), and the witness that moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Standstill {
     pub(super) since: Time<VesselClock>,
     pub(super) value: f64,
     pub(super) by: &'static str,
-    /// This is the first value of it.
+    /// First value of the standstill.
     pub(super) is_new: bool,
 }
 
@@ -98,14 +100,14 @@ impl Still {
     }
 }
 
-/// The newest numbers of a channel, and what moved while they stayed the same.
+/// Newest numbers of a channel, and the movement of others while they stayed the same.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     numbers: [f64; 4],
     since: Time<VesselClock>,
     newest: Time<VesselClock>,
     count: u32,
-    /// Smallest of its newest changes; None before the first.
+    /// Smallest recent change; None before the first.
     step: Option<f64>,
     swings: u32,
     way_m: f64,
@@ -163,17 +165,17 @@ impl Repetition {
     }
 }
 
-/// Turns of a witness.
+/// Reversals of a witness.
 #[derive(Clone, Copy, Debug, Default)]
 struct Turns {
     newest: Option<(Time<VesselClock>, f64)>,
-    /// The last turn, the extreme since then, and whether the value rises.
+    /// Last reversal, extreme since then, and whether the value rises.
     turn: Option<(Time<VesselClock>, f64)>,
     extreme: Option<(Time<VesselClock>, f64)>,
     rises: Option<bool>,
 }
 
-/// A swing from one turn to the next: its begin, half its range, and its time, s.
+/// Swing between two reversals: start, half its range, and duration, s.
 #[derive(Clone, Copy, Debug)]
 struct Swing {
     begun: Time<VesselClock>,
@@ -182,7 +184,7 @@ struct Swing {
 }
 
 impl Turns {
-    /// Takes a value; the swing that ends with the last extreme, once the value is back from it by `noise`.
+    /// Adds a value. Returns the swing that ends at the last extreme, once the value has moved back by `noise`.
     fn take(&mut self, at: Time<VesselClock>, x: f64, noise: f64) -> Option<Swing> {
         let gap_s = self.newest.map_or(0.0, |(then, _)| (at - then).secs());
         if !(0.0..MAX_SWING_S).contains(&gap_s) || !x.is_finite() {
@@ -192,7 +194,7 @@ impl Turns {
         self.newest = Some((at, x));
         let (then, extreme) = *self.extreme.get_or_insert((at, x));
         let Some(rises) = self.rises else {
-            // The first value may lie between two turns.
+            // The first value may lie between two reversals.
             if (x - extreme).abs() > 0.5 * noise {
                 (self.rises, self.turn, self.extreme) = (Some(x > extreme), self.extreme, self.newest);
             }
@@ -217,7 +219,7 @@ impl Turns {
 }
 
 impl Swing {
-    /// Smallest movement of each channel that this swing of a witness implies, SI.
+    /// Minimum movement of each channel implied by this swing of a witness, SI.
     fn implied(&self, witness: usize) -> [f64; CHANNELS] {
         let (a, w) = (self.amplitude, PI / self.half_s);
         let slope = a * w * w / G;
@@ -241,21 +243,21 @@ impl Swing {
 struct Sensor {
     channels: [Option<Repetition>; CHANNELS],
     turns: [Turns; WITNESSES.len()],
-    /// Heading without its jump at north, rad.
+    /// Heading without wrapping, rad.
     course: Option<f64>,
-    /// Integrals of the rates of roll and pitch, rad, and the rates' newest time.
+    /// Integrals of the roll and pitch rates, rad, and the newest time.
     integrals: [f64; 2],
     rated: Option<Time<VesselClock>>,
 }
 
-/// The channels of all sensors of a boat.
+/// Channels of all sensors of a boat.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Movement {
     sensors: Vec<Sensor>,
 }
 
 impl Movement {
-    /// Takes a measurement of a sensor of this number; its channels that stand still.
+    /// Adds a measurement of the sensor with this number. Returns its channels that stand still.
     pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Still {
         let k = usize::from(number);
         if self.sensors.len() <= k {
@@ -296,7 +298,7 @@ impl Sensor {
             }
         }
     }
-    /// The newest seconds of rates, integrated, rad.
+    /// Integral of the rates over the newest seconds, rad.
     fn integrate(&mut self, at: Time<VesselClock>, rates: [f64; 2]) -> [f64; 2] {
         let dt = self.rated.replace(at).map_or(0.0, |then| (at - then).secs());
         if !(0.0..MAX_STEP_S).contains(&dt) {
@@ -312,7 +314,7 @@ impl Sensor {
         self.integrals = core::array::from_fn(|k| finite(kept * (self.integrals[k] + rates[k] * dt)));
         self.integrals
     }
-    /// Takes a measurement; the swings that it ends, each with its witness.
+    /// Adds a measurement. Returns the swings that it completes, each with its witness.
     fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 5] {
         let at = m.at();
         let mut found = [None; 5];

@@ -1,49 +1,48 @@
-//! The verdict on a channel of a sensor, with hysteresis, and counts of the values that are left out of it.
+//! Verdict on a sensor channel, with hysteresis, and counts of the rejected values.
 
 use alight_shared::time::{Time, VesselClock};
 
 use super::standstill::Standstill;
 
-/// Length of the window in which a channel loses or regains its credit, s: six waves of 10 s.
+/// Length of the window in which a channel is rejected or accepted again, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;
-/// Values within a window that are impossible each by itself, after which the channel is left out: a single one is one
+/// Number of individually impossible values within a window after which the channel is rejected. A single one is a
 /// damaged message.
 const MAX_IMPOSSIBLE: u32 = 5;
 
-/// Reason why values of a channel are left out, in the channel's SI unit.
+/// Reason for rejecting values of a channel, in the channel's SI unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Doubt {
     /// A value beyond its bound.
     Beyond(f64),
-    /// A change from one value to the next beyond its bound.
+    /// A change between two values beyond its bound.
     Jump(f64),
     /// A drift of the mean, per minute.
     Drift(f64),
-    /// A mean that is not zero, as it is in waves.
+    /// A non-zero mean of a quantity that has zero mean in waves.
     Mean(f64),
-    /// The root mean square of its difference from the rate of change of another channel.
+    /// Root mean square difference from the rate of change of another channel.
     Disagreement(f64),
-    /// An unchanged number until then while another channel moves.
+    /// A constant number, until the given time, while another channel moves.
     Standstill(Standstill, Time<VesselClock>),
-    /// Gravity so far from down.
+    /// Angle between gravity and down.
     Axes(f64),
 }
 
-/// The fate of one value.
+/// Result for one value.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taken {
-    /// It is used.
+    /// The value is used.
     pub(super) believed: bool,
-    /// The channel is left out from now on, by values since then.
+    /// The channel is rejected, starting with values from this time on.
     pub(super) since: Option<Time<VesselClock>>,
 }
 
-/// The state of a channel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ChannelState {
     out: bool,
     doubt: Option<Doubt>,
-    /// Impossible values, and the time of the first of them in their window and of the newest.
+    /// Number of impossible values in their window, time of the first and of the newest.
     impossible: u32,
     first: Option<Time<VesselClock>>,
     newest: Option<Time<VesselClock>>,
@@ -52,16 +51,16 @@ pub(super) struct ChannelState {
 }
 
 impl ChannelState {
-    /// The channel is left out now.
+    /// Whether the channel is rejected at present.
     pub(super) fn is_out(&self) -> bool {
         self.out
     }
-    /// Newest reason, number of values left out, and of all.
+    /// Newest reason, number of rejected values, and number of all values.
     pub(super) fn account(&self) -> Option<(Doubt, u64, u64)> {
         let doubt = self.doubt.filter(|_| self.left_out > 0)?;
         Some((doubt, self.left_out, self.taken))
     }
-    /// Takes a value that is impossible by itself; true when the channel is left out from now on.
+    /// Adds an impossible value. Returns true if the channel is rejected from now on.
     pub(super) fn reject(&mut self, at: Time<VesselClock>, doubt: Doubt) -> bool {
         if !is_recent(self.first, at) {
             (self.first, self.impossible) = (Some(at), 0);
@@ -72,8 +71,8 @@ impl ChannelState {
         self.out |= loses;
         loses
     }
-    /// Takes the result of a test over a window; true when the channel is left out from now on. A channel that passes
-    /// returns, once no value has been impossible for a window.
+    /// Adds the result of a test over a window. Returns true if the channel is rejected from now on. A channel that
+    /// passes is accepted again once no value has been impossible for a window.
     pub(super) fn judge(&mut self, at: Time<VesselClock>, doubt: Option<Doubt>) -> bool {
         let was_out = self.out;
         match doubt {
@@ -93,7 +92,7 @@ impl ChannelState {
     }
 }
 
-/// Less than a window before or after.
+/// Whether two times are less than a window apart.
 fn is_recent(then: Option<Time<VesselClock>>, at: Time<VesselClock>) -> bool {
     then.is_some_and(|t| (at - t).abs().secs() < WINDOW_S)
 }
