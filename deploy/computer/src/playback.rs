@@ -1,4 +1,4 @@
-//! A log computed again: recorded inputs through new nodes, outputs compared bit for bit, each step shown.
+//! Replay of a log: recorded inputs through new nodes, outputs compared bit for bit, each step shown to observers.
 
 use core::any::Any;
 
@@ -28,51 +28,49 @@ use crate::record::reading::LogStep;
 use crate::record::{BASELINE_FILE, WORLD};
 use crate::terminal::note;
 
-/// The tick of a recording's times, as in lock-step, ns.
+/// Tick of a recording's times, as in lock-step, ns.
 const TICK_NS: i64 = 10_000_000;
 
-/// Draws a flight that is computed again.
+/// Plots a replayed flight.
 pub trait Plot: StepObserver {
-    /// Writes what it was shown to its file.
+    /// Writes the plot to its file.
     fn write(&self) -> Result<(), CliError>;
 }
 
-/// Shows a flight to people while it is computed, held back to real time.
+/// Shows a replayed flight to viewers, held back to real time.
 pub trait Viewer: StepObserver {
-    /// The flight has ended: whoever looks on sees its last picture for a little longer.
+    /// The flight has ended; viewers see its last picture for a little longer.
     fn linger(&self);
 }
 
-/// Deck and drone, where they are known.
+/// Geometry of deck and drone, if known.
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
-/// Starts the view of a flight that is computed, under a name; also gives the lines with its addresses.
+/// Starts the view of a replayed flight under a name; also returns the lines with its addresses.
 pub type StartViewer<'a> =
     &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
 
-/// Result of one node's replay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeReplay {
     pub node: String,
-    /// Steps replayed.
     pub steps: u64,
     /// A recording's time of the first step whose output differs, s.
     pub differs_at_s: Option<f64>,
-    /// The number of that step, from 0 on.
+    /// Number of that step, from 0.
     pub differs_at_step: Option<u64>,
 }
 
-/// The law of a recorded planner that the drone does not carry, from what a recording has of it.
+/// Law of a recorded planner that the drone does not carry, built from the recording.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// The starts of a log that observers are shown: those of rows, as their data flow.
+/// The starts of a log that observers see: those of rows, in the order of the data flow.
 pub fn shown(log: &Log) -> Vec<PartHeader> {
     let mut rows: Vec<_> = log.starts.iter().filter(|s| s.rank().is_some()).collect();
     rows.sort_by_key(|s| s.rank());
     rows.into_iter().map(|s| s.header.clone()).collect()
 }
 
-/// Replays the log before the eyes of who looks on, to whom its times are moved by `shift`.
+/// Replays the log and shows each step to the observers, its times moved by `shift`.
 pub fn replay(
     log: &Log,
     law: ForeignLaw<'_>,
@@ -88,7 +86,7 @@ pub fn replay(
     let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
     let mut computed = Computed::default();
     log.steps(order, |at, t, step| {
-        // The topics for people are thinned out on ticks; the node's own time is in the step.
+        // Topics for viewers are thinned out on ticks; the step keeps the node's own time.
         let t = t + shift;
         let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
         match &mut players[at] {
@@ -107,16 +105,16 @@ pub fn replay(
     Ok(replayed)
 }
 
-/// A start of a process that is computed again.
+/// A start of a process that is replayed.
 struct Player {
-    /// None: not any further.
+    /// None after the first step that is missing or differs in its inputs.
     node: Option<Box<dyn Replayed>>,
     replayed: NodeReplay,
     has_time: bool,
 }
 
 impl Player {
-    /// None of the world, and of a start that lacks a part of what it computes from.
+    /// None for the world, and for a start of which a part of the input is not recorded.
     fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
@@ -142,7 +140,7 @@ impl Player {
             has_time,
         }))
     }
-    /// A step: up to the first that is missing, without which the node's state is not known.
+    /// Replays a step. The first missing step ends the replay, because the node's state is unknown after it.
     fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -197,7 +195,7 @@ fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
     Ok(by_hash.then(|| "has its images recorded by their hashes (recorder.images)".into()))
 }
 
-/// The node of a start as it began.
+/// The node of a start in its initial state.
 fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
     if start.header.process == SUPERVISOR {
         let limits = toml::from_str(&start.header.config).doing(start.name())?;
@@ -216,7 +214,7 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
     })
 }
 
-/// Makes the node of a start as it began.
+/// Makes the node of a start in its initial state.
 #[derive(Clone, Copy)]
 struct Beginning<'a> {
     log: &'a Log,
@@ -259,10 +257,10 @@ impl uav::RowVisitor for Beginning<'_> {
     }
 }
 
-/// A node that is computed again.
+/// A node that is replayed.
 trait Replayed {
-    /// One recorded step; whether its output is the same. An input that names a forecast or plan that the replay has
-    /// not computed is a difference.
+    /// Replays one recorded step; true when the output is the same. An input that names a forecast or plan which the
+    /// replay has not computed counts as a difference.
     fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -313,7 +311,7 @@ impl<N: Wired> Replayed for ReplayedNode<N> {
     }
 }
 
-/// Its steps are not shown: it is no row.
+/// Its steps are not shown: the supervisor is no row.
 impl Replayed for SupervisorNode {
     fn step(
         &mut self,
@@ -421,7 +419,7 @@ mod tests {
             "{}",
             why(3)
         );
-        // No recording holds the key.
+        // A recording does not hold the key.
         let secret: Vec<u8> = (0..32)
             .map(|k| u8::from_str_radix(&KEY[2 * k..2 * k + 2], 16).unwrap())
             .collect();

@@ -37,7 +37,7 @@ struct Shared {
     places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
-/// Bus of one computer, as used by one of its rows or by an outside observer.
+/// Bus of one computer, for one of its rows or for an outside observer.
 #[derive(Clone, Default)]
 pub struct LockStep {
     shared: Rc<RefCell<Shared>>,
@@ -52,7 +52,7 @@ fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
 }
 
 impl LockStep {
-    /// The bus as used by this row.
+    /// The bus for this row.
     pub fn of(&self, row: ProcessKind) -> LockStep {
         LockStep {
             shared: Rc::clone(&self.shared),
@@ -91,14 +91,14 @@ impl LockStep {
         };
         typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
-    /// A sender, whose opening cannot fail.
+    /// A sender; opening it cannot fail.
     pub fn sender<M: Plain>(&self) -> LockStepSender<M> {
         LockStepSender {
             ring: self.ring(),
             place: self.place(BusSide::Written),
         }
     }
-    /// A receiver of the messages sent from now on; its opening cannot fail.
+    /// A receiver of the messages sent from now on; opening it cannot fail.
     pub fn receiver<M: Plain>(&self) -> Receiver<M> {
         let ring = self.ring();
         let read = ring.borrow().sent;

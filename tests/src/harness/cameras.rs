@@ -1,4 +1,5 @@
-//! The drone's cameras in lock-step: images are rendered and delivered late. They are the edge of the drone's rows.
+//! The drone's cameras in lock-step: images are rendered, and delivered after a delay. They are the edge of the drone's
+//! rows.
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
@@ -33,7 +34,7 @@ impl ImageDelay {
         mut render: impl FnMut(&Shot) -> Option<GreyImage>,
     ) -> CameraIn {
         for shot in shots {
-            // A full line drops the newest image.
+            // A full delay line drops the newest image.
             let _full = self.line.push(shot.t + self.latency, *shot);
         }
         let frame = |shot: Shot| {
@@ -49,10 +50,10 @@ impl ImageDelay {
     }
 }
 
-/// Exposure and gain by night, which the drone's metering sets.
+/// Exposure and gain at night, set by the drone's metering.
 struct NightExposure {
     metering: Metering,
-    /// Number of exposures begun; `metered` counts the images that were metered.
+    /// Number of exposures begun; `metered` counts the metered images.
     begun: u64,
     metered: u64,
 }
@@ -60,7 +61,7 @@ struct NightExposure {
 impl NightExposure {
     fn new(night: &NightConfig, longest_s: f64) -> NightExposure {
         let [exposure_s, gain] = night.ranges(longest_s);
-        // The setting by day.
+        // The daytime setting.
         let start = Setting {
             exposure_s: exposure_s.low,
             gain: gain.low,
@@ -138,7 +139,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// Images of the belly camera that have arrived by `t`; exposures of `shots` begin now.
+    /// Images of the belly camera that have arrived by `t`; the exposures of `shots` begin now.
     pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();

@@ -1,5 +1,5 @@
-//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in their order,
-//! and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
+//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in
+//! order, and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
 
 mod steps;
 
@@ -37,22 +37,21 @@ use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
 use alight_uav::mission::MissionConfig;
 
-/// Plans under way at a time.
+/// Most plans in the delay line.
 const MAX_PLANS: usize = 64;
-/// Packets that wait for a bridge that stands still, at most.
+/// Most packets that wait for a frozen bridge.
 const MAX_WAITING: usize = 4096;
-/// A vessel of the same identity counts its starts from here.
+/// First boot id of a second vessel with the same identity.
 const TWIN_BOOT: u32 = 1000;
 
-/// From a drone to the vessel.
+/// Message from a drone to the vessel.
 #[derive(Clone, Debug)]
 pub(super) enum Uplink {
     TimeRequest(TimeRequest<DroneClock>),
     Status(DroneStatus),
 }
 
-/// Senders on the bus from outside the rows: operators, plans whose solve time is over, detections where models stand for
-/// cameras.
+/// Senders outside the rows: operators, plans whose solve time is over, detections from measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -63,7 +62,7 @@ struct Outside {
 
 impl Outside {
     fn join(bus: &LockStep) -> Outside {
-        // Models measure in the place of cameras.
+        // Measurement models replace the cameras.
         let camera = bus.of(ProcessKind::Camera);
         Outside {
             commands: bus.sender(),
@@ -76,7 +75,7 @@ impl Outside {
 }
 
 readers! {
-    /// Receivers on the bus from outside the rows.
+    /// Receivers outside the rows.
     struct Observer {
         odometry: DroneState,
         autopilot: AutopilotState,
@@ -86,67 +85,64 @@ readers! {
     }
 }
 
-/// A drone's end of the radio, its computer and what it flies.
+/// A drone's radio, its computer and its autopilot.
 pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
-    /// The boot id with which its processes began, and of each that was started since.
+    /// Boot id of the first processes, and of the newest start.
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
-    /// Processes of the computer; None: one is dead.
+    /// Processes of the computer; None for a dead one.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
-    /// Processes that stand still.
+    /// Frozen processes.
     frozen: Vec<ProcessKind>,
-    /// Packets that wait for a bridge that stands still.
+    /// Packets that wait for a frozen bridge.
     pub(super) waiting: Vec<Packet>,
     cameras: Option<SimulatedCameras>,
     /// The autopilot and the wire to it; None before the drone has appeared.
     pub(super) linked: Option<LinkedAutopilot>,
-    /// Decoder of its own GNSS receiver's bytes, and bytes for that.
+    /// Decoder for its own GNSS receiver, and bytes to send to the receiver.
     receiver: ReceiverDecoder,
     corrections: Vec<u8>,
     /// Reading that a stuck rangefinder repeats, m.
     repeated_range_m: Option<f64>,
     /// Lead of its steady clock over the drawn one.
     pub(super) ahead: Span,
-    /// A person has given it the mode once.
+    /// The pilot has switched it to our mode once.
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
     /// All of its processes are dead.
     pub(super) is_dead: bool,
-    /// The computer stood still until then.
+    /// End of the newest freeze of the computer.
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
-    /// A plan takes so much longer than that.
+    /// Additional solve time of a plan.
     pub(super) slower: Span,
     outside: Outside,
     observer: Observer<LockStep>,
-    /// The defect of its nodes.
+    /// Defect of its nodes.
     mutant: Option<Mutant>,
-    /// The vessel's clock is so far ahead of this one's since the start.
+    /// Lead of the vessel's clock over this one since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// Faults of its sensors; None: never any.
+    /// Faults of its sensors; None if no fault ever occurs.
     spoiled: Option<Spoiled>,
-    /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
+    /// Offset of a second vessel with the same identity, m north of the first; 0: no second vessel.
     twin_m: f64,
-    /// It stands still as a whole.
+    /// The whole computer is frozen.
     stands_still: bool,
-    /// The newest odometry, as the bridge's process reads it.
+    /// The newest odometry, as read by the bridge's process.
     pub odometry: Option<DroneState>,
-    /// The mission's newest state.
     pub mission_state: MissionState,
-    /// The newest forecast.
     pub forecast: Option<DeckForecast>,
     autopilot_state: AutopilotState,
-    /// The newest set-point.
     pub last_set_point: Option<SetPoint>,
 }
 
-/// Another vessel's packet under this one's identity; none of what is no estimate.
+/// The packet as another vessel with the same identity would send it; None if it is not an estimate.
 fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<DroneClock, Packet>> {
     if packet.value.kind != RadioTopic::Estimate {
         return None;
@@ -162,7 +158,7 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
     Some(Stamped::new(packet.at, value))
 }
 
-/// A forced descent begins within this time of being steady, s.
+/// Time from being steady within which a forced descent begins, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
 /// Configurations of the nodes of drone `k` in this scenario.
@@ -188,7 +184,7 @@ fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     Row::join(&bus.of(N::KIND), node).ok()
 }
 
-/// Starts a process as it is installed, the planner with the law that flies.
+/// Starts a process as installed; the planner has the law under test.
 fn start(
     rows: &mut DroneRows<LockStep>,
     process: ProcessKind,
@@ -201,7 +197,7 @@ fn start(
     }
 }
 
-/// The row where its process lives, `runs` and steps at `now`.
+/// The row, if its process lives, `runs` and has a step due at `now`.
 fn due<N: Wired>(
     row: &mut Option<Row<N, LockStep>>,
     runs: bool,
@@ -287,7 +283,7 @@ impl SimulatedDroneComputer {
         }
     }
 
-    /// So much fails of it from now on.
+    /// Applies these faults from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.frozen.clone_from(&failing.frozen.processes);
         self.stands_still = failing.frozen.computer;
@@ -312,13 +308,13 @@ impl SimulatedDroneComputer {
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
     }
-    /// A test flies it: this stands in place of the pilot's set-points.
+    /// A test flies the drone: this set-point replaces the pilot's.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
         self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
     }
 
-    /// A process dies; the others live on.
+    /// Kills a process; the others continue.
     pub(super) fn kill(&mut self, process: ProcessKind) {
         self.rows.kill(process);
         if process == ProcessKind::Bridge {
@@ -326,7 +322,7 @@ impl SimulatedDroneComputer {
         }
         self.frozen.retain(|p| *p != process);
     }
-    /// Restarts the process, with or without its predecessor's checkpoint; not where its supervisor is dead.
+    /// Restarts the process, with or without its predecessor's checkpoint, unless its supervisor is dead.
     pub(super) fn start(
         &mut self,
         process: ProcessKind,
@@ -368,7 +364,7 @@ impl SimulatedDroneComputer {
         self.start_row(ProcessKind::Mission, nodes);
         self.start_row(ProcessKind::Autopilot, nodes);
     }
-    /// Gives what starts next a new boot id, and the published checkpoints, or none.
+    /// Draws a new boot id for the next starts, and publishes the checkpoints or discards them.
     fn begin_boot(&mut self, checkpoints: Checkpoints, physics: &Physics) {
         self.kept.take(physics.drone_now(self.k) + self.ahead);
         self.boot += 1;
@@ -376,7 +372,7 @@ impl SimulatedDroneComputer {
             *self.kept.keeper_mut() = Keeper::default();
         }
     }
-    /// A new computer in the place of this one, on the same drone.
+    /// Replaces this computer by a new one on the same drone.
     fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
         *self.kept.keeper_mut() = before.kept.keeper().clone();
@@ -384,13 +380,13 @@ impl SimulatedDroneComputer {
         (self.ahead, self.apart) = (before.ahead, before.apart);
         (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
     }
-    /// Restarts its steady clock, and keeps the checkpoints that lie on the disk.
+    /// Restarts its steady clock, and keeps the checkpoints on the disk.
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
         *self.kept.keeper_mut() = self.kept.keeper().lasting();
     }
-    /// An operator gives its mission a command.
+    /// Gives its mission an operator's command.
     pub(super) fn command(&mut self, kind: CommandKind, physics: &mut Physics) {
         let header = self.header(physics);
         self.outside.commands.send(&Command { header, kind });
@@ -407,7 +403,7 @@ impl SimulatedDroneComputer {
         self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
             self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
-            // The mode is not given to it again.
+            // The pilot does not switch the mode again.
             self.handed_over = true;
         }
     }
@@ -420,7 +416,7 @@ impl SimulatedDroneComputer {
     pub fn autopilot_is_aligned(&self) -> bool {
         self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
     }
-    /// Counts of what the radio carried and lost: to the drone, to the vessel.
+    /// Packets that the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
@@ -429,12 +425,11 @@ impl SimulatedDroneComputer {
         let boot = self.boots.get(&process).copied().unwrap_or(self.first_boot);
         (self.runs(process), boot)
     }
-    /// A process runs.
     fn runs(&self, process: ProcessKind) -> bool {
         !self.frozen.contains(&process)
     }
 
-    /// One step of each row in their order; of the link's a second one, with the pilot's set-point.
+    /// Steps each row in order, and the link a second time with the pilot's set-point.
     pub(super) fn tick(
         &mut self,
         physics: &mut Physics,
@@ -445,14 +440,14 @@ impl SimulatedDroneComputer {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
         if self.stands_still {
-            // What comes by radio and wire waits, and bears the time of its reading.
+            // Data from radio and wire wait, and are stamped when they are read.
             self.stood_still_until = t;
             let _lost = physics.drone_readings(self.k);
             return;
         }
         let packets = self.packets(physics);
         if self.is_dead {
-            // What arrives is lost.
+            // Readings are lost.
             let _lost = physics.drone_readings(self.k);
             let _lost = self.linked.as_mut().map(|linked| linked.received(t));
             return;
@@ -478,7 +473,7 @@ impl SimulatedDroneComputer {
         self.look(now);
     }
 
-    /// Packets that have come by radio, on the drone's clock.
+    /// Packets that have arrived by radio, on the drone's clock.
     fn packets(&mut self, physics: &Physics) -> Vec<Stamped<DroneClock, Packet>> {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let read_from = self.stood_still_until;
@@ -491,10 +486,10 @@ impl SimulatedDroneComputer {
         }
         packets
     }
-    /// Takes note of the newest messages.
+    /// Stores the newest messages.
     fn look(&mut self, now: Time<DroneClock>) {
         let (t, o) = (now.nanos(), &mut self.observer);
-        // None of them is copied without a newer one: they are large.
+        // A message is copied only if it is new, because messages are large.
         o.odometry
             .newest(t)
             .into_iter()
@@ -517,13 +512,13 @@ impl SimulatedDroneComputer {
             .for_each(|m| self.last_set_point = Some(m));
     }
 
-    /// The header of a message of this computer or its operator.
+    /// Header of a message of this computer or its operator.
     pub(super) fn header(&self, physics: &mut Physics) -> Header<DroneClock> {
         let mut header = physics.header(self.k);
         header.at += self.ahead;
         header
     }
-    /// For so long the drone was armed on the deck without an order when the mission last published, s.
+    /// Time for which the drone was armed on the deck without an order when the mission last published, s.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, armed) = (&self.mission_state, self.autopilot_state.armed);
         let disarm_s = self.nodes.autopilot.disarm.longest_s();
@@ -531,5 +526,5 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// The world's time and the computer's.
+/// World time and time of the computer.
 type Moment = (Time<TrueTime>, Time<DroneClock>);

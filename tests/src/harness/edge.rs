@@ -2,7 +2,7 @@
 
 use alight_shared::bus::{Bus, Edge, Ports as _, Wired};
 
-/// An edge of two closures: one adds to the row's input, the other takes from its output, before the bus, what leaves
+/// An edge of two closures: one adds to the row's input; the other takes from its output, before the bus, what leaves
 /// the computer.
 struct Ends<R, W>(R, W);
 
@@ -16,7 +16,7 @@ impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for 
     }
 }
 
-/// The edge of a row of `N` with these two closures.
+/// Edge of a row of `N` with these two closures.
 pub(super) fn edge<N: Wired>(
     read: impl FnMut(&mut N::In),
     write: impl FnMut(&N::In, &mut N::Out),

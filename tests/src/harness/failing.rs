@@ -1,5 +1,5 @@
-//! Faults of the world that last: processes that stand still, measurements that do not come or are wrong,
-//! a radio that loses, rotors that are weak. What happens once (a kill, a jump, an order) is a call of [`super::world::World`].
+//! Lasting faults of the world: frozen processes, missing or wrong measurements, radio losses, weak rotors.
+//! Instantaneous events (a kill, a jump, an order) are calls of [`super::world::World`].
 
 use core::cell::RefCell;
 use std::rc::Rc;
@@ -22,77 +22,69 @@ use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 use crate::sensors::moving_base::MovingBaseFaults;
 
-/// Present faults of the first drone, the vessel and the radio between them; none at first.
+/// Present faults of the first drone, the vessel and the radio between them; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Failing {
-    /// Processes that stand still.
+    /// Frozen processes.
     pub frozen: Frozen,
-    /// The radio: to the drone, to the vessel.
+    /// Faults of the radio: to the drone, to the vessel.
     pub radio: [ChannelFault; 2],
-    /// The vessel's sensors.
     pub vessel: VesselSensorFaults,
-    /// The drone's own.
     pub drone: DroneSensorFaults,
-    /// The drone's receiver with a moving base.
+    /// Faults of the drone's receiver with a moving base.
     pub moving_base: MovingBaseFaults,
-    /// Faults of the autopilot.
     pub autopilot: AutopilotFaults,
-    /// A defect of the drone's nodes.
     pub mutant: Option<Mutant>,
-    /// Fraction of its thrust that the first rotor lacks, and that all lack, 0 to 1.
+    /// Fraction of thrust that the first rotor lacks, and that all rotors lack, 0 to 1.
     pub weak: [f64; 2],
-    /// So much faster than true time the steady clocks run, the vessel's and the drone's, s/s; -1: one stands still.
+    /// Rate error of the steady clocks of vessel and drone, s/s; -1 stops the clock.
     pub clock_rates: [f64; 2],
     /// Force and moment on the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
     pub wake_nm: f64,
-    /// A plan takes so much longer, s.
+    /// Additional solve time of a plan, s.
     pub solve_s: f64,
-    /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
+    /// Offset of a second vessel with the same identity, m north of the first; 0: no second vessel.
     pub twin_m: f64,
 }
 
-/// Processes that stand still, and computers.
+/// Frozen processes and computers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// Processes of the drone: what reaches one meanwhile waits, as much as its topics hold.
+    /// Processes of the drone; their input waits, up to the capacity of its topics.
     pub processes: Vec<ProcessKind>,
     /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
-    /// The vessel's: orders wait, measurements are lost.
+    /// The vessel's computer: orders wait, measurements are lost.
     pub vessel: bool,
 }
 
-/// Faults of the vessel's sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VesselSensorFaults {
-    /// No inertial sample comes.
     pub imu_lost: bool,
-    /// No fix comes.
     pub gnss_lost: bool,
-    /// No heading comes.
     pub heading_lost: bool,
-    /// Headings are so far off, rad.
+    /// Error of headings, rad.
     pub heading_off_rad: f64,
-    /// Every second heading is so far off, rad: two devices on one bus.
+    /// Error of every second heading, rad: two devices on one bus.
     pub heading_mixed_rad: f64,
-    /// Fixes are so far north, and so high, m.
+    /// Error of fixes to the north and up, m.
     pub gnss_off_m: [f64; 2],
-    /// Inertial samples, fixes, headings repeat the first one that did.
+    /// Inertial samples, fixes and headings repeat their first value.
     pub stuck: [bool; 3],
-    /// The rate about the vessel's x is so far off, rad/s.
+    /// Error of the rate about the vessel's x axis, rad/s.
     pub gyro_off_radps: f64,
-    /// Specific force is not measured beyond this, m/s2; 0: no bound.
+    /// Bound of the measured specific force, m/s2; 0: no bound.
     pub clip_mps2: f64,
-    /// Measurements arrive so late, s, and are stamped then.
+    /// Delay of measurements, s; they are stamped on arrival.
     pub late_s: f64,
-    /// The inertial sensor was turned about the vessel's x, rad.
+    /// Rotation of the inertial sensor about the vessel's x axis, rad.
     pub mounting_rad: f64,
 }
 
 impl VesselSensorFaults {
-    /// Applies the faults to readings; `held` has the first of each that is stuck.
+    /// Applies the faults to readings; `held` stores the first value of each stuck sensor.
     pub fn spoil(&self, readings: &mut Readings, held: &mut HeldReadings) {
         if self.imu_lost {
             readings.imu.clear();
@@ -145,7 +137,7 @@ impl VesselSensorFaults {
     }
 }
 
-/// The vessel's readings stamped so much later.
+/// Adds `by` to the stamps of the vessel's readings.
 pub fn shift(readings: &mut Readings, by: Span) {
     readings.imu.iter_mut().for_each(|m| m.header.at += by);
     readings.gnss.iter_mut().for_each(|m| m.header.at += by);
@@ -161,39 +153,37 @@ pub struct HeldReadings {
     heading: Option<HeadingFix>,
 }
 
-/// Faults of the drone's camera and rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DroneSensorFaults {
-    /// Nothing is detected.
+    /// No detections.
     pub blind: bool,
-    /// No range comes.
+    /// No ranges.
     pub range_lost: bool,
-    /// Ranges repeat the first one that did.
+    /// Ranges repeat their first value.
     pub range_stuck: bool,
-    /// Ranges are so much too long, m.
+    /// Error of ranges, m; positive is too long.
     pub range_off_m: f64,
-    /// Ranges are 0, as of a device that measures nothing and does not report that.
+    /// Ranges are 0, as from a device that measures nothing and does not report that.
     pub range_zero: bool,
-    /// Fraction of detections that is lost.
+    /// Lost fraction of detections.
     pub lost: f64,
-    /// Detections scatter by this more, m: images are smeared.
+    /// Additional standard deviation of detections, m: images are smeared.
     pub scatter_m: f64,
-    /// Every third detection is of a tag so far to the right in the image, m.
+    /// Offset of the tag in every third detection, m to the right in the image.
     pub false_tag_m: f64,
-    /// Images are stamped so late, s.
+    /// Delay of the images' stamps, s.
     pub images_late_s: f64,
-    /// Offset of another vessel, whose deck the cameras see instead, from this one, NED, m.
+    /// Offset of another vessel, whose deck the cameras detect in place of this one's, NED, m.
     pub neighbour_offset_m: [f64; 3],
 }
 
 impl DroneSensorFaults {
-    /// Applies the faults to detections of tags.
     fn spoil_tags(&self, tags: &mut Vec<TagPose>) {
         tags.retain(|m| !self.blind && by_chance(m.header.sequence, 0) >= self.lost);
         for m in tags {
             let n = m.header.sequence;
             for (axis, p) in (1..).zip(&mut m.position) {
-                // Uniform with the standard deviation of 1.
+                // Uniform with a standard deviation of 1.
                 *p += self.scatter_m * 12.0_f64.sqrt() * (by_chance(n, axis) - 0.5);
             }
             if n % 3 == 0 {
@@ -201,11 +191,11 @@ impl DroneSensorFaults {
             }
         }
     }
-    /// Applies the faults to fixes by markers.
+    /// Applies the faults to fixes from markers.
     fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
         fixes.retain(|_| !self.blind);
     }
-    /// Applies the faults to ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
+    /// Applies the faults to ranges; `repeated_m` is the range that a stuck rangefinder repeats, m.
     pub(super) fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
@@ -225,10 +215,10 @@ impl DroneSensorFaults {
     }
 }
 
-/// The faults of a drone's sensors as they are now, which wrappers between the cameras and the bus read.
+/// Present faults of a drone's sensors, read by wrappers between the cameras and the bus.
 pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
-/// Lets cameras fail by what `faults` are at the time.
+/// Installs wrappers that apply the present `faults` to the cameras' messages.
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     let tag = |m: &mut TagPose, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
     spoil_detections(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
@@ -236,7 +226,6 @@ pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     spoil_detections(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
 }
 
-/// Applies the faults to the detections of a camera's row.
 fn spoil_detections<M: Plain>(
     bus: &LockStep,
     row: ProcessKind,
@@ -259,12 +248,12 @@ fn spoil_detections<M: Plain>(
 /// Delay and offset of detections.
 struct DetectionShift {
     late: Span,
-    /// Camera axes, m.
+    /// In camera axes, m.
     offset: Vector3<f64>,
 }
 
 impl DetectionShift {
-    /// Delay and offset for a drone with this attitude, by its autopilot.
+    /// Delay and offset for a drone with this attitude, as estimated by its autopilot.
     fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> DetectionShift {
         let offset = attitude.inverse() * Vector3::from(faults.neighbour_offset_m);
         DetectionShift {
@@ -281,7 +270,7 @@ impl DetectionShift {
     }
 }
 
-/// Uniform in 0 to 1 by a message's number: the same in each flight of a list.
+/// Uniform in 0 to 1 by the message's number, so that it is equal in each flight of a list.
 fn by_chance(sequence: u32, axis: u32) -> f64 {
     let mixed = sequence
         .wrapping_mul(4)
@@ -293,21 +282,19 @@ fn by_chance(sequence: u32, axis: u32) -> f64 {
 /// Faults of the autopilot and the wire to it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotFaults {
-    /// It sends nothing.
     pub silent: bool,
-    /// Nothing passes the cable.
+    /// The cable passes no bytes.
     pub cut: bool,
-    /// Messages with these numbers are not sent.
+    /// Ids of messages that are not sent.
     pub muted: Vec<u32>,
-    /// It answers every command so instead of obeying.
+    /// Result with which it answers every command instead of executing it.
     pub answer: Option<CommandResult>,
-    /// It reports no battery.
     pub no_battery: bool,
-    /// It reports the battery that it had, or toggles by this charge above it.
+    /// The reported charge is frozen, or toggles by this amount above the frozen value.
     pub battery_stuck: Option<f64>,
     /// Additional drain of its battery, 1/s.
     pub drain_per_s: f64,
-    /// It reports this landed state.
+    /// Landed state that it reports.
     pub landed_report: Option<LandedState>,
     /// Drift of its position to the north, m/s, as under a slow spoof.
     pub drift_mps: f64,
@@ -317,7 +304,7 @@ pub struct AutopilotFaults {
     pub data_link_lost: bool,
 }
 
-/// Thrust fractions of weakened rotors, `[first, all]` being the fraction that the first lacks, and that all lack.
+/// Thrust fractions of weakened rotors; `[first, all]` are the fractions that the first rotor lacks, and that all lack.
 pub(super) fn weakened([first, all]: [f64; 2], motors: [f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
     let mut weak = motors.map(|m| m * (1.0 - all));
     if let Some(motor) = weak.first_mut() {

@@ -33,12 +33,12 @@ const CONTACT_S: f64 = 0.5;
 /// Ticks to the end of the longest forecast: 4 s, at an age of up to 0.1 s.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
-/// The world's sea and vessel, ahead of the world by [`AHEAD`] ticks. Drones do not move its deck, and it does not know
-/// a course that a descent changes.
+/// The world's sea and vessel, simulated ahead of the world by [`AHEAD`] ticks. Drones do not move its deck, and a
+/// change of course that a descent causes is not part of it.
 pub(super) struct Foresight {
     config: ForesightConfig,
     ahead: Physics,
-    /// One state per tick; the oldest is that of `from`.
+    /// One state per tick; the oldest is that at `from`.
     states: VecDeque<RigidState<Deck>>,
     from: Time<TrueTime>,
 }

@@ -23,7 +23,7 @@ pub enum Checkpoints {
     Lost,
 }
 
-/// One direction of the wire: bytes arrive in order, after a varying delay.
+/// One direction of the wire: bytes arrive in order, after a random delay.
 pub struct Wire {
     delay: Span,
     jitter: Span,
@@ -45,7 +45,7 @@ impl Wire {
         }
     }
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
-        // Messages that the dialect does not have are not sent.
+        // Messages that the dialect lacks are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };

@@ -20,7 +20,7 @@ use super::bus::{BusSide, LockStep};
 /// Range below which a mutant stops the motors, m; the legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
 
-/// Silence of the vessel after which a mutant takes the deck for released.
+/// Silence of the vessel after which a mutant assumes that the deck is released.
 const SILENT: Span = Span::from_millis(1500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

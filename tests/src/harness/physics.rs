@@ -1,7 +1,8 @@
-//! The simulated world without any of Alight's nodes: sea, vessel, drones, the sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
+//! The simulated world without any of Alight's nodes: sea, vessel and drones with their sensors. The lock-step
+//! [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Each drone meets the nearest deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
-//! Drones fly through keep-out volumes, which the judge counts.
+//! Each drone has contact with the nearest deck and the water only. Two drones whose spans overlap have collided: the
+//! collision is counted, and they fly on. Drones fly through keep-out volumes; the judge counts these entries.
 
 mod neighbour;
 
@@ -35,18 +36,17 @@ use crate::sensors::noise::Noise;
 use crate::sensors::outlet::SenderIdentity;
 use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
-/// The world's tick.
 pub const TICK: Span = Span::from_millis(10);
 /// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
-/// Identity of the first simulated drone; the others count on.
+/// Identity of the first simulated drone; the others have the following numbers.
 pub const DRONE_ID: u32 = 1;
 /// Boot id of the simulated vehicles' own computers.
 pub const BOOT: u32 = 1;
-/// A contact further below the deck's surface than this is with its side, m.
+/// Depth below the deck's surface beyond which a contact is with the deck's side, m.
 const BELOW_SURFACE_M: f64 = 0.05;
 
-/// One drone: its body once it has appeared, its sensors, what it has met.
+/// One drone: its body once it has appeared, its sensors, its contacts.
 struct Plant {
     identity: SenderIdentity,
     streams: Streams,
@@ -58,7 +58,7 @@ struct Plant {
     contacts: Vec<ContactEvent>,
     in_water: bool,
     motors_on: bool,
-    /// Overlaps another drone now, and how often it began to.
+    /// Whether it overlaps another drone, and the number of such overlaps so far.
     touches_drone: bool,
     collisions: u32,
 }
@@ -91,8 +91,8 @@ impl Plant {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
-    /// Moves on by a tick from `t` while the deck goes from `own[0]` to `own[1]`, and another boat's likewise: the drone meets the
-    /// nearer one.
+    /// Advances by a tick from `t` while the deck moves from `own[0]` to `own[1]`, and another boat's deck likewise:
+    /// the drone has contact with the nearer one.
     fn advance(
         &mut self,
         t: Time<TrueTime>,
@@ -126,15 +126,15 @@ impl Plant {
     }
 }
 
-/// Truth, and what measures it. Drones are counted from 0; what belongs to one of them asks for its number
-/// and gives nothing for a number that no drone has.
+/// Truth, and the sensors that measure it. Drones are counted from 0; methods of one drone take its number and return
+/// None for a number without a drone.
 pub struct Physics {
     t: Time<TrueTime>,
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
     neighbour: Option<Neighbour>,
-    /// Origin of the true NED; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
     place: Option<Datum>,
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
@@ -146,7 +146,7 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// The truth of `seed` before the warm-up.
+    /// Truth of `seed` before the warm-up.
     pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
         let streams = seed.into();
@@ -193,7 +193,7 @@ impl Physics {
         })
     }
 
-    /// A drone appears in the air, at a place of the scenario.
+    /// Places a drone in the air, at a position of the scenario.
     pub fn place_drone(&mut self, k: usize) {
         let Some(plant) = self.drones.get_mut(k) else {
             return;
@@ -251,24 +251,24 @@ impl Physics {
             }
         }
     }
-    /// Something holds a foot of a drone down with so much, N: a strap, a net.
+    /// Holds a foot of a drone down with this force, N, as a strap or a net does.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.snag(foot, newton);
         }
     }
-    /// A drone stands on a pad where the scenario places it, motors off.
+    /// Places a drone on a pad at the scenario's position, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
         self.stand_on_pad(k);
     }
-    /// A drone stands on a pad where it is, motors off.
+    /// Places a drone on a pad at its present position, motors off.
     pub fn stand_on_pad(&mut self, k: usize) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.stand();
         }
     }
-    /// The simulated autopilot of a drone that is in the air, in a pilot's mode, with its configuration.
+    /// Simulated autopilot of an airborne drone, in a pilot's mode, with its configuration.
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
@@ -291,27 +291,27 @@ impl Physics {
         autopilot.range_limits_m = [rangefinder.min_range_m, rangefinder.max_range_m];
         autopilot.start(&plant.streams);
         if let Some(place) = self.place {
-            // Still water is at the place's height.
+            // The still water is at the height of the place.
             autopilot.begin_at(place, plant.origin, place.height_m);
         }
         Some((&c.autopilot, autopilot))
     }
 
-    /// The vessel's sensors, now.
+    /// Readings of the vessel's sensors now.
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// Bytes of the vessel's receiver (RTCM 3) that have arrived by now, where it is a moving base.
+    /// Bytes of the vessel's receiver (RTCM 3) that have arrived by now, if it is a moving base.
     pub fn vessel_rtcm(&mut self) -> Vec<u8> {
         self.vessel_sensors.rtcm(self.t)
     }
-    /// Whole frames of the moving base reach a drone's receiver.
+    /// Passes whole frames of the moving base to a drone's receiver.
     pub fn receive_rtcm(&mut self, k: usize, bytes: &[u8]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
         plant.for_each(|p| p.sensors.receive_rtcm(t, bytes));
     }
-    /// The first drone's receiver has these faults from now on.
+    /// Sets the faults of the first drone's receiver.
     pub fn fail_moving_base(&mut self, faults: MovingBaseFaults) {
         let first = self.drones.first_mut().into_iter();
         first.for_each(|p| p.sensors.fail_moving_base(faults));
@@ -328,21 +328,21 @@ impl Physics {
         }))
     }
 
-    /// The vessel's course turns or changes its speed a drawn time from now, where it is such a course: its helmsman knows
-    /// of no drone, so the nodes have none of it.
+    /// Makes the vessel change course or speed after a drawn time, if its course is of that kind. The helmsman does not
+    /// know of the drone, so the nodes receive no notice.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
     }
-    /// Something pushes the vessel so from now on, N and Nm ([`DeckCarrier::push`]).
+    /// Sets the force and moment on the vessel, N and Nm ([`DeckCarrier::push`]).
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.carrier.push(by_n_nm);
     }
-    /// Vessel and contacts move on by one tick; drones with their motors off.
+    /// Advances vessel and contacts by one tick; the drones' motors are off.
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
     }
-    /// Advances with motors: so many times a tick `motors` is given the number and the state of each drone, and gives
-    /// its motors as fractions of a rotor's maximum thrust; None with all off.
+    /// Advances one tick with motors. Several times a tick, `motors` receives the number and state of each drone and
+    /// returns its motor commands as fractions of a rotor's maximum thrust; None: all off.
     pub fn advance_with(
         &mut self,
         exchanges: u32,
@@ -373,7 +373,7 @@ impl Physics {
         self.t += TICK;
     }
 
-    /// Counts the collisions that begin: spheres as wide as rotors and arms.
+    /// Counts new collisions: spheres as wide as rotors and arms overlap.
     fn collide(&mut self) {
         let scenario = &self.scenario;
         let span_m = 2.0 * (scenario.airframe.arm_m + scenario.drone.airframe.rotor_radius_m);
@@ -404,59 +404,53 @@ impl Physics {
         }
     }
 
-    /// The header of the next message of a drone's own computer or its operator.
+    /// Header of the next message of a drone's own computer or its operator.
     pub fn header(&mut self, k: usize) -> Header<DroneClock> {
         let t = self.t;
         self.drones.get_mut(k).map(|p| p.header(t)).unwrap_or_default()
     }
-    /// When the drones appear.
+    /// Time at which the drones appear.
     pub fn hover_from(&self) -> Time<TrueTime> {
         self.started - Span::from_secs(self.scenario.start.hover_s)
     }
-    /// When the landing is commanded.
+    /// Time of the command to land.
     pub fn started(&self) -> Time<TrueTime> {
         self.started
     }
-    /// Time since the landing was commanded.
+    /// Time since the command to land.
     pub fn time_since_start(&self) -> Span {
         self.t - self.started
     }
-    /// Drones appear on the deck.
+    /// Whether drones appear on the deck.
     pub fn starts_on_deck(&self) -> bool {
         self.scenario.start.on_deck
     }
-    /// True time.
     pub fn now(&self) -> Time<TrueTime> {
         self.t
     }
-    /// The vessel's clock (truth).
     pub fn vessel_clock(&self) -> ClockModel {
         self.vessel_clock
     }
-    /// Time of the vessel's clock.
     pub fn vessel_now(&self) -> Time<VesselClock> {
         self.vessel_clock.read(self.t)
     }
-    /// A drone's clock (truth).
     pub fn drone_clock(&self, k: usize) -> ClockModel {
         self.drones.get(k).map_or(self.vessel_clock, |p| p.identity.clock)
     }
-    /// Time of a drone's clock.
     pub fn drone_now(&self, k: usize) -> Time<DroneClock> {
         self.drone_clock(k).read(self.t)
     }
-    /// The named random streams of this seed.
     pub fn streams(&self) -> &Streams {
         &self.streams
     }
     pub fn sea(&self) -> &Sea {
         &self.sea
     }
-    /// Displacement of the vessel's NED plane by its GNSS now, m.
+    /// Present displacement of the vessel's NED plane by its GNSS, m.
     pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
         self.vessel_sensors.gnss_bias()
     }
-    /// Origin of the true NED; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
     pub fn place(&self) -> Option<Datum> {
         self.place
     }
@@ -468,7 +462,7 @@ impl Physics {
     pub fn deck(&self) -> RigidState<Deck> {
         self.carrier.state().at(self.scenario.deck.centre())
     }
-    /// The deck of another boat with the same tags.
+    /// Deck of another boat with the same tags.
     pub fn neighbour_deck(&self) -> Option<RigidState<Deck>> {
         let n = self.neighbour.as_ref()?;
         Some(n.deck(&self.deck(), &self.scenario))
@@ -477,11 +471,11 @@ impl Physics {
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.carrier.state()
     }
-    /// A drone; None before it appears.
+    /// State of a drone; None before it appears.
     pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
         self.drones.get(k).and_then(Plant::truth)
     }
-    /// A drone and the wind that it meets, NED, m/s, towards; None before it appears.
+    /// State of a drone and the wind that acts on it, NED, m/s, towards; None before it appears.
     pub fn drone_in_wind(&self, k: usize) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
         let drone = self.drones.get(k)?.drone.as_ref()?;
         Some((drone.truth(), drone.wind()))
@@ -495,7 +489,7 @@ impl Physics {
         self.digest
     }
 
-    /// Distance from a drone's body to the nearest keep-out volume, m; negative within one, None without any.
+    /// Distance from a drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
     fn keep_out_gap_m(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
         let place = (deck.attitude.inverse() * (drone.position - deck.position)).0;
         let body = self.scenario.airframe.body_radius_m();
@@ -513,11 +507,10 @@ impl Physics {
         })
     }
 
-    /// Whether a drone touches something now.
     pub fn touches(&self, k: usize) -> bool {
         self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
     }
-    /// Input of the judge of a drone's landing, to which `mission`, its mission's newest state, is added.
+    /// Input for the judge of a drone's landing; `mission` is the newest state of its mission.
     pub fn observation(&self, k: usize, mission: &MissionState) -> TrialObservation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let plant = self.drones.get(k);
@@ -530,7 +523,7 @@ impl Physics {
             relative_euler: [roll, pitch, yaw],
             tilt_error: cos_tilt.clamp(-1.0, 1.0).acos(),
             horizontal_m: (drone.position.0 - deck.position.0).xy().norm(),
-            // Motors that were never started were not stopped.
+            // Motors that never started have not been stopped.
             motors_on: plant
                 .is_none_or(|p| p.motors_on || p.drone.as_ref().is_some_and(SimulatedDrone::on_pad)),
             descending: matches!(mission.state, State::Descent | State::Flare),

@@ -1,4 +1,4 @@
-//! One flight in the simulated world, as tests drive it: commands, faults and measurements at moments.
+//! Test rig of one flight in the simulated world: commands, faults and measurements at chosen times.
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
@@ -10,25 +10,23 @@ use super::tap::{NoTap, Tap};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
 
-/// The world of one flight, and the states that the missions went through.
+/// World of one flight, and the states that its missions have entered.
 pub struct Rig {
     pub world: World,
-    /// Scenario of the world.
     pub scenario: Scenario,
-    /// Configurations of the nodes.
     pub nodes: NodeConfigs,
     /// States of each drone, with the time after the start at which each was entered, s.
     visited: Vec<Vec<(State, f64)>>,
-    /// When the first drone first touched something, after the start, s.
+    /// Time of the first drone's first contact, after the start, s.
     touched_s: Option<f64>,
 }
 
 impl Rig {
-    /// At the start of the flight of `seed`.
+    /// The rig at the start of the flight of `seed`.
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         Rig::tapped(scenario, nodes, seed, &mut NoTap)
     }
-    /// A rig with a warm-up that is shown to a tap.
+    /// A rig whose warm-up is shown to a tap.
     pub fn tapped(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -49,19 +47,19 @@ impl Rig {
             touched_s: None,
         }
     }
-    /// At the start, with the order to land.
+    /// A rig at the start, with the order to land.
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         let mut rig = Rig::new(scenario, nodes, seed)?;
         rig.world.command(CommandKind::Land);
         Ok(rig)
     }
 
-    /// One tick of the world, shown to a tap. At no time may two drones use the deck.
+    /// Advances one tick, shown to a tap. Two drones must never use the deck at the same time.
     pub fn tick(&mut self, tap: &mut impl Tap) {
         self.advance(tap);
         assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
     }
-    /// One tick of the world, whatever the drones do.
+    /// Advances one tick without that check.
     pub fn advance(&mut self, tap: &mut impl Tap) {
         self.world.tick(tap);
         let t_s = self.t_s();
@@ -75,11 +73,11 @@ impl Rig {
             }
         }
     }
-    /// For so long, s.
+    /// Runs for this time, s.
     pub fn run(&mut self, seconds: f64) {
         self.until(seconds, |_| false);
     }
-    /// Until `done`, `limit_s` at most; whether it was done.
+    /// Runs until `done`, at most for `limit_s`; true if it was done.
     pub fn until(&mut self, limit_s: f64, mut done: impl FnMut(&Rig) -> bool) -> bool {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             if done(self) {
@@ -89,7 +87,7 @@ impl Rig {
         }
         done(self)
     }
-    /// Runs with `after` behind every tick until it returns that the flight is over, `limit_s` at most.
+    /// Runs and calls `after` after every tick until it returns that the flight is over, at most for `limit_s`.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             self.tick(&mut NoTap);
@@ -99,7 +97,7 @@ impl Rig {
         }
     }
 
-    /// Begins a fault of this kind and size, as the only one.
+    /// Begins a fault of this kind and size, which replaces all others.
     pub fn begin(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
@@ -110,18 +108,18 @@ impl Rig {
             }
         }
     }
-    /// It is over.
+    /// Ends the fault.
     pub fn end(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(_, end) => end(self, size),
             Effect::Lasting(_) => self.world.fail(&Failing::default()),
         }
     }
-    /// Restarts the vessel's computer, with what it kept.
+    /// Restarts the vessel's computer with its checkpoint.
     pub fn restart_vessel(&mut self) {
         self.world.restart_vessel();
     }
-    /// The crew takes a drone away and restarts it.
+    /// The crew removes a drone and restarts it.
     pub fn restart_drone(&mut self, k: usize) {
         self.world.restart_drone(k);
     }
@@ -130,52 +128,50 @@ impl Rig {
     pub fn t_s(&self) -> f64 {
         self.world.physics().time_since_start().secs()
     }
-    /// A drone's mission.
     pub fn mission(&self, k: usize) -> &MissionState {
         &self.world.drones()[k].mission_state
     }
-    /// State of a drone's mission.
     pub fn state(&self, k: usize) -> State {
         self.mission(k).state
     }
-    /// The states that it went through.
+    /// States that the drone has entered.
     pub fn visited(&self, k: usize) -> Vec<State> {
         self.visited[k].iter().map(|(state, _)| *state).collect()
     }
-    /// When it first entered a state, after the start, s.
+    /// Time of the first entry of a state, after the start, s.
     pub fn first_entered_s(&self, k: usize, state: State) -> Option<f64> {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
     }
-    /// The states that a drone has entered, each with the time after the start, s.
+    /// States that a drone has entered, each with its time after the start, s.
     pub fn entered(&self, k: usize) -> &[(State, f64)] {
         &self.visited[k]
     }
-    /// When the moment of a fault began, after the start, s.
+    /// Time at which the moment of a fault began, after the start, s.
     pub fn moment_s(&self, fault: &Fault) -> Option<f64> {
         fault.moment_s(self.entered(0), self.touched_s)
     }
-    /// Collective thrust that its autopilot commands, 0 to 1.
+    /// Collective thrust that the drone's autopilot commands, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(0.0, SimulatedAutopilot::thrust)
     }
-    /// The thrust that hovers, as its autopilot estimates it, 0 to 1.
+    /// Hover thrust as estimated by the drone's autopilot, 0 to 1.
     pub fn hover_thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(1.0, SimulatedAutopilot::hover_thrust)
     }
-    /// When it entered its state, after the start, s.
+    /// Time at which the drone entered its present state, after the start, s.
     pub fn entered_s(&self, k: usize) -> f64 {
         self.visited[k].last().map_or(0.0, |(_, t_s)| *t_s)
     }
-    /// The first drone has been in this state for so long, s.
+    /// Whether the first drone has been in this state for `after_s`.
     pub fn is_due(&self, state: State, after_s: f64) -> bool {
         self.state(0) == state && self.t_s() >= self.entered_s(0) + after_s
     }
-    /// The drones that are on the way down or stand on the deck.
+    /// Drones that descend or stand on the deck.
     pub fn using_the_deck(&self) -> Vec<usize> {
         let uses = |k: &usize| matches!(self.state(*k), State::Descent | State::Flare | State::Landed);
         (0..self.visited.len()).filter(uses).collect()

@@ -86,8 +86,8 @@ config! {
 }
 
 impl PlaceConfig {
-    /// Four seas: south, west, at the date line, far north; heights of the sea above the ellipsoid as EGM96 has them
-    /// there, within metres.
+    /// Four positions at sea: south, west, at the date line, far north; heights of the sea above the ellipsoid by
+    /// EGM96, within metres.
     pub fn four_seas() -> Self {
         PlaceConfig {
             among: vec![
@@ -99,7 +99,7 @@ impl PlaceConfig {
             ..PlaceConfig::default()
         }
     }
-    /// The one of this seed.
+    /// The position of this seed.
     pub(crate) fn drawn(&self, streams: &Streams) -> Option<Datum> {
         let k = (Noise::new(streams, "place").uniform() * self.among.len() as f64) as usize;
         self.among.get(k).or(self.among.last()).copied()
@@ -178,8 +178,8 @@ config! {
 }
 
 impl Scenario {
-    /// Puts a hull into the world: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and
-    /// sensors stand where its file puts them, and the nodes know it as an installer would have measured it.
+    /// Installs a hull in the world: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and sensors are
+    /// placed as in its file, and the nodes have the values that an installer would measure.
     pub fn install_hull(&mut self, nodes: &mut NodeConfigs, hull: &str) -> Result<(), SetupError> {
         let places = HullFiles::load(hull)?.places;
         self.hull = Some(HullConfig {
@@ -196,14 +196,14 @@ impl Scenario {
         nodes.vessel.imu.lever_arm_m = imu;
         Ok(())
     }
-    /// Makes the world what its configurations describe: the deck, what stands around it, and the drone.
+    /// Sets the world to what its configurations describe: the deck, the obstacles around it, and the drone.
     pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
         (self.deck, self.airframe) = (*deck, *drone);
         self.keep_out_m = around.keep_out_m.clone();
-        // As far as the simulated autopilot goes.
+        // Within the range of the simulated autopilot.
         self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));
     }
-    /// Lets the wind blow that raises such a sea, along its waves.
+    /// Sets the wind that raises this sea, along its waves.
     pub fn raise_wind(&mut self) {
         let wind = &mut self.drone.wind;
         wind.mean_mps = SeaConfig::wind_of_height(self.sea.significant_height());
@@ -211,40 +211,32 @@ impl Scenario {
     }
 }
 
-/// Why a world could not be set up.
+/// Error in the setup of a world.
 #[derive(Debug, Error)]
 pub enum SetupError {
-    /// A configuration is out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The hull cannot be used.
     #[error(transparent)]
     Hull(#[from] HullError),
-    /// The recorded motion cannot be used.
     #[error(transparent)]
     DeckMotion(#[from] DeckMotionError),
 }
 
-/// The configurations of all nodes, as a vessel and a drone install them, and the planner that flies in
-/// the trial.
+/// Configurations of all nodes, as installed on a vessel and a drone, and the planner of the trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
-    /// The vessel's process.
     pub vessel: VesselNodeConfig,
-    /// The vessel's deck arbiter.
     pub deck: DeckConfig,
-    /// The drone's bridge.
     pub bridge: BridgeConfig,
-    /// The drone's link to its autopilot.
     pub autopilot: AutopilotLinkConfig,
-    /// The drone's other processes.
+    /// Settings of the drone's other processes.
     pub drone: DroneSettings,
     /// Baseline that flies in place of the drone's planner.
     pub baseline: Option<Baseline>,
 }
 
 impl NodeConfigs {
-    /// The name of the planner that flies.
+    /// Name of the planner that flies.
     pub fn planner_name(&self) -> &'static str {
         let kind = self.drone.planner.kind;
         self.baseline.map_or_else(|| kind.name(), |b| b.name())
@@ -257,13 +249,13 @@ impl NodeConfigs {
             Some(b) => Planner::with_law(b.law(config, drone), config, drone, deck, boot),
         }
     }
-    /// The drone's settings as the planner needs them.
+    /// The drone's settings for the planner.
     pub fn settings(&self) -> DroneSettings {
         let mut settings = self.drone.clone();
         if let Some(baseline) = &self.baseline {
             settings.mission = baseline.mission(settings.mission);
             settings.predictor = baseline.predictor(settings.predictor);
-            // Which has no wishes of its own.
+            // A baseline has no settings of its own.
             settings.planner.kind = PlannerKind::Alight;
         }
         settings

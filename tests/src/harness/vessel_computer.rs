@@ -23,12 +23,12 @@ use alight_usv::sensors::{
 };
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
-/// Name of the source that gives quantities.
+/// Name of the source of quantities.
 const QUANTITIES: &str = "quantities";
-/// Readings that arrive late, at most: ticks of half a second and more.
+/// Most late readings: ticks of half a second and more.
 const MAX_LATE: usize = 256;
 
-/// Rows of the computer, and who gives it orders.
+/// Rows of the computer, and the orders that it receives.
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
@@ -37,30 +37,30 @@ pub(super) struct VesselSide {
     orders: LockStepSender<CrewOrder>,
     ordered: u32,
     sensors: SensorEdge,
-    /// It stands still: orders wait, what was measured is lost.
+    /// The computer is frozen: orders wait, measurements are lost.
     stands_still: bool,
-    /// Input that has waited meanwhile.
+    /// Input that waits during a freeze.
     waiting: ComputerIn,
 }
 
-/// What the vessel's devices measured by a tick: quantities, and bytes of a moving base.
+/// Measurements of the vessel's devices in a tick: quantities, and bytes of a moving base.
 pub(super) type Measured = (Readings, Vec<u8>);
 
-/// The wires of the vessel's devices, with what these do wrong.
+/// Wires of the vessel's devices, with their faults.
 struct SensorEdge {
     faults: VesselSensorFaults,
     /// Readings that stuck sensors repeat.
     held: HeldReadings,
     /// Readings that arrive late.
     late: DelayLine<Readings>,
-    /// Devices that send bytes; None: they give quantities.
+    /// Devices that send bytes; None: devices give quantities.
     boat: Option<Boat>,
-    /// Number of the source that gives quantities.
+    /// Index of the source of quantities.
     given_by: usize,
 }
 
 impl SensorEdge {
-    /// Readings that arrive at `t` of those measured then.
+    /// Delays the readings measured at `t`; returns those that arrive then.
     fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
@@ -76,7 +76,7 @@ impl SensorEdge {
         }
         arrived
     }
-    /// Input of the sensors' node; `ahead`: of the vessel's clock.
+    /// Input of the sensors' node; `ahead`: lead of the vessel's clock.
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
         shift(&mut readings, ahead);
@@ -128,30 +128,30 @@ impl VesselSide {
     fn start(&mut self, process: ProcessKind) {
         let Ok(()) = self.rows.start(process, &self.bus, (&self.nodes, self.boot));
     }
-    /// Restarts the vessel's process; returns what it kept.
+    /// Restarts the vessel's process; returns its checkpoint.
     pub(super) fn restart_vessel(&mut self) -> Option<VesselCheckpoint> {
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
         self.start(ProcessKind::Vessel);
         kept
     }
-    /// The second row's node; None: its process is dead.
+    /// Node of the second row; None: its process is dead.
     pub(super) fn vessel(&self) -> Option<&VesselComputer> {
         self.rows.vessel.as_ref().map(|row| &row.node)
     }
-    /// The crew gives an order.
+    /// Passes an order of the crew.
     pub(super) fn order(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         self.ordered += 1;
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
     }
-    /// So much fails of it from now on.
+    /// Applies these faults from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// One step of each row with what the devices have measured, the second also with what it has `received`; shown to `look`. Its
-    /// clock is so far `ahead` of what it was drawn as.
+    /// Steps each row with the measurements of the devices, the second also with `received` messages; shows the steps
+    /// to `look`. `ahead` is the lead of its clock over the drawn one.
     pub(super) fn tick(
         &mut self,
         (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
@@ -194,8 +194,9 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, as an installer configures them. The last one gives the quantities of devices without bytes: of
-/// an attitude sensor, or of all devices in a scene without a place on Earth. The kind that arrives soonest determines its latency.
+/// Sources of the scene's vessel, as an installer configures them. The last one gives the quantities of devices without
+/// bytes: of an attitude sensor, or of all devices in a scene without a place on Earth. Its latency is that of the kind
+/// that arrives first.
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
@@ -223,7 +224,8 @@ fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> 
     Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
-/// Measurements that have arrived from devices that give quantities, dated by their clock: of an attitude sensor alone, or `all`.
+/// Measurements that have arrived from devices that give quantities, stamped by their clock: of an attitude sensor
+/// only, or `all`.
 fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

@@ -1,8 +1,8 @@
-//! The simulated world in lock-step with the nodes. [`World::tick`] is the architecture diagram:
-//! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`SimulatedDroneComputer`]) bridge,
-//! predictor, mission, planner, pilot, autopilot link; autopilots and physics at last, in the order data flow.
+//! The simulated world in lock-step with the nodes. [`World::tick`] follows the data flow of the architecture diagram:
+//! the vessel's computer ([`VesselComputer`]); the radio; on each drone's computer ([`SimulatedDroneComputer`]) bridge,
+//! predictor, mission, planner, pilot and autopilot link; then autopilots and physics.
 //!
-//! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
+//! Delays (radio, clocks, solve time, the wire to the autopilot) are part of the world, not of the nodes.
 
 pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
@@ -28,9 +28,9 @@ use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 
-/// A push rises with this time constant, s: as a crew member shifts weight.
+/// Time constant with which a push rises, s: as a crew member shifts weight.
 const PUSH_RISE_S: f64 = 0.4;
-/// A steady clock reads this when the processes of a computer that was without power begin, s.
+/// Reading of a steady clock when the processes start after a loss of power, s.
 const BOOT_S: f64 = 20.0;
 /// Period of the roll of another ship's wake, s.
 const WAKE_S: f64 = 2.5;
@@ -38,31 +38,31 @@ const WAKE_S: f64 = 2.5;
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
-    /// Scenario with which computers restart.
+    /// Scenario for restarts of computers.
     scenario: Scenario,
     nodes: NodeConfigs,
-    /// Foresight, where forecasts have the true motion.
+    /// True motion for the forecasts, if they use it.
     foresight: Option<Foresight>,
     // The vessel's computer.
     vessel: VesselSide,
-    /// Input by its crew, its operators and its former start since the last tick.
+    /// Input from crew, operators and the previous start since the last tick.
     given: ComputerIn,
     operator_sequence: u32,
-    /// Drones report to the vessel, and it grants its deck and passes commands on: the load that a drone which flies alone
-    /// and needs no reservation does without.
+    /// Drones report to the vessel, which grants its deck and relays commands. A single drone that needs no reservation
+    /// saves this load.
     shares_deck: bool,
-    /// Owner of the deck by the vessel's newest grant; 0: free.
+    /// Owner of the deck by the vessel's newest grant; 0: no owner.
     deck_owner: u32,
     // The drones' radios and computers.
     drones: Vec<SimulatedDroneComputer>,
-    /// So much faster than true time the steady clocks run, the vessel's and the first drone's, s/s.
+    /// Rate error of the steady clocks of the vessel and the first drone, s/s.
     clock_rates: [f64; 2],
-    /// Present and coming force and moment on the vessel, N and Nm.
+    /// Present and commanded force and moment on the vessel, N and Nm.
     push: [f64; 6],
     wanted_push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
     wake_nm: f64,
-    /// The vessel's steady clock is so far ahead of what it was drawn as.
+    /// Lead of the vessel's steady clock over the drawn one.
     vessel_ahead: Span,
 }
 
@@ -102,7 +102,7 @@ impl World {
             vessel_ahead: Span::ZERO,
         })
     }
-    /// So much fails from now on, of the first drone and the vessel.
+    /// Applies these faults to the first drone and the vessel from now on.
     pub fn fail(&mut self, failing: &Failing) {
         for (k, drone) in self.drones.iter_mut().enumerate() {
             if k == 0 {
@@ -115,7 +115,7 @@ impl World {
         (self.clock_rates, self.wanted_push, self.wake_nm) =
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
-    /// Runs the vessel's side until the start; the drones appear in the air a little before.
+    /// Runs the vessel's side until the start; the drones appear in the air shortly before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
         while self.warm_up_tick(tap) {}
     }
@@ -142,15 +142,15 @@ impl World {
     pub fn command_to(&mut self, k: usize, kind: CommandKind) {
         self.drones[k].command(kind, &mut self.physics);
     }
-    /// The first drone has lost this fraction of its weight.
+    /// Removes this fraction of the first drone's weight.
     pub fn lighten(&mut self, fraction: f64) {
         self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
     }
-    /// Drones report to the vessel, and it grants its deck and passes commands on, however many there are.
+    /// Makes drones report to the vessel, which grants its deck and relays commands, even for a single drone.
     pub fn share_deck(&mut self) {
         self.shares_deck = true;
     }
-    /// The vessel's operator gives a drone a command.
+    /// Sends a drone a command of the vessel's operator.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
         let now = self.vessel_now();
         self.operator_sequence += 1;
@@ -161,15 +161,15 @@ impl World {
             message: OperatorCommand { header, kind },
         });
     }
-    /// An order of the vessel's crew for the deck.
+    /// Passes an order of the vessel's crew for the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.vessel.order(self.vessel_now(), order);
     }
-    /// The deck's digital inputs have these levels from now on.
+    /// Sets the levels of the deck's digital inputs.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
         self.given.deck_inputs = inputs;
     }
-    /// The crew takes a drone away and restarts it, its computer too: it appears in the air where it began.
+    /// The crew removes a drone and restarts it and its computer: it appears in the air at its start position.
     pub fn restart_drone(&mut self, k: usize) {
         let before = &self.drones[k];
         let radio = before.radio.clone();
@@ -178,21 +178,21 @@ impl World {
         self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
-    /// Something holds a foot of a drone on the deck with so much, N.
+    /// Holds a foot of a drone on the deck with this force, N.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         self.physics.snag(k, foot, newton);
     }
-    /// A person has landed a drone on a pad where it is, and disarmed it.
+    /// A pilot has landed a drone on a pad at its present position, and disarmed it.
     pub fn stand_on_pad(&mut self, k: usize) {
         self.physics.stand_on_pad(k);
         self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
     }
-    /// A drone's autopilot with the link to it; None before it has appeared.
+    /// A drone's autopilot with its link; None before it has appeared.
     pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
         self.drones[k].linked.as_mut()
     }
 
-    /// A process of a drone's computer dies; the others live on.
+    /// Kills a process of a drone's computer; the others continue.
     pub fn kill(&mut self, k: usize, process: ProcessKind) {
         self.drones[k].kill(process);
     }
@@ -200,7 +200,7 @@ impl World {
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
-    /// A drone's supervisor dies, and with it all of its computer's processes.
+    /// Kills a drone's supervisor, and with it all of its computer's processes.
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].kill_all();
     }
@@ -208,37 +208,37 @@ impl World {
     pub fn start_computer(&mut self, k: usize, checkpoints: Checkpoints) {
         self.drones[k].start_all(checkpoints, (&self.scenario, &self.nodes, &self.physics));
     }
-    /// A steady clock goes ahead by this, as after a pause of the machine: the vessel's (None) or a drone's.
+    /// Steps a steady clock ahead, as after a suspend of the computer: the vessel's (None) or a drone's.
     pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
         match drone {
             None => self.vessel_ahead = self.vessel_ahead + by,
             Some(k) => self.drones[k].ahead = self.drones[k].ahead + by,
         }
     }
-    /// A drone's steady clock begins again, as where its computer starts, and of its checkpoints there is what lies on the disk.
+    /// Restarts a drone's steady clock, as a reboot of its computer does; only checkpoints on the disk remain.
     pub fn restart_clock(&mut self, k: usize) {
         let (now, drone) = (self.physics.drone_now(k), &mut self.drones[k]);
         let ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
         drone.restart_clock(now + drone.ahead, ahead);
     }
 
-    /// A test flies a drone from now on: this set-point stands in place of the pilot's.
+    /// A test flies the drone from now on: this set-point replaces the pilot's.
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
-    /// The estimator of a drone's autopilot resets its heading, wrong by this much more, rad.
+    /// Resets the heading in a drone's autopilot, with this additional error, rad.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
         }
     }
-    /// The estimator of a drone's autopilot resets its position, this much further on (m); it counts that or not.
+    /// Resets the position in a drone's autopilot by this vector, m; `counted`: its reset counter counts the reset.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_position(by, counted);
         }
     }
-    /// Restarts the vessel's computer, with what it kept.
+    /// Restarts the vessel's computer with its checkpoint.
     pub fn restart_vessel(&mut self) {
         self.given = ComputerIn {
             checkpoint: self.vessel.restart_vessel(),
@@ -247,19 +247,19 @@ impl World {
         };
     }
 
-    /// The turn or change of speed of the vessel's course that a first descent dates.
+    /// Makes the vessel change course or speed; a first descent triggers this.
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// A drone's radio loses everything for so long from now on, s; infinite for good. The first such time stays.
+    /// Interrupts a drone's radio for this time, s; infinite: permanently. The first outage stays.
     pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
         let from = self.physics.now();
-        // Longer than any trial is for good.
+        // An outage longer than any trial is permanent.
         let until = from + Span::from_secs(lasts_s.min(1e6));
         self.drones[k].radio.set_outage([from, until]);
     }
 
-    /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.
+    /// Advances everything by one tick of 10 ms, shown to a tap, which receives the first drone's nodes.
     pub fn tick(&mut self, tap: &mut impl Tap) {
         let t = self.physics.now();
         tap.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
@@ -294,7 +294,7 @@ impl World {
             self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
         });
     }
-    /// The steady clocks go as fast as they do.
+    /// Advances the steady clocks at their rates.
     fn advance_clocks(&mut self) {
         let [vessel, drone] = self.clock_rates.map(|rate| Span::from_secs(rate * TICK.secs()));
         self.vessel_ahead = self.vessel_ahead + vessel;
@@ -303,7 +303,8 @@ impl World {
             first.apart.set(self.vessel_ahead - first.ahead);
         }
     }
-    /// Pushes the vessel, rising as the crew shifts its weight, and by another ship's wake.
+    /// Applies the push on the vessel, which rises as the crew shifts its weight, and the moment of another ship's
+    /// wake.
     fn push_vessel(&mut self, t: Time<TrueTime>) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
@@ -334,7 +335,7 @@ impl World {
         });
     }
 
-    /// Receives what has come over the radios of the drones.
+    /// Receives what has arrived over the drones' radios.
     fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
@@ -351,38 +352,35 @@ impl World {
         }
     }
 
-    /// Time of the vessel's clock.
     fn vessel_now(&self) -> Time<VesselClock> {
         self.physics.vessel_now() + self.vessel_ahead
     }
-    /// The truth.
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
-    /// Whether a drone wants the vessel to keep course and speed now.
+    /// Whether a drone requests that the vessel keeps course and speed now.
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();
         self.vessel
             .vessel()
             .is_some_and(|v| v.arbiter().wants_steady(now))
     }
-    /// Whether the vessel keeps its deck for the drone `k`, or it is free.
+    /// Whether the deck is free or granted to drone `k`.
     pub fn deck_is_free(&self, k: usize) -> bool {
         [0, DRONE_ID + k as u32].contains(&self.deck_owner)
     }
-    /// The drones' computers.
     pub fn drones(&self) -> &[SimulatedDroneComputer] {
         &self.drones
     }
-    /// The first drone's mission, its newest state.
+    /// The newest state of the first drone's mission.
     pub fn mission_state(&self) -> &MissionState {
         &self.drones[0].mission_state
     }
-    /// Input of the judge of the first drone.
+    /// Input for the judge of the first drone.
     pub fn observation(&self) -> TrialObservation<'_> {
         self.observation_of(0)
     }
-    /// Input of the judge of another drone.
+    /// Input for the judge of another drone.
     pub fn observation_of(&self, k: usize) -> TrialObservation<'_> {
         self.physics.observation(k, &self.drones[k].mission_state)
     }

@@ -90,14 +90,13 @@ pub struct Scheduling {
 }
 
 impl Scheduling {
-    /// Scheduling that the system permits: a priority, or none.
+    /// Scheduling that the system permits: with its priority, or without.
     pub fn where_permitted(&self, permitted: bool) -> Scheduling {
         Scheduling {
             realtime: self.realtime.filter(|_| permitted),
             processors: self.processors.clone(),
         }
     }
-    /// The flags of this scheduling.
     pub fn flags(&self) -> Vec<String> {
         let mut flags = Vec::new();
         if let Some(priority) = self.realtime {
@@ -109,7 +108,7 @@ impl Scheduling {
         }
         flags
     }
-    /// Schedules this thread, and those that it starts from now on, so.
+    /// Applies the scheduling to this thread and to those that it starts later.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
             warn!("processors {:?}: not permitted, or not there", self.processors);

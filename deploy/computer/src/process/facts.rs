@@ -1,5 +1,5 @@
-//! The facts by which a computer runs, as its supervisor reports them to people: of the configuration with which it began, of the
-//! radio's certificate, and whether the configuration was edited since. Who looks on knows the computer by this report alone.
+//! Facts about a computer, as its supervisor reports them: the configuration with which it started, the radio's
+//! certificate, and whether the configuration was edited since. Viewers know the computer by this report alone.
 
 use std::path::{Path, PathBuf};
 
@@ -15,22 +15,20 @@ use crate::process::life::draw_boot;
 
 /// Time between two reports, ns.
 const PERIOD_NS: i64 = 500_000_000;
-/// The certificate's file is read again this often, ns.
+/// Period at which the certificate's file is read again, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
-/// Facts about a computer by its configuration.
+/// Facts about a computer, from its configuration.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// The report; values that change while it runs are not known yet.
+    /// The report; values that change at run time are not known yet.
     pub report: ComputerReport,
     /// File of the radio's certificate, which a vessel reports; empty: the radio has none.
     certificate: PathBuf,
-    /// The computer's clock.
     clock: ProcessClock,
 }
 
 impl Facts {
-    /// Facts of a drone's computer.
     pub fn drone(computer: &DroneComputerConfig) -> Facts {
         let bridge = &computer.bridge;
         let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
@@ -49,7 +47,6 @@ impl Facts {
             clock: computer.clock,
         }
     }
-    /// Facts of a vessel's computer.
     pub fn vessel(computer: &VesselComputerConfig) -> Facts {
         let (radio, sources) = (&computer.radio, &computer.sensor.sources);
         let vessel = VesselReport {
@@ -74,17 +71,16 @@ impl Facts {
     }
 }
 
-/// Publishes the facts.
 pub struct Reporter {
     facts: Facts,
     reports: Publisher<ComputerReport>,
-    /// When they are published next, and the certificate's file is read next, on the steady clock, ns.
+    /// Next publication, and next reading of the certificate's file, on the steady clock, ns.
     due_ns: i64,
     read_due_ns: i64,
 }
 
 impl Reporter {
-    /// For these facts, before the first report.
+    /// A reporter of these facts, before the first report.
     pub fn join(memory: &Memory, mut facts: Facts) -> Result<Reporter, CliError> {
         facts.report.header.boot = draw_boot();
         Ok(Reporter {
@@ -94,7 +90,7 @@ impl Reporter {
             read_due_ns: i64::MIN,
         })
     }
-    /// Publishes them when that is due, with the sentence about a configuration that was `edited`.
+    /// Publishes the facts when they are due. `edited` returns the sentence about an edited configuration.
     pub fn poll(&mut self, now_ns: i64, edited: impl FnOnce() -> Option<String>) {
         if now_ns < self.due_ns {
             return;
@@ -115,7 +111,6 @@ impl Reporter {
     }
 }
 
-/// Content of a certificate's file now.
 fn certificate(file: &Path) -> CertificateState {
     if file.as_os_str().is_empty() {
         return CertificateState::Absent;

@@ -11,21 +11,21 @@ use crate::process::snapshot::Snapshot;
 use crate::record::flight::keeper::{FlightKeeper, SUMMARY_PERIOD_NS};
 use crate::record::flight::summary::FlightSummary;
 
-/// Figures of the attitude's response: the time constant of the slower axis, and the dead time before it, s.
+/// Metric: time constant of the attitude's response in the slower axis, s.
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
-/// See [`ATTITUDE_LAG`].
+/// Metric: dead time of the attitude's response, s.
 pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
-/// Drones that a vessel sums up, at most: a hostile one may invent numbers.
+/// Most drones that a vessel summarises: a hostile one may invent numbers.
 const MAX_DRONES: usize = 16;
 
-/// The flight that a computer's first process begins and sums up.
+/// The flight that a computer's first process begins and summarises.
 pub struct CurrentFlight {
     log: FlightLog,
     keeper: FlightKeeper,
 }
 
 impl CurrentFlight {
-    /// Begins one, where the configuration names a directory, and no other process has begun one for this.
+    /// Begins a flight if the configuration names a directory and no other process has begun one.
     pub fn begin(
         config: &RecorderConfig,
         args: &ProcessArgs,
@@ -41,38 +41,37 @@ impl CurrentFlight {
     pub fn path(&self) -> PathBuf {
         self.keeper.path().into()
     }
-    /// The log of the flight.
     pub fn log(&mut self) -> &mut FlightLog {
         &mut self.log
     }
-    /// Has it written when it is time.
+    /// Writes the summary when it is due.
     pub fn poll(&mut self, now_ns: i64) {
         if self.log.is_due(now_ns) && self.keeper.sum_up(self.log.summary(now_ns, false)) {
             self.log.written(now_ns);
         }
     }
-    /// Ends the flight: no process records any more.
+    /// Ends the flight, after all processes have stopped recording.
     pub fn end(mut self, now_ns: i64) {
-        // A disk that is behind has the one before.
+        // While the disk is behind, the previous summary stays.
         let _behind = self.keeper.sum_up(self.log.summary(now_ns, true));
     }
 }
 
-/// Who is in a state: a vessel's drones by their numbers, on the drone itself no other.
+/// Number of the drone in a state: of each drone on the vessel, none on the drone itself.
 type DroneNumber = Option<u32>;
 
-/// States, outcome and figures as they come.
+/// Collects states, outcome and metrics.
 pub struct FlightLog {
     summary: FlightSummary,
     begun_ns: i64,
-    /// The state of each, since when, and since when it has been on its way to the deck.
+    /// State of each drone, when it was entered, and when the approach to the deck began.
     states: BTreeMap<DroneNumber, (State, i64, Option<i64>)>,
     changed: bool,
     due_ns: i64,
 }
 
 impl FlightLog {
-    /// A flight of this computer that begins at `now_ns` of the steady clock.
+    /// Log of a flight of this computer that begins at `now_ns` of the steady clock.
     pub fn of(computer: &str, now_ns: i64) -> FlightLog {
         FlightLog {
             summary: FlightSummary {
@@ -88,7 +87,7 @@ impl FlightLog {
     fn t_s(&self, now_ns: i64) -> f64 {
         seconds(now_ns - self.begun_ns)
     }
-    /// A drone is in this state, for this reason, and waits for that.
+    /// A drone is in a state: the reason for which it entered, and the condition that it waits for.
     pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)
@@ -111,15 +110,15 @@ impl FlightLog {
         self.states
             .insert(who, (state, now_ns, way_ns.filter(|_| state.is_landing())));
         let t_s = self.t_s(now_ns);
-        // At first it is not known how the state was entered.
+        // The reason of the first state is not known.
         let reason = if before.is_none() { waiting } else { entered };
         self.summary
             .enter(t_s, &named(who, state.name()), reason.to_string());
         let outcome = match state {
-            // What came before counts.
+            // The previous state gives the reason.
             State::Idle if last.is_landing() => "ended",
             State::Idle | State::Preparing | State::Countdown | State::SpinUp | State::StandDown => "",
-            // It was before this flight that it landed or gave up.
+            // It landed or gave up before this flight.
             State::Landed | State::GaveUp if before.is_none() => "",
             State::Landed => "landed",
             State::GaveUp => "gave up",
@@ -151,13 +150,13 @@ impl FlightLog {
             self.states.insert(who, (state, now_ns, way_ns));
         }
     }
-    /// A figure is this much now.
+    /// Sets a metric.
     pub fn set(&mut self, name: &str, value: f64) {
         if value.is_finite() {
             self.summary.figures.insert(name.into(), value);
         }
     }
-    /// A figure is the largest of what it was.
+    /// Raises a metric to `value` if it was lower.
     pub fn max(&mut self, name: &str, value: f64) {
         let before = self.summary.figures.get(name).copied();
         self.set(name, before.map_or(value, |b| b.max(value)));
@@ -166,7 +165,7 @@ impl FlightLog {
         let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
         self.set(name, before + value);
     }
-    /// Takes a computer's newest snapshot: on the vessel the drones' states and the waves.
+    /// Takes the newest snapshot of the computer; on the vessel, the drones' states and the waves.
     pub fn observe(&mut self, now_ns: i64, snapshot: &Snapshot, restarts: u32) {
         self.set("restarts", f64::from(restarts));
         if let Some(vessel) = *snapshot.vessel {
@@ -207,14 +206,13 @@ impl FlightLog {
             self.max("link_loss_max", link.loss);
         }
     }
-    /// It changed, or has not been written for long.
+    /// Whether the summary changed, or has not been written for a period.
     fn is_due(&self, now_ns: i64) -> bool {
         now_ns >= self.due_ns || (self.changed && now_ns >= self.due_ns - SUMMARY_PERIOD_NS + 500_000_000)
     }
     fn written(&mut self, now_ns: i64) {
         (self.changed, self.due_ns) = (false, now_ns + SUMMARY_PERIOD_NS);
     }
-    /// The summary now.
     fn summary(&mut self, now_ns: i64, ended: bool) -> &FlightSummary {
         for who in self.states.keys().copied().collect::<Vec<_>>() {
             self.count_time(now_ns, who);

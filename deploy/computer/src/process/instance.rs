@@ -8,32 +8,32 @@ use alight_transport::memory::Instance;
 use crate::exit::{CliError, Doing};
 use crate::process::supervisor::pause;
 
-/// The lock file's name in the instance's directory.
+/// Name of the lock file in the instance's directory.
 const LOCK_FILE: &str = "lock";
-/// Directory in which a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
+/// Directory of the checkpoints that a supervisor keeps: they outlive a killed supervisor.
 pub const CHECKPOINTS_FILE: &str = "checkpoints";
-/// This file exists once all services are there: observers may join. It holds the owner's process number,
-/// because the file of a killed owner stays.
+/// File that exists once all services run: observers may join. It holds the owner's process id, because the file of a
+/// killed owner stays.
 const READY_FILE: &str = "ready";
-/// A name that is in use is tried this often ...
+/// Tries for a name that is in use.
 const MAX_TRIES: u32 = 20;
-/// ... with this pause.
+/// Pause between two tries.
 const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
-/// An instance of our own: no other runs under its name while this lives.
+/// An instance owned by this process: no other runs under its name while this value lives.
 pub struct OwnedInstance {
     instance: Instance,
     _lock: File,
 }
 
 impl OwnedInstance {
-    /// Takes the name and starts from a clean slate.
+    /// Takes the name and removes what a former owner left.
     pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
         let instance = Instance::new(name)?;
         let directory = instance.directory();
         let doing = format_args!("preparing {}", directory.display());
         std::fs::create_dir_all(&directory).doing(doing)?;
-        // Its files are going to be removed, and not those that a link leads to.
+        // The directory's files are removed next; those behind a link must not be.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
                 "{}: a link leads elsewhere; remove it",
@@ -41,7 +41,7 @@ impl OwnedInstance {
             )));
         }
         let lock = File::create(directory.join(LOCK_FILE)).doing(doing)?;
-        // A former owner's child that is just being born holds the lock for some milliseconds more.
+        // A former owner's child that is being created holds the lock for some milliseconds more.
         let mut tries = 0;
         let taken = loop {
             match lock.try_lock() {
@@ -61,7 +61,7 @@ impl OwnedInstance {
             }
             Err(TryLockError::Error(e)) => return Err(CliError::because(doing, e)),
         }
-        // A former owner that was killed left its files: this one first, so that no observer joins.
+        // A killed owner left its files. The ready file goes first, so that no observer joins.
         let _none = std::fs::remove_file(directory.join(READY_FILE));
         remove_contents(&directory).doing(doing)?;
         instance.wipe().doing(doing)?;
@@ -70,17 +70,16 @@ impl OwnedInstance {
             _lock: lock,
         })
     }
-    /// Name and directory.
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
-    /// All services are there.
+    /// Marks that all services run.
     pub fn ready(&self) -> Result<(), CliError> {
         let path = self.file(READY_FILE);
         std::fs::write(&path, std::process::id().to_string())
             .doing(format_args!("writing {}", path.display()))
     }
-    /// A file of the instance.
+    /// Path of a file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
         self.instance.directory().join(name)
     }
@@ -88,19 +87,19 @@ impl OwnedInstance {
 
 impl Drop for OwnedInstance {
     fn drop(&mut self) {
-        // This one first: no observer joins what is being removed.
+        // The ready file goes first, so that no observer joins an instance that is being removed.
         let _none = std::fs::remove_file(self.file(READY_FILE));
-        // All processes have ended by now. What cannot be removed is removed at the next start.
+        // All processes have ended by now. What cannot be removed now is removed at the next start.
         let _left = self.instance.wipe();
         let directory = self.instance.directory();
         let _left = remove_contents(&directory);
         let _left = std::fs::remove_file(self.file(LOCK_FILE));
-        // It stays with the checkpoints of a supervisor that was not asked to end.
+        // The directory stays if it holds the checkpoints of a supervisor that was not asked to end.
         let _left = std::fs::remove_dir(directory);
     }
 }
 
-/// Removes what is in a former owner's directory, but not the lock that we hold, and not the checkpoints.
+/// Removes a former owner's files except the lock, which this process holds, and the checkpoints.
 fn remove_contents(directory: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(directory)? {
         let entry = entry?;
@@ -110,7 +109,7 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
         {
             continue;
         }
-        // A link is removed and not what it leads to.
+        // A link itself is removed, not its target.
         if entry.file_type()?.is_dir() {
             std::fs::remove_dir_all(entry.path())?;
         } else {
@@ -120,7 +119,7 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Process number of the owner whose services are there, while it lives.
+/// Process id of the owner whose services run, while it lives.
 pub fn owner(instance: &Instance) -> Option<u32> {
     let owner = std::fs::read_to_string(instance.directory().join(READY_FILE));
     let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
@@ -129,7 +128,7 @@ pub fn owner(instance: &Instance) -> Option<u32> {
 
 /// Whether an instance of this name runs and is ready.
 pub fn is_running(instance: &Instance) -> bool {
-    // The lock alone is not enough: a next owner holds it before it has removed the file of a killed one.
+    // The lock alone is not enough: the next owner holds it before it has removed the ready file of a killed one.
     if owner(instance).is_none() {
         return false;
     }

@@ -1,5 +1,5 @@
-//! Journal of a process: lines on standard error, which systemd keeps. A thread of its own writes them: no process
-//! waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot hold is lost.
+//! Journal of a process: lines on standard error, which systemd keeps. A separate thread writes them, so that no
+//! process waits for a slow journal or a stopped terminal. Lines that do not fit into the queue are lost.
 
 use core::fmt;
 use std::io::stderr;
@@ -17,11 +17,11 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Lines that wait.
+/// Capacity of the queue, lines.
 const MAX_LINES: usize = 1000;
 
-/// Reports go there until the value is dropped, which writes what waits; rejected peers of the radio are counted
-/// besides.
+/// Sends log events to the journal until the returned guard is dropped, which writes the queued lines. Rejected radio
+/// peers are also counted.
 pub fn init() -> WorkerGuard {
     let (lines, guard) = NonBlockingBuilder::default()
         .lossy(true)
@@ -30,7 +30,7 @@ pub fn init() -> WorkerGuard {
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(lines)
         .with_ansi(false)
-        // Where standard error cannot be written, the report of that cannot either, and would end the process.
+        // If standard error cannot be written, the report of that error cannot either, and would end the process.
         .log_internal_errors(false)
         .event_format(Line {
             with_priority: is_journal(),
@@ -44,18 +44,18 @@ pub fn init() -> WorkerGuard {
     let all = tracing_subscriber::registry()
         .with(rejections::layer())
         .with(lines.with_filter(own));
-    // A test may have set another before.
+    // A test may have set another subscriber before.
     let _another = all.try_init();
     guard
 }
 
-/// Whether standard error is systemd's journal: it names the stream's device and inode (systemd.exec(5)).
+/// Whether standard error is systemd's journal: the variable names the stream's device and inode (systemd.exec(5)).
 fn is_journal() -> bool {
     let named = std::env::var("JOURNAL_STREAM").unwrap_or_default();
     fstat(stderr()).is_ok_and(|stream| named == format!("{}:{}", stream.st_dev, stream.st_ino))
 }
 
-/// A line, for the journal with its priority before it (sd-daemon(3)).
+/// A line; for the journal, its priority stands before it (sd-daemon(3)).
 struct Line {
     with_priority: bool,
     text: Format<Full, ()>,

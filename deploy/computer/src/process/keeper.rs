@@ -1,6 +1,6 @@
-//! Keeper of the nodes' checkpoints while their processes are restarted. The supervisor does this: it lives as long as
-//! the flight, and what it keeps outlives it in a small file. What the flight is for outlives the computer's boot, too, in a file on
-//! the disk.
+//! Store of the nodes' checkpoints while their processes restart. The supervisor runs it, because it lives as long as
+//! the flight; a small file preserves the checkpoints when the supervisor crashes. The flight's task also survives a
+//! reboot of the computer, in a file on the disk.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,13 +14,13 @@ use tracing::{info, warn};
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, read, remove, replace};
 
-/// Names this boot of the computer.
+/// File with the id of this boot of the computer.
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
-/// Time between two writings of the file: a tenth of the shortest age at which a checkpoint still counts.
+/// Period at which the file is written: a tenth of the shortest age at which a checkpoint is still valid.
 const FILE_PERIOD: Span = Span::from_millis(50);
-/// In the place of a boot's name: a file of any boot counts.
+/// Replaces the boot id where a file of any boot is valid.
 const ANY_BOOT: &str = "";
-/// Time between two looks at what lasts: the times of signed frames change with each.
+/// Period at which the lasting state is compared: the times of signed frames change with each.
 const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.
@@ -31,7 +31,7 @@ pub struct CheckpointKeeper {
 }
 
 impl CheckpointKeeper {
-    /// Keeps nothing yet.
+    /// A keeper without checkpoints.
     pub fn join(memory: &Memory) -> Result<CheckpointKeeper, CliError> {
         Ok(CheckpointKeeper {
             kept: Republisher::join(memory, Keeper::default())?,
@@ -39,13 +39,13 @@ impl CheckpointKeeper {
             lasting: None,
         })
     }
-    /// Begins with what the flight was for that a reboot of the computer has interrupted, in the file at `path` on its disk.
+    /// Restores the task of a flight that a reboot has interrupted, from the file at `path` on the disk.
     #[must_use]
     pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> CheckpointKeeper {
         self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.keeper_mut()));
         self
     }
-    /// Begins with what a crashed supervisor kept in the file at `path`, and keeps it there from now on.
+    /// Restores the checkpoints of a crashed supervisor from the file at `path`, and keeps them there.
     #[must_use]
     pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> CheckpointKeeper {
         self.file = CheckpointFile::open(path);
@@ -54,11 +54,11 @@ impl CheckpointKeeper {
         }
         self
     }
-    /// Nothing is to outlive a supervisor that was asked to end.
+    /// Deletes the files: nothing may outlive a supervisor that was asked to end.
     pub fn forget(self) {
-        // Checkpoints that stay are too old soon.
+        // If the file cannot be removed, its checkpoints soon become too old.
         let of_supervisor = self.file.map(|file| file.path);
-        // What is on its way to the disk would put the file there again.
+        // A pending write would create the file again.
         let of_flight = self.lasting.map(|LastingFile { path, store, .. }| {
             drop(store);
             path
@@ -67,7 +67,7 @@ impl CheckpointKeeper {
             let _none = remove(&path);
         }
     }
-    /// Takes the newest of each and publishes it ([`Republisher`]).
+    /// Takes the newest checkpoint of each node and publishes it ([`Republisher`]).
     pub fn poll(&mut self, now: Time<DroneClock>) {
         let new = self.kept.poll(now);
         if let Some(file) = &mut self.file {
@@ -79,8 +79,8 @@ impl CheckpointKeeper {
     }
 }
 
-/// The file in the instance's directory. On the installed computer that lies in memory (tmpfs): writing does not wait
-/// for a disk, and nothing has to be synchronised, because a file of another boot of the computer does not count.
+/// File in the instance's directory. On an installed computer that directory lies in memory (tmpfs): a write does not
+/// wait for a disk, and no synchronisation is needed, because a file of another boot is not valid.
 struct CheckpointFile {
     path: PathBuf,
     computer_boot: String,
@@ -91,7 +91,7 @@ struct CheckpointFile {
 }
 
 impl CheckpointFile {
-    /// None where the computer does not name its boot.
+    /// None if the computer does not name its boot.
     fn open(path: PathBuf) -> Option<CheckpointFile> {
         match fs::read_to_string(COMPUTER_BOOT) {
             Ok(boot) => Some(CheckpointFile {
@@ -136,14 +136,13 @@ impl CheckpointFile {
     }
 }
 
-/// Report of the store.
 const HOLDS: Holds = Holds {
     what: "the flight's purpose",
     lost: "the flight's purpose does not outlive a reboot of the computer",
     misleads: false,
 };
 
-/// The file on the disk: [`Keeper::lasting`]. It is missing while nothing lasts.
+/// The file on the disk: [`Keeper::lasting`]. It does not exist while there is no lasting state.
 struct LastingFile {
     path: PathBuf,
     store: Store,
@@ -152,7 +151,7 @@ struct LastingFile {
 }
 
 impl LastingFile {
-    /// None where no thread can be started that writes it.
+    /// None if the thread that writes the file cannot be started.
     fn open(path: PathBuf, now: Time<DroneClock>, keeper: &mut Keeper) -> Option<LastingFile> {
         let at = path.display();
         let found = match read(&path) {
@@ -196,7 +195,7 @@ impl LastingFile {
         } else {
             lasting.encode(ANY_BOOT).unwrap_or_default()
         };
-        // Where too many wait the next poll tries again.
+        // When the queue is full, the next poll tries again.
         self.unwritten = !self.store.keep(bytes);
     }
 }
@@ -244,7 +243,7 @@ mod tests {
             assert_eq!(file.store.newest().is_empty(), !sortie);
             assert!(is_recovered(sortie), "{at}");
         }
-        // What changes at once is written once it is due.
+        // A change within a period is written when the period ends.
         assert!(keeper.take(Time::from_secs(13.1), Some(&mission(false, 13.1))));
         file.poll(Time::from_secs(13.1), true, &keeper);
         assert!(!file.store.newest().is_empty());

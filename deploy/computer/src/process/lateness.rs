@@ -1,25 +1,26 @@
-//! Missed deadlines: steps of a process that came later than the readers of its output wait for.
+//! Missed deadlines: steps that came later than the readers of their output wait for.
 
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
 
 use super::snapshot::time;
 
-/// Late steps are reported for one to two of these, ns.
+/// Window, ns: late steps are reported for one to two windows.
 const WINDOW_NS: i64 = 60_000_000_000;
 
-/// The times of a process's steps.
+/// Times of a process's steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Lateness {
     limit_s: f64,
     last_ns: Option<i64>,
     turned_ns: i64,
-    /// The longest time between two steps beyond the limit, s, and how many there were: in this window and the one before.
+    /// Longest time between two steps beyond the limit, s, and the number of such steps: in this window and in the
+    /// previous one.
     windows: [(f64, u64); 2],
 }
 
 impl Lateness {
-    /// A watch of a process that begins at `now_ns` (steady clock).
+    /// Begins to observe a process at `now_ns` of the steady clock.
     pub fn of(kind: ProcessKind, now_ns: i64) -> Lateness {
         Lateness {
             limit_s: kind.awaited().map_or(f64::INFINITY, |t| t.stale_after.secs()),
@@ -40,7 +41,7 @@ impl Lateness {
         }
         self.last_ns = Some(now_ns);
     }
-    /// Report of late steps: nothing while no step was late.
+    /// Metrics of late steps; empty if no step was late.
     pub fn metrics(&self) -> Vec<Metric> {
         let [(a, m), (b, n)] = self.windows;
         if m + n == 0 {
@@ -53,10 +54,10 @@ impl Lateness {
     }
 }
 
-/// Remedy for late steps.
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
-/// Report on processes whose steps were late: the one that was latest for its deadline, and the others that were late.
+/// Finding about processes with late steps: first the one that exceeded its deadline by the largest factor, then the
+/// others.
 pub fn finding<'a>(processes: impl IntoIterator<Item = &'a ProcessState>) -> Option<String> {
     let late = |p: &&ProcessState| p.count(MetricName::LateSteps) > 0;
     let permitted = |p: &'a ProcessState| Some((p, p.kind.awaited()?.stale_after.secs()));
@@ -101,7 +102,7 @@ mod tests {
             text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),
             "{text}"
         );
-        // The mission reports the same 0.41 s, of which it may take more.
+        // The mission reports the same 0.41 s, but is allowed more.
         mission.kind = ProcessKind::Mission;
         let both = finding([&mission, &pilot]).unwrap();
         assert_eq!(both, format!("{text}; so did mission"));

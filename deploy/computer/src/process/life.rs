@@ -1,4 +1,4 @@
-//! Life of a process: the time each step takes, a report about itself twice a second, and an end when it is asked to.
+//! Life cycle of a process: time of each step, a report twice a second, end on request.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 /// Time between two reports, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
 
-/// Reports of a process about itself, and whether it is to end.
+/// Reports of a process about itself, and its end on request.
 pub struct Life {
     kind: ProcessKind,
     boot: u32,
@@ -30,12 +30,12 @@ pub struct Life {
     began_ns: i64,
     next_state_ns: i64,
     end: Arc<AtomicBool>,
-    /// Metrics of the process's own, shown by `alight status`.
+    /// Metrics of this process, shown by `alight status`.
     pub metrics: Metrics,
 }
 
 impl Life {
-    /// A process of `kind` begins.
+    /// Begins the life of a process of `kind`.
     pub fn begin(kind: ProcessKind, boot: u32, supervised: bool) -> Life {
         let began_ns = steady_ns();
         Life {
@@ -50,11 +50,11 @@ impl Life {
             metrics: Metrics::default(),
         }
     }
-    /// Drawn at each start.
+    /// Boot id, drawn at each start.
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// One step was done, in this time if it counts.
+    /// Counts one step, and its time if given.
     pub fn stepped(&mut self, time_s: Option<f64>) {
         if let Some(time_s) = time_s {
             self.step_times.add(time_s);
@@ -66,7 +66,7 @@ impl Life {
     pub fn ended(&self) -> bool {
         self.end.load(Ordering::Relaxed) || end_requested()
     }
-    /// The next report, when it is due.
+    /// The next report, if it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let now = steady_ns();
         if now < self.next_state_ns {
@@ -76,7 +76,7 @@ impl Life {
         let (cpu_s, resident_bytes) = usage();
         let mut metrics = self.metrics;
         for late in self.lateness.metrics() {
-            // A process has fewer metrics than there is place for.
+            // The capacity exceeds the number of metrics of any process.
             let _full = metrics.push(late);
         }
         let warned = warnings::counted();
@@ -102,21 +102,21 @@ impl Life {
     }
 }
 
-/// A boot id: differs from the last start's.
+/// Draws a boot id that differs from that of the last start.
 pub fn draw_boot() -> u32 {
-    // The steady clock in units of 65 us turns over after three days; the process id distinguishes two
-    // starts within one unit apart.
+    // The steady clock in units of 65 us wraps after three days; the process id distinguishes two starts within one
+    // unit.
     ((steady_ns() >> 16) as u32).wrapping_mul(0x9e37_79b1) ^ std::process::id()
 }
 
-/// True once standard input has closed, for a supervised process.
+/// Flag that is set once standard input has closed, for a supervised process.
 pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     let end = Arc::new(AtomicBool::new(false));
     if supervised {
         let flag = Arc::clone(&end);
         std::thread::spawn(move || {
-            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the
-            // SIGCONT after a SIGSTOP, may interrupt it before, and is not the end.
+            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the SIGCONT after a
+            // SIGSTOP, may interrupt the read earlier; that is not the end.
             while std::io::stdin()
                 .read(&mut [0_u8; 1])
                 .map_or_else(|e| e.kind() == ErrorKind::Interrupted, |read| read > 0)
@@ -127,7 +127,7 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     end
 }
 
-/// The recorder of the process `name` in the directory of its flight.
+/// Recorder of the process `name` in its flight's directory.
 pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeRecorder, CliError> {
     let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
     let header = PartHeader {
@@ -146,7 +146,7 @@ pub fn usage() -> (f64, u64) {
     const TICKS_PER_S: f64 = 100.0;
     const PAGE: u64 = 4096;
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // Fields are counted after the command's name, which is in parentheses and may hold blanks.
+    // Fields are counted after the command's name, which is in parentheses and may contain spaces.
     let after = stat.rsplit(')').next().unwrap_or_default();
     let ticks: f64 = after
         .split_whitespace()

@@ -1,4 +1,4 @@
-//! An operator's command to the mission of this computer: repeated until the mission shows that it has taken it.
+//! An operator's command to the mission of this computer, repeated until the mission reports that it has accepted it.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -8,7 +8,7 @@ use alight_shared::topics;
 use crate::config::DroneComputerConfig;
 use crate::process::life::draw_boot;
 
-/// A command of the operator at this computer, given at `now`.
+/// Sends a command of the operator at this computer, given at `now`.
 pub fn give(
     computer: &DroneComputerConfig,
     kind: CommandKind,
@@ -20,7 +20,7 @@ pub fn give(
     Retransmission::new(Command { header, kind }, now, topics::LOCAL_RETRIES)
 }
 
-/// The answer of drone `drone`'s mission, for the operator.
+/// Answer of drone `drone`'s mission, for the operator.
 pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
         format!("drone {drone}: {}", mission.state.because(&mission.entered)),
@@ -57,7 +57,7 @@ mod tests {
             abort: echo,
             ..MissionState::default()
         };
-        // It gave up, or climbs out, by itself or for another's abort.
+        // The mission gave up, or climbs out, by itself or after another operator's abort.
         let boot = sent[0].header.boot;
         for echo in [
             None,

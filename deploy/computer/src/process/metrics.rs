@@ -5,7 +5,7 @@ use alight_shared::process::ProcessState;
 
 use crate::process::snapshot::time;
 
-/// The metrics of a process as text, without counts of zero; empty for one without.
+/// Text of a process's metrics, without counts of zero; empty without metrics.
 pub fn text(p: &ProcessState) -> String {
     let shown: Vec<String> = p
         .metrics

@@ -1,20 +1,20 @@
 //! Notification of a service's manager (systemd): ready, alive, status. One datagram each to the socket named in
-//! NOTIFY_SOCKET (sd_notify(3)); nothing without that name.
+//! NOTIFY_SOCKET (sd_notify(3)); does nothing if the variable is not set.
 //!
-//! The crate sd-notify is not used: its send blocks once a manager that stands still has ten datagrams waiting,
-//! and with it the process that flies.
+//! The crate sd-notify is not used: its send blocks once a stopped manager has ten datagrams queued, and the process
+//! that flies would block with it.
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// Time between two signs of life, ns: several within any watchdog's timeout.
+/// Period of the watchdog messages, ns: several within any watchdog's timeout.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
-/// Longest line of status, characters.
+/// Longest status line, characters.
 const MAX_STATUS: usize = 200;
-/// Names the socket of a service's manager.
+/// Variable that names the socket of the service manager.
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 
-/// The way to the service's manager.
+/// Connection to the service manager.
 pub struct Notify {
     to: Option<(UnixDatagram, SocketAddr)>,
     ready: bool,
@@ -22,14 +22,14 @@ pub struct Notify {
 }
 
 impl Default for Notify {
-    /// As the manager asked for it.
+    /// The socket that the manager named.
     fn default() -> Self {
         Notify::to(&std::env::var(SOCKET_VARIABLE).unwrap_or_default())
     }
 }
 
 impl Notify {
-    /// To the socket `name`: a path, or `@` and an abstract name.
+    /// Connects to the socket `name`: a path, or `@` and an abstract name.
     fn to(name: &str) -> Notify {
         let address = match name.strip_prefix('@') {
             Some(name) => SocketAddr::from_abstract_name(name),
@@ -46,17 +46,17 @@ impl Notify {
     }
     fn send(&self, text: &str) {
         if let Some((socket, to)) = &self.to {
-            // A manager that does not read misses nothing that a later datagram does not repeat.
+            // A lost datagram does no harm: a later one repeats it.
             let _full = socket.send_to_addr(text.as_bytes(), to);
         }
     }
-    /// Everything is there; sent once.
+    /// Reports once that the service is ready.
     pub fn ready(&mut self) {
         if !std::mem::replace(&mut self.ready, true) {
             self.send("READY=1");
         }
     }
-    /// The loop goes round; what it does, in one line.
+    /// Reports that the loop runs, with its status in one line.
     pub fn alive(&mut self, now_ns: i64, status: impl FnOnce() -> String) {
         if now_ns < self.next_ns || self.to.is_none() {
             return;
@@ -66,7 +66,7 @@ impl Notify {
         let line: String = status().chars().map(plain).take(MAX_STATUS).collect();
         self.send(&format!("WATCHDOG=1\nSTATUS={line}"));
     }
-    /// It ends because it was asked to.
+    /// Reports that the service ends on request.
     pub fn stopping(&self) {
         self.send("STOPPING=1");
     }

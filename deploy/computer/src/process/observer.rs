@@ -15,7 +15,6 @@ use crate::process::instance::{is_running, owner};
 use crate::process::snapshot::Snapshot;
 
 readers! {
-    /// Topics of the reports.
     struct Reports {
         processes: ProcessState,
         mission: MissionState,
@@ -36,9 +35,8 @@ readers! {
 /// Receives the reports of an instance's processes.
 pub struct Observer {
     reports: Reports<Memory>,
-    /// The newest messages.
     pub snapshot: Snapshot,
-    /// Ages of the vessel's newest state since they were taken last, s.
+    /// Ages of the vessel's newest state since they were last taken, s.
     pub ages_s: Vec<f64>,
 }
 
@@ -53,7 +51,7 @@ impl Observer {
             ages_s: Vec::new(),
         })
     }
-    /// Takes in what is new.
+    /// Reads the new messages.
     pub fn poll(&mut self) {
         let (now, snapshot, of) = (steady_ns(), &mut self.snapshot, &mut self.reports);
         for state in of.processes.all(now) {
@@ -74,27 +72,27 @@ impl Observer {
         let newest = of.set_point.newest(now).map(|s| s.response);
         snapshot.response = newest.or(snapshot.response);
         let links = of.link.all(now);
-        // Who does not take them does not keep them.
+        // Bounds the list if its reader does not take the ages.
         self.ages_s.truncate(64);
         self.ages_s.extend(links.iter().map(|l| l.age_s));
         snapshot.link.set(now, links.last().copied());
     }
 }
 
-/// An instance's memory as a process outside uses it: another one once its service was started again.
+/// Access of an outside process to an instance's memory; joins again after the service restarts.
 pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
-    /// Instance that was joined last.
+    /// Ports of the instance that was joined last.
     pub ports: Option<T>,
 }
 
-/// Whether a service was started again is looked for this often, ns.
+/// Period at which a restart of the service is looked for, ns.
 const LOOK_NS: i64 = 100_000_000;
 
 impl<T> Rejoined<T> {
-    /// Not joined yet.
+    /// Does not join yet.
     pub fn of(instance: &str) -> Result<Rejoined<T>, CliError> {
         Ok(Rejoined {
             instance: Instance::new(instance)?,
@@ -106,11 +104,11 @@ impl<T> Rejoined<T> {
     pub fn join(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> Result<(), CliError> {
         self.owner = owner(&self.instance);
         let new = join(&self.instance)?;
-        // Its names are the new memory's by now: what is dropped would be removed under them.
+        // The new memory has the same names by now: dropping the old ports would remove them.
         core::mem::forget(self.ports.replace(new));
         Ok(())
     }
-    /// Joins it where it is another; true while it runs.
+    /// Joins the instance if it has restarted; true while it runs.
     pub fn poll(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> bool {
         let now = steady_ns();
         if now - self.looked_ns >= LOOK_NS {
@@ -119,7 +117,7 @@ impl<T> Rejoined<T> {
             let another = owner.is_some() && (self.ports.is_none() || self.owner != owner);
             self.owner = owner;
             if another && self.join(join).is_err() {
-                // One that is just being made is tried again.
+                // An instance that is still being created is tried again.
                 self.owner = None;
             }
         }
@@ -134,16 +132,16 @@ pub struct InstanceFollower {
 }
 
 impl InstanceFollower {
-    /// An observer of the instance of this name, as the process `name`.
+    /// Observer of the instance of this name, as the process `name`.
     pub fn of(instance: &str, name: &'static str) -> Result<InstanceFollower, CliError> {
         let joined = Rejoined::of(instance)?;
         Ok(InstanceFollower { joined, name })
     }
-    /// Looks on no longer, before the memory is removed.
+    /// Stops observing, before the memory is removed.
     pub fn leave(&mut self) {
         self.joined.ports = None;
     }
-    /// The newest messages, with the memory that they lie in; None while nothing runs.
+    /// The newest messages and their memory; None while the instance does not run.
     pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {
         let name = self.name;
         let join = |instance: &Instance| {

@@ -2,23 +2,23 @@
 
 use alight_shared::topics;
 
-/// The key of `topic` as vessel `id` publishes it.
+/// Key of `topic` as published by vessel `id`.
 pub fn vessel_key(id: u32, topic: &str) -> String {
     format!("alight/vessel-{id}/{topic}")
 }
-/// The key of `topic` as drone `id` publishes it.
+/// Key of `topic` as published by drone `id`.
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }
-/// The status of any drone. One chunk of a key is `drone-N`.
+/// Key expression of the status of every drone. One chunk of a key is `drone-N`.
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
 }
-/// Commands of any operator.
+/// Key expression of the commands of every operator.
 pub fn any_operator_command() -> String {
     format!("alight/operator-$*/{}", topics::OPERATOR.name)
 }
-/// Time requests of any drone.
+/// Key expression of the time requests of every drone.
 pub fn any_time_request() -> String {
     format!("alight/*/{}", topics::TIME_REQUEST.name)
 }

@@ -1,4 +1,4 @@
-//! An end of the radio with the topics that the table gives it ([`RadioTopic`]).
+//! Endpoint of the radio, with its topics from the table ([`RadioTopic`]).
 
 use std::time::Duration;
 
@@ -12,9 +12,7 @@ use serde::Serialize;
 
 use crate::process::radio_rates::RadioRates;
 
-/// An end of the radio.
 pub struct RadioPort {
-    /// The session.
     pub radio: Radio,
     sent: Vec<RadioTopic>,
     read: Vec<RadioTopic>,
@@ -22,7 +20,7 @@ pub struct RadioPort {
 }
 
 impl RadioPort {
-    /// Opens the end `own`; `key` is that of a topic which it sends or reads.
+    /// Opens the endpoint `own`; `key` returns the key of a topic that it sends or reads.
     pub fn open(
         config: &RadioConfig,
         own: RadioEnd,
@@ -58,12 +56,11 @@ impl RadioPort {
             rates: RadioRates::of(&topics),
         })
     }
-    /// The next message that has come.
     pub fn receive(&mut self) -> Option<(RadioTopic, Received)> {
         let received = self.radio.receive(Duration::ZERO)?;
         Some((*self.read.get(received.subscription)?, received))
     }
-    /// Sends messages; one that does not encode is not sent: its receiver sees the gap.
+    /// Sends messages. A message that does not encode is skipped; the receiver sees the gap.
     pub fn send<'a, M: Serialize + 'a>(
         &mut self,
         topic: RadioTopic,
@@ -72,7 +69,7 @@ impl RadioPort {
         let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
         encoded.for_each(|bytes| self.put(topic, bytes, false));
     }
-    /// Sends a message that is encoded, and is held for who asks or not.
+    /// Sends an encoded message; with `held`, the newest one is kept for peers that ask for it.
     pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {
         if let Some(publication) = self.sent.iter().position(|t| *t == topic) {
             if held {
@@ -81,7 +78,7 @@ impl RadioPort {
             self.radio.send(publication, bytes);
         }
     }
-    /// The rates of what it sends, with this look at `now_ns`.
+    /// Rates of what the port sends, including the counters at `now_ns`.
     pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.rates.since(&self.radio, now_ns)
     }

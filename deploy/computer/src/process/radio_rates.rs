@@ -7,17 +7,16 @@ use alight_shared::process::{MAX_FLOWS, RadioFlow};
 use alight_shared::topics::{self, Topic};
 use alight_transport::radio::{Flow, Radio};
 
-/// Looks at the counters that are kept: five seconds at two a second.
+/// Samples of the counters that are kept: five seconds at two a second.
 const WINDOW: usize = 10;
 
-/// The recent counters.
 pub struct RadioRates {
     topics: Vec<u32>,
     samples: VecDeque<(i64, Vec<Flow>)>,
 }
 
 impl RadioRates {
-    /// Rates of a radio that publishes these topics; the process's own report stands in no list.
+    /// Rates of a radio that publishes these topics; the process's own report is not listed.
     pub fn of(publications: &[&Topic]) -> RadioRates {
         let index = |topic: &Topic| topics::ALL.iter().position(|t| t.name == topic.name);
         let number = |i: Option<usize>| i.and_then(|i| u32::try_from(i).ok()).unwrap_or(u32::MAX);
@@ -26,7 +25,7 @@ impl RadioRates {
             samples: VecDeque::new(),
         }
     }
-    /// The rates over the last looks, with this one at `now_ns`.
+    /// Rates over the last samples, including one at `now_ns`.
     pub fn since(&mut self, radio: &Radio, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.update(radio.flows().to_vec(), now_ns)
     }

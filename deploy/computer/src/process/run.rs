@@ -1,5 +1,6 @@
-//! The loop of every process of both computers: it waits, its row reads, steps and writes ([`alight_shared::bus`]), the step is
-//! recorded and shown, and twice a second the process reports. Processes differ in their rows' wiring and in their edges.
+//! Loop of every process of both computers: the process waits; its row reads, steps and writes
+//! ([`alight_shared::bus`]); the step is recorded and shown; twice a second the process reports. Processes differ in
+//! the wiring of their rows and in their edges.
 
 use std::future::Future;
 use std::time::Duration;
@@ -22,33 +23,31 @@ use crate::process::args::ProcessArgs;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::record::flight::recorder::NodeRecorder;
 
-/// A row between two steps, as its process sees it.
+/// A row between two steps, for its process.
 pub struct NodeView<'a, N: Wired> {
-    /// The node.
     pub node: &'a N,
-    /// The computer's clock.
     pub now: Time<N::Clock>,
-    /// Counts of what the row has read.
+    /// Counters of the row's inputs.
     pub inputs: &'a dyn Fn() -> Vec<InputState>,
 }
 
-/// The edge of a row on a computer, and what its process does next to the row.
+/// Edge of a row on a computer, and what its process does besides the row's steps.
 pub trait ProcessEdge<N: Wired>: Edge<N> {
-    /// The row has made a step, sent and recorded by now.
+    /// Called after the row has made a step, sent and recorded it.
     fn stepped(&mut self, _at: &NodeView<'_, N>, _step: &RowStep<N>) {}
-    /// Metrics of the process's own, at the time of the step.
+    /// Metrics specific to the process, at the time of the step.
     fn metrics(&mut self, _at: &NodeView<'_, N>) -> Vec<Metric> {
         Vec::new()
     }
-    /// Messages that could not be sent outside.
+    /// Number of messages that could not be sent outside.
     fn unsent(&self) -> u64 {
         0
     }
-    /// Reports to publish: its own, where it is due, and what came by the edge.
+    /// Reports to publish: the process's own, if due, and those received by the edge.
     fn reports(&mut self, _at: &NodeView<'_, N>, own: Option<ProcessState>) -> Vec<ProcessState> {
         Vec::from_iter(own)
     }
-    /// Nothing more will come.
+    /// Whether no further input will come.
     fn is_over(&self) -> bool {
         false
     }
@@ -57,11 +56,11 @@ impl<N: Wired> ProcessEdge<N> for () {}
 
 /// An edge that waits for more than the row's topics.
 pub trait AwaitedEdge<N: Wired>: ProcessEdge<N> {
-    /// Waits for what comes next, or its time; whether a step is due. `wakes`: the topics that wake the row.
+    /// Waits for the next input or for the next step's time; true if a step is due. `wakes`: topics that wake the row.
     fn arrival(&mut self, wakes: &Wakes) -> impl Future<Output = Result<bool, CliError>>;
 }
 
-/// A row as a process; its steps are recorded where its flight is.
+/// A row as a process; its steps are recorded in its flight's directory.
 pub struct Process<N: Wired> {
     row: Row<N, Option<Memory>>,
     states: Option<Publisher<ProcessState>>,
@@ -69,12 +68,13 @@ pub struct Process<N: Wired> {
     clock: ProcessClock,
     last: Time<N::Clock>,
     life: Life,
-    /// The memory of its instance; None: it is looked at alone.
+    /// Memory of the instance; None: the process runs alone.
     pub memory: Option<Memory>,
 }
 
 impl<N: Wired> Process<N> {
-    /// Starts a process of `kind` around the node that `make` makes for a boot id, in the memory of this instance, if any.
+    /// Starts a process of `kind` around the node that `make` makes for a boot id, in the memory of the instance, if
+    /// given.
     pub fn start(
         kind: ProcessKind,
         args: &ProcessArgs,
@@ -85,7 +85,7 @@ impl<N: Wired> Process<N> {
         let flight = args.flight.as_ref();
         let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
         let recorder = recorder.transpose()?;
-        // After the recorder, whose thread has no priority.
+        // After the recorder has started, because its thread has no priority.
         args.scheduling.apply();
         let node = make(boot)?;
         let life = Life::begin(kind, boot, args.supervised);
@@ -101,12 +101,12 @@ impl<N: Wired> Process<N> {
             memory,
         })
     }
-    /// Drawn at this start.
+    /// Boot id, drawn at this start.
     pub fn boot(&self) -> u32 {
         self.life.boot()
     }
 
-    /// Runs until it is asked to end, woken by its topics.
+    /// Runs until it is asked to end; topics of the row wake it.
     pub fn run(mut self, mut edge: impl ProcessEdge<N>) -> Result<Exit, CliError> {
         let wakes: Vec<_> = self.row.wakes.drain(..).flatten().collect();
         let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
@@ -116,7 +116,7 @@ impl<N: Wired> Process<N> {
         })?;
         Ok(Exit::Success)
     }
-    /// Runs until it is asked to end, as its edge waits.
+    /// Runs until it is asked to end; the edge waits for its inputs.
     pub async fn run_awaiting(mut self, edge: &mut impl AwaitedEdge<N>) -> Result<Exit, CliError> {
         let wakes = Wakes::watch(self.row.wakes.drain(..).flatten())?;
         while !self.is_over(edge) {
@@ -129,17 +129,17 @@ impl<N: Wired> Process<N> {
         self.life.ended() || edge.is_over()
     }
 
-    /// A step, where one is due; what it means for others; a report.
+    /// One round: a step if it is due, what follows from it for others, a report.
     fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
         let (clock, last) = (self.clock, &mut self.last);
-        // Never goes back.
+        // The time never goes back.
         let mut now = || {
             *last = (*last).max(clock.now());
             *last
         };
         let step = due.then(|| {
             let step = self.row.step(&mut now, edge);
-            // Steps without work do not count in the time that its work takes.
+            // Steps without work are left out of the statistics of step times.
             self.life.stepped(step.worked.then(|| step.took.secs()));
             if let Some(recorder) = &mut self.recorder {
                 recorder.step(steady_ns(), step.at.nanos(), &step.input, &step.out);
@@ -162,7 +162,7 @@ impl<N: Wired> Process<N> {
         let unsent = ports.unsent() + self.states.unsent() + edge.unsent();
         let mut own = self.life.state(inputs, unsent);
         if let (Some(own), Some(recorder)) = (&mut own, &self.recorder) {
-            // A process has fewer metrics than there is place for.
+            // The capacity exceeds the number of metrics of any process.
             let _full = own
                 .metrics
                 .push(MetricName::StepsUnrecorded.count(recorder.missing()));

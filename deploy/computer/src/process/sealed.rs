@@ -1,8 +1,8 @@
-//! The configuration of a flight is the one that it began with. A supervisor reads its file once and gives its processes a
-//! copy of what it read, so that one which is started again in flight does not take up what somebody has edited meanwhile.
-//! The file of Zenoh's own configuration is part of it: its text stands in the copy in the place of its name.
-//! The copy is kept fresh while the supervisor lives and is removed when it ends as asked; a successor that finds a fresh
-//! one goes on with it, for its predecessor was killed. An edited file is reported, and counts from the next start on.
+//! The configuration of a flight is fixed at its start. A supervisor reads its file once and gives its processes a copy
+//! of the text, so that a process which restarts in flight does not apply later edits. The copy also contains the text
+//! of Zenoh's own configuration file in place of its name. The supervisor keeps the copy fresh while it lives and
+//! removes it when it ends as asked. A successor that finds a fresh copy continues with it, because its predecessor was
+//! killed. An edit of the file is reported and applies from the next start.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -19,27 +19,27 @@ use tracing::warn;
 use crate::config::method;
 use crate::exit::{CliError, Doing};
 
-/// The copy is of a flight that goes on if its supervisor lived so lately: a hundred times what the service manager waits
-/// for before it starts a successor.
+/// Greatest age of a copy whose flight continues: a hundred times the pause of the service manager before it starts a
+/// successor.
 const MAX_AGE: Duration = Duration::from_secs(10);
-/// The file is compared with the copy this often, ns.
+/// Period at which the file is compared with the copy, ns.
 const LOOK_PERIOD_NS: i64 = 1_000_000_000;
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// The configuration that a supervisor began with.
+/// The configuration with which a supervisor started.
 pub struct SealedConfig {
     origin: PathBuf,
     copy: PathBuf,
     text: String,
     edited: bool,
     next_look_ns: i64,
-    /// The copy is ours alone so far: nothing has run by it.
+    /// No process has run with the copy yet.
     unused: bool,
 }
 
 impl SealedConfig {
-    /// Reads and checks the file of a computer.
+    /// Reads and checks the configuration file of a computer.
     pub fn begin<T: DeserializeOwned + Check>(origin: &Path) -> Result<(T, SealedConfig), CliError> {
         SealedConfig::begin_in(&std::env::temp_dir(), origin)
     }
@@ -74,11 +74,11 @@ impl SealedConfig {
             unused,
         }
     }
-    /// The copy, for processes.
+    /// Path of the copy, for processes.
     pub fn path(&self) -> &Path {
         &self.copy
     }
-    /// Message about the file, if it is another than the one that is flown.
+    /// Message about the file if it differs from the configuration in use.
     pub fn edited(&self) -> Option<String> {
         let message = || {
             format!(
@@ -88,7 +88,7 @@ impl SealedConfig {
         };
         self.edited.then(message)
     }
-    /// Keeps the copy fresh and looks whether the file was edited; true when that has changed.
+    /// Keeps the copy fresh and checks whether the file was edited; true when that has changed.
     pub fn poll(&mut self, now_ns: i64) -> bool {
         if now_ns < self.next_look_ns {
             return false;
@@ -96,7 +96,7 @@ impl SealedConfig {
         self.next_look_ns = now_ns.saturating_add(LOOK_PERIOD_NS);
         self.unused = false;
         let touched = touch(&self.copy);
-        // One that was removed: the next process that starts needs it.
+        // The copy was removed, and the next process that starts needs it.
         if touched.is_err() {
             let _unwritten = write(&self.copy, &self.text);
         }
@@ -112,7 +112,7 @@ impl SealedConfig {
         }
         changed
     }
-    /// The supervisor ends as it was asked to.
+    /// Removes the copy: the supervisor ends as asked.
     pub fn end(mut self) {
         self.unused = true;
     }
@@ -120,21 +120,23 @@ impl SealedConfig {
 
 impl Drop for SealedConfig {
     fn drop(&mut self) {
-        // A start that failed is no flight, nor is one that is over. What cannot be removed is old soon.
+        // A start that failed, or a flight that is over, must not continue. A copy that cannot be removed is soon too
+        // old.
         if self.unused {
             let _left = fs::remove_file(&self.copy);
         }
     }
 }
 
-/// Text of the configuration that a service runs which was started with the file `origin`; None where none was, and for another user's.
+/// Text of the configuration of the running service that was started with the file `origin`; None without one, or if it
+/// belongs to another user.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
 }
 
-/// The text of a configuration with that of Zenoh's own in the place of its file's name, where it names one.
+/// Text of the configuration with Zenoh's own configuration in place of its file name, if it names one.
 fn whole(text: String) -> Result<String, CliError> {
-    // What is no TOML is rejected with its line where it is parsed.
+    // Text that is not TOML is rejected later with its line, by the parser.
     let mut table: toml::Table = toml::from_str(&text).unwrap_or_default();
     let Some(toml::Value::String(zenoh)) = table.get_mut("radio").and_then(|radio| radio.get_mut("zenoh"))
     else {
@@ -154,7 +156,7 @@ fn copy_of(directory: &Path, origin: &Path) -> Result<PathBuf, CliError> {
     Ok(directory.join(format!("alight-config-{hash:016x}.toml")))
 }
 
-/// Content of a copy of ours that was fresh recently.
+/// Content of our own copy if it was fresh recently.
 fn fresh(copy: &Path) -> Option<String> {
     let found = fs::symlink_metadata(copy).ok()?;
     let own = found.is_file() && found.uid() == rustix::process::geteuid().as_raw();
@@ -162,7 +164,7 @@ fn fresh(copy: &Path) -> Option<String> {
     (own && age <= MAX_AGE).then(|| read(copy).ok())?
 }
 
-/// Makes the copy one of now. Its age counts across processes, so that it is the file system's clock.
+/// Sets the copy's time to now. Its age is compared across processes, so it uses the file system's clock.
 #[allow(clippy::disallowed_methods)]
 fn touch(copy: &Path) -> io::Result<()> {
     File::options()
@@ -177,10 +179,10 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
-/// Replaces the copy as a whole.
+/// Replaces the copy atomically.
 fn write(copy: &Path, text: &str) -> io::Result<()> {
     let new = copy.with_extension(format!("{}.new", std::process::id()));
-    // Neither a file nor a link that another user has put there.
+    // Removes a file or link that another user has put there.
     let _none = fs::remove_file(&new);
     let mut file = OpenOptions::new()
         .write(true)
@@ -212,18 +214,18 @@ mod tests {
         let (computer, mut sealed) = begin();
         assert_eq!((computer.bridge.drone_id, number(sealed.path())), (2, 2));
         assert!(!sealed.poll(0) && sealed.edited().is_none());
-        // A process that is started now keeps to what was read, and it is reported once.
+        // A process that starts now uses the copy, and the edit is reported once.
         edit("[bridge]\ndrone_id = 3\n");
         assert!(!sealed.poll(LOOK_PERIOD_NS / 2), "not yet looked");
         assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));
         assert!(sealed.edited().unwrap().contains("drone.toml was edited"));
         assert_eq!(number(sealed.path()), 2);
-        // So does a successor of a supervisor that was killed, also where the file is no configuration any more.
+        // So does a successor of a killed supervisor, even if the file is no longer a valid configuration.
         edit("half a fi");
         let (computer, successor) = begin();
         assert!(computer.bridge.drone_id == 2 && successor.edited().is_some());
         sealed.poll(3 * LOOK_PERIOD_NS);
-        // Where no supervisor lived lately, and after one that ended as it was asked to, the file counts.
+        // If no supervisor lived recently, and after one that ended as asked, the file is used.
         edit("[bridge]\ndrone_id = 4\n");
         let copy = File::options().append(true).open(successor.path()).unwrap();
         copy.set_modified(SystemTime::UNIX_EPOCH).unwrap();
@@ -232,7 +234,7 @@ mod tests {
         edit("[bridge]\ndrone_id = 5\n");
         sealed.end();
         assert_eq!(begin().0.bridge.drone_id, 5);
-        // So it does after a start that failed. A removed copy is written again.
+        // So it is after a start that failed. A removed copy is written again.
         edit("[bridge]\ndrone_id = 6\n");
         let (computer, mut sealed) = begin();
         assert_eq!(computer.bridge.drone_id, 6);
@@ -264,7 +266,7 @@ mod tests {
         };
         assert_eq!(flown(&sealed), original);
         assert!(!sealed.poll(0));
-        // A process that is started now keeps to what was read, and so does a successor of a supervisor that was killed.
+        // A process that starts now uses the copy, and so does a successor of a killed supervisor.
         fs::write(&zenoh, "{ mode: ").unwrap();
         assert!(sealed.poll(LOOK_PERIOD_NS) && sealed.edited().is_some());
         fs::remove_file(&zenoh).unwrap();
@@ -274,7 +276,7 @@ mod tests {
             (&*computer.radio.zenoh, flown(&successor)),
             (original, original.into())
         );
-        // As it was before, nothing is edited.
+        // With the original text, the file is not reported as edited.
         fs::write(&zenoh, original).unwrap();
         assert!(sealed.poll(3 * LOOK_PERIOD_NS) && sealed.edited().is_none());
         fs::remove_dir_all(directory).unwrap();

@@ -1,9 +1,9 @@
 //! The service of a computer: its processes over one shared memory, under one supervisor.
 //!
-//! One service and not one per process: the services of shared memory have to be created by one
-//! process before any other opens them, and what a killed process left has to be cleaned up while none
-//! lives. The supervisor restarts a process that ended, at once after a long run, and kills one that reports
-//! nothing for too long, so that it is restarted too; systemd watches the supervisor.
+//! There is one service rather than one per process: one process has to create the services of shared memory before any
+//! other opens them, and what a killed process left has to be cleaned up while no process lives. The supervisor
+//! restarts a process that ended (at once after a long run), and kills and restarts a process that is silent for too
+//! long; systemd watches the supervisor.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -32,36 +32,35 @@ use crate::process::sealed::SealedConfig;
 use crate::process::supervision::SupervisorLimits;
 use crate::process::supervisor::{self, Supervisor, SupervisorEvent};
 
-/// Time between two looks of the supervisor.
+/// Period of the supervisor's loop.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Processes of a computer.
 pub struct ComputerService<'a> {
     /// Name of the set of processes.
     pub instance: &'a str,
-    /// The facts that it publishes.
     pub facts: Facts,
     /// The computer's name in its flights.
     pub computer: String,
     /// Directory in which they record.
     pub recorder: &'a RecorderConfig,
-    /// A process that reports nothing for this long is killed and restarted, s.
+    /// Silence after which a process is killed and restarted, s.
     pub silence_timeout_s: f64,
-    /// The processes in the order of their start, with the scheduling that the system may not permit.
+    /// Processes in the order of their start, with their scheduling, which the system may not permit.
     pub nodes: Vec<(ProcessKind, Scheduling)>,
     /// Addresses of the viewers, if there are any.
     pub view: Option<ViewConfig>,
-    /// The clock of checkpoints that the supervisor keeps; None: each process keeps its own.
+    /// Clock of the checkpoints that the supervisor keeps; None: each process keeps its own.
     pub checkpoints: Option<ProcessClock>,
 }
 
-/// Runs it until it is asked to end.
+/// Runs the service until it is asked to end.
 pub fn run(
     args: &ProcessArgs,
     service: ComputerService<'_>,
     mut sealed: SealedConfig,
 ) -> Result<Exit, CliError> {
-    // Everything is checked before anything starts. The first call installs the signal handler.
+    // All is checked before any process starts. The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);
@@ -88,7 +87,7 @@ pub fn run(
         observer.poll();
         sealed.poll(steady_ns());
         reporter.poll(steady_ns(), || sealed.edited());
-        // Before what a dead process left is cleaned up.
+        // Before the remains of a dead process are cleaned up.
         if let Some((clock, keeper)) = &mut keeper {
             keeper.poll(clock.now());
         }
@@ -129,12 +128,12 @@ pub fn run(
     Ok(Exit::Success)
 }
 
-/// The file of what outlives the computer's boot; None where the service has no directory for its state.
+/// File of the state that survives a reboot; None if the service has no state directory.
 fn lasting_path(instance: &str) -> Option<PathBuf> {
     Some(state_directory()?.join(format!("alight-{instance}.flight")))
 }
 
-/// Starts its processes, which record into this flight.
+/// Starts the processes, which record into this flight.
 fn start(
     service: &ComputerService<'_>,
     owned: &OwnedInstance,

@@ -13,7 +13,7 @@ use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::DroneClock;
 use nalgebra::Vector3;
 
-/// Times from microseconds to seconds in three digits.
+/// Text of a time from microseconds to seconds, with three digits.
 pub fn time(s: f64) -> String {
     if !s.is_finite() {
         "-".into()
@@ -28,7 +28,7 @@ pub fn time(s: f64) -> String {
     }
 }
 
-/// A time from seconds to hours in whole numbers.
+/// Text of a time from seconds to hours, in whole numbers.
 pub fn minutes(s: f64) -> String {
     if !(s >= 90.0) {
         format!("{s:.0} s")
@@ -39,10 +39,10 @@ pub fn minutes(s: f64) -> String {
     }
 }
 
-/// People look a few times a second: nothing fresher than this counts as old, s.
+/// Shortest age that counts as old, s: viewers look a few times a second.
 const MIN_STALE_S: f64 = 1.0;
 
-/// The newest message of a topic, and when it came on the observer's clock.
+/// The newest message of a topic, and its arrival on the observer's clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Newest<T> {
     value: Option<T>,
@@ -58,7 +58,7 @@ impl<T> Default for Newest<T> {
     }
 }
 
-/// One of any age: what a test states.
+/// A value of unknown age, for tests.
 impl<T> From<T> for Newest<T> {
     fn from(value: T) -> Self {
         Newest {
@@ -76,13 +76,13 @@ impl<T> Deref for Newest<T> {
 }
 
 impl<T: Plain> Newest<T> {
-    /// One that came by `now_ns`, if any did.
+    /// Stores a message that arrived by `now_ns`, if any.
     pub fn set(&mut self, now_ns: i64, value: Option<T>) {
         if value.is_some() {
             *self = Newest { value, at_ns: now_ns };
         }
     }
-    /// Since it came, s; infinite before the first.
+    /// Time since the arrival, s; infinite before the first message.
     pub fn age_s(&self, now_ns: i64) -> f64 {
         let age_s = now_ns.saturating_sub(self.at_ns).max(0) as f64 * 1e-9;
         if self.value.is_some() {
@@ -91,54 +91,49 @@ impl<T: Plain> Newest<T> {
             f64::INFINITY
         }
     }
-    /// Whether it is older than its topic allows.
+    /// Whether the message is older than its topic allows.
     pub fn is_old(&self, now_ns: i64) -> bool {
         self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
     }
-    /// The value while it is not old.
+    /// The value, unless it is old.
     pub fn fresh(&self, now_ns: i64) -> Option<&T> {
         self.value.as_ref().filter(|_| !self.is_old(now_ns))
     }
 }
 
-/// The newest that was received of everything.
+/// The newest message of every topic.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Since when it is received, on the observer's clock, ns.
+    /// Begin of the reception, on the observer's clock, ns.
     pub since_ns: i64,
-    /// Processes by kind.
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     pub mission: Newest<MissionState>,
-    /// The autopilot's state.
     pub autopilot: Newest<AutopilotState>,
     pub drone: Newest<DroneState>,
-    /// The deck's forecast.
     pub forecast: Newest<DeckForecast>,
     pub link: Newest<LinkState>,
     pub plan: Newest<Plan>,
-    /// Whose the vessel's deck is.
+    /// Grant of the vessel's deck.
     pub grant: Newest<DeckGrant<DroneClock>>,
-    /// The vessel's wave model.
     pub wave: Newest<WaveModel<DroneClock>>,
-    /// Response of the drone's attitude to set-points, by the pilot.
+    /// Response of the drone's attitude to set-points, as estimated by the pilot.
     pub response: Option<AttitudeResponse>,
-    /// Status of the vessel's process.
     pub vessel: Newest<VesselStatus>,
-    /// The vessel's real sensors by their places in its configuration.
+    /// Reports of the vessel's real sensors, by their index in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
-    /// The computer's report of itself.
     pub computer: Newest<ComputerReport>,
 }
 
 impl Snapshot {
-    /// Origin of the drone's frame, and the distance of the deck by the newest forecast, m.
+    /// Origin of the drone's frame, and distance of the deck by the newest forecast, m.
     pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
         let drone = (*self.drone)?;
         let deck = self.forecast.and_then(|f| f.stages.first().copied());
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
     }
-    /// Age of the newest plan by the mission's newest stamp, which is of the same clock, s; infinite before the first.
+    /// Age of the newest plan relative to the mission's newest stamp, which is of the same clock, s; infinite before
+    /// the first.
     pub fn plan_age_s(&self, now_ns: i64) -> f64 {
         let since_s = self.plan.age_s(now_ns);
         match (*self.plan, *self.mission) {

@@ -1,5 +1,5 @@
-//! Start of a process of Alight that ends with whoever started it: it holds the reading end of a pipe as its standard input and
-//! ends when that closes, so that none outlives a starter that was killed.
+//! Start of a process of Alight that ends with its starter: its standard input is the read end of a pipe, and it ends
+//! when the pipe closes, so that it does not outlive a starter that was killed.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -12,18 +12,18 @@ use std::sync::mpsc::Sender;
 use crate::io::store::STATE_VARIABLE;
 use crate::process::notify::SOCKET_VARIABLE;
 
-/// Surroundings of a process.
+/// Environment of a process.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProcessSurroundings<'a> {
-    /// File to which its standard error is appended; None: it goes where this process writes its own.
+    /// File to which its standard error is appended; None: standard error of this process.
     pub errors: Option<&'a Path>,
-    /// Directory of the state that outlives it; None: that of the service manager.
+    /// Directory of the state that survives the process; None: that of the service manager.
     pub state: Option<&'a Path>,
-    /// It reports that it is ready to this socket; None: to the service manager.
+    /// Socket to which it reports that it is ready; None: that of the service manager.
     pub notified: Option<&'a Path>,
 }
 
-/// Starts what stands before the program, the program and its arguments, `arguments`; its standard output comes by `lines`.
+/// Starts `prefix`, the program and its `arguments`; lines of its standard output come by `lines`.
 pub fn start<W: AsRef<OsStr>>(
     arguments: impl IntoIterator<Item = W>,
     around: ProcessSurroundings<'_>,
@@ -41,7 +41,7 @@ pub fn start<W: AsRef<OsStr>>(
         .arg("--supervised")
         .envs(around.state.map(|directory| (STATE_VARIABLE, directory)))
         .envs(around.notified.map(|socket| (SOCKET_VARIABLE, socket)));
-    // A group of its own: the terminal's Ctrl-C reaches the starter only, which ends all.
+    // Own process group: the terminal's Ctrl-C reaches only the starter, which ends all.
     command.process_group(0);
     let mut child = command
         .stdin(Stdio::piped())
@@ -55,7 +55,7 @@ pub fn start<W: AsRef<OsStr>>(
                 .for_each(drop);
         };
         if let Err(e) = std::thread::Builder::new().spawn(read) {
-            // No reader would empty its pipe.
+            // Without a reader its pipe would fill up.
             let _gone = child.kill().and_then(|()| child.wait());
             return Err(e);
         }

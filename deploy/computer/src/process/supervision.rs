@@ -1,69 +1,67 @@
-//! The supervisor's decisions: which process is started, started again after which delay, killed for its
-//! silence, or given up. Pure: what is observed of each process in, what is to be done out.
+//! Decisions of the supervisor: which process is started, restarted after a delay, killed for silence, or given up. A
+//! pure function: observations of each process in, actions out.
 
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, SteadyClock, Time};
 use serde::{Deserialize, Serialize};
 
-/// Delay before a process is started again that had not run for long; doubles with each further failure.
+/// Delay before the restart of a process that did not run for long; doubles with each further failure.
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
 /// Longest delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// Limits of the viewers' server, which nothing needs: a cause that keeps it from starting (its port is taken) stays.
+/// Longest delay before a restart of the viewers' server. No process needs it, and the cause of its failure (a port in
+/// use) usually persists.
 const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
-/// A process that ran for this long started well: it is started again at the next look.
+/// Run after which a start counts as successful: the process is restarted at the next poll.
 const STABLE_RUN: Span = Span::from_millis(5000);
-/// A process that has not reported since its start has this many times as long as one that has: libraries are loaded and
-/// devices opened, and on a busy computer each start takes from the others.
+/// Factor on the silence timeout before the first report: the process loads libraries and opens devices, and on a busy
+/// computer starts slow each other down.
 const START_FACTOR: f64 = 5.0;
-/// Each kill for silence doubles what the next start is allowed, this often at most: killing what is only slow makes
-/// nothing faster. A stable run ends it.
+/// Each kill for silence doubles the timeout of the next start, at most this many times: killing a slow process makes
+/// nothing faster. A stable run resets it.
 const MAX_DOUBLINGS: u32 = 3;
 
-/// Tolerances of a supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SupervisorLimits {
-    /// A process that has reported and then reports nothing for this long is killed, s; None: silence is tolerated.
+    /// Silence after which a process that has reported is killed, s; None: silence is tolerated.
     pub silence_timeout_s: Option<f64>,
-    /// A process that failed so often in a row is given up; None: never, as in flight.
+    /// Consecutive failures after which a process is given up; None: never, as in flight.
     pub max_failures: Option<u32>,
 }
 
-/// Observation of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Observed {
     pub kind: ProcessKind,
     pub running: bool,
-    /// When its newest report came, if one did.
+    /// Time of its newest report, if any.
     pub reported: Option<Time<SteadyClock>>,
 }
 
-/// Action on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SupervisorAction {
     Start(ProcessKind),
-    /// Kill it: it has been silent for this long, s.
+    /// Kill it: it has been silent for this time, s.
     Kill(ProcessKind, f64),
-    /// It failed too often in a row.
+    /// Give it up: it failed too often in a row.
     GiveUp(ProcessKind),
 }
 
-/// One process as the supervisor remembers it.
+/// State of one process in the supervisor.
 #[derive(Clone, Copy, Debug)]
 struct Child {
     kind: ProcessKind,
     starts: u32,
     failures: u32,
     started: Time<SteadyClock>,
-    /// Not started again before this.
+    /// Earliest restart.
     due: Time<SteadyClock>,
     backoff: Span,
     was_running: bool,
     killed: Option<Time<SteadyClock>>,
     /// Kills for silence since its last stable run.
     silences: u32,
-    /// The first report since this start.
+    /// First report since this start.
     ready: Option<Time<SteadyClock>>,
 }
 
@@ -103,15 +101,15 @@ impl Child {
     ) -> Option<SupervisorAction> {
         if !observation.running {
             if self.was_running {
-                // What it left in shared memory is cleaned up before the next begins.
+                // Its remains in shared memory are cleaned up before the next start.
                 self.on_exit(now);
                 return None;
             }
-            // A simulated world that ended has lost its state: starting it again would be another flight.
+            // A simulated world that ended has lost its state: a restart would be another flight.
             if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
                 return None;
             }
-            // Nothing needs the viewers' server: it ends no flight.
+            // No process needs the viewers' server: it ends no flight.
             let needed = self.kind != ProcessKind::View;
             if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
                 return Some(SupervisorAction::GiveUp(self.kind));
@@ -122,11 +120,11 @@ impl Child {
         }
         self.was_running = true;
         let reports = !matches!(self.kind, ProcessKind::World | ProcessKind::Link);
-        // It waits for shared memory.
+        // The viewers' server waits for shared memory.
         let waits = self.kind == ProcessKind::View && observation.reported.is_none();
         let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
-        // What its predecessor reported is no report of this start.
+        // A report of its predecessor is no report of this start.
         let reported = observation.reported.filter(|at| *at > self.started);
         self.ready = self.ready.or(reported);
         let newest = [Some(self.started), self.killed, reported];
@@ -141,14 +139,14 @@ impl Child {
             SupervisorAction::Kill(self.kind, silence_s)
         })
     }
-    /// So long it may report nothing, s.
+    /// Silence that is allowed, s.
     fn allowed_s(&self, timeout_s: f64) -> f64 {
         let factor = if self.ready.is_some() { 1.0 } else { START_FACTOR };
         timeout_s * factor * f64::from(1_u32 << self.silences.min(MAX_DOUBLINGS))
     }
 }
 
-/// The decisions as a node.
+/// The supervisor's decisions as a node.
 #[derive(Clone, Debug)]
 pub struct SupervisorNode {
     limits: SupervisorLimits,
@@ -156,14 +154,13 @@ pub struct SupervisorNode {
 }
 
 impl SupervisorNode {
-    /// Has started nothing yet.
     pub fn new(limits: SupervisorLimits) -> SupervisorNode {
         SupervisorNode {
             limits,
             children: Vec::new(),
         }
     }
-    /// Starts beyond the first, of all processes.
+    /// Restarts of all processes.
     pub fn restarts(&self) -> u32 {
         self.children.iter().map(|c| c.starts.saturating_sub(1)).sum()
     }
@@ -171,7 +168,7 @@ impl SupervisorNode {
 
 impl Node for SupervisorNode {
     type Clock = SteadyClock;
-    /// Every process under supervision, in the order in which they start.
+    /// Every supervised process, in start order.
     type In = Vec<Observed>;
     type Out = Vec<SupervisorAction>;
 
@@ -217,7 +214,7 @@ mod tests {
         let mut node = SupervisorNode::new(limits);
         let mut starts = Vec::new();
         for ms in (0..600_000).step_by(20) {
-            // It ends at once.
+            // The process ends at once.
             for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
                 assert_eq!(action, SupervisorAction::Start(ProcessKind::View));
                 starts.push(ms);
@@ -236,7 +233,7 @@ mod tests {
         let mut node = SupervisorNode::new(SupervisorLimits::default());
         let mut starts = Vec::new();
         for ms in (0..8000).step_by(10) {
-            // It ends at once.
+            // The process ends at once.
             if !node.step(at(ms), &observed(PILOT, false, None)).is_empty() {
                 starts.push(ms);
             }
@@ -248,7 +245,7 @@ mod tests {
         for ms in (8000..20_000).step_by(10) {
             assert!(node.step(at(ms), &observed(PILOT, true, Some(ms))).is_empty());
         }
-        // Without a delay after a run that was long, and then with the first.
+        // No delay after a long run, then the initial delay.
         let starts = (20_000..20_200).step_by(10).filter(|&ms| {
             let actions = node.step(at(ms), &observed(PILOT, false, None));
             actions == [SupervisorAction::Start(PILOT)]
@@ -263,7 +260,7 @@ mod tests {
             max_failures: None,
         };
         let cases = [
-            // Never ready: five times as long, and twice that after it was killed in vain.
+            // Never ready: five times the timeout, and twice that after a kill.
             (PILOT, None, vec![15_010, 45_020]),
             (PILOT, Some(1000), vec![4010, 10_020, 22_030, 46_040]),
             (ProcessKind::View, None, vec![]),
@@ -279,7 +276,7 @@ mod tests {
                     }
                 }
             }
-            // Give or take two looks: an allowance is a product of floating point.
+            // Within two polls: an allowance is a product of floating-point numbers.
             let near = |(a, b): (&i64, &i64)| (a - b).abs() <= 40;
             let same = killed.len() == kills.len() && killed.iter().zip(&kills).all(near);
             assert!(same, "{kind:?}: {killed:?}");
@@ -294,8 +291,8 @@ mod tests {
         }
     }
 
-    /// Processes on a computer so busy that each start takes so long until the first report, ms; then they report twice a
-    /// second, but for the times at which they `hang`. When each was started and killed, ms, in this time.
+    /// Times at which each process was started and killed, ms, on a computer so busy that each start takes `start_ms`
+    /// until the first report. Then the processes report twice a second, except while they `hang`.
     fn on_a_busy_computer(
         kinds: &[ProcessKind],
         start_ms: i64,
@@ -362,7 +359,7 @@ mod tests {
                 .iter()
                 .filter(|(_, a)| matches!(a, SupervisorAction::Kill(..)))
                 .count();
-            // None is killed while it does what it can.
+            // No process that makes progress is killed.
             assert!(kills <= 6 * 2 && (start_ms > 15_000 || kills == 0), "{kills}");
         }
     }
@@ -374,11 +371,11 @@ mod tests {
                 |(ms, a): &(i64, SupervisorAction)| matches!(a, SupervisorAction::Kill(..)).then_some(*ms);
             actions.iter().filter_map(killed).collect()
         };
-        // One that never gets ready is tried for ever.
+        // A process that never gets ready is retried for ever.
         let never = kills(&on_a_busy_computer(&[PILOT], 1_000_000, |_| false, 1_000_000));
         assert!(never.len() >= 8, "{never:?}");
         assert!(never.windows(2).all(|w| w[1] - w[0] <= 123_000), "{never:?}");
-        // One that hangs once after long runs is killed as soon as the first time.
+        // A process that hangs after long runs is killed as early as the first time.
         let hangs = |ms: i64| (30_000..40_000).contains(&ms) || (100_000..110_000).contains(&ms);
         let twice = kills(&on_a_busy_computer(&[PILOT], 200, hangs, 150_000));
         let after: Vec<i64> = [30_000, 100_000]

@@ -1,4 +1,4 @@
-//! Execution of the decisions of [`SupervisorNode`]: start ([`start`]), kill, end of all processes.
+//! Execution of the decisions of [`SupervisorNode`]: start ([`start`]), kill and end of all processes.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -22,13 +22,13 @@ use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Name of the supervisor as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
-/// Processes that were asked to end have this long; the services' `TimeoutStopSec` is longer.
+/// Time in which processes have to end when asked, ns; `TimeoutStopSec` of the services is longer.
 const GRACE_NS: i64 = 4_000_000_000;
 
 /// One process under supervision.
 struct ManagedProcess {
     kind: ProcessKind,
-    /// Arguments before the program: the way into its network namespace.
+    /// Arguments before the program, which enter its network namespace.
     prefix: Vec<String>,
     arguments: Vec<String>,
     child: Option<Child>,
@@ -40,25 +40,24 @@ pub struct Supervisor {
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     flight: Option<PathBuf>,
-    /// Directory of the state that outlives a process; None: that of the service manager.
+    /// Directory of the state that survives a process; None: that of the service manager.
     state: Option<PathBuf>,
-    /// Processes write errors where the supervisor does, not into files.
+    /// Processes write errors to the supervisor's standard error, not to files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
-    /// In flight a process that cannot be started does not end the others.
+    /// In flight, a process that cannot be started does not end the others.
     keeps_others: bool,
-    /// Events of the first start of a process, for the next poll.
+    /// Events of the first start of a process, returned by the next poll.
     events: Vec<SupervisorEvent>,
 }
 
-/// Event of a process.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SupervisorEvent {
-    /// It ended; it is started again unless it is the world.
+    /// It ended; it is restarted unless it is the world.
     Ended(ProcessKind, String),
-    /// It reported nothing for this long and is killed, s.
+    /// It was silent for this time, s, and is killed.
     Silent(ProcessKind, f64),
-    /// It could not be started; it is tried again.
+    /// It could not be started; the start is retried.
     NotStarted(ProcessKind, String),
 }
 
@@ -83,8 +82,8 @@ impl fmt::Display for SupervisorEvent {
 }
 
 impl Supervisor {
-    /// No process yet; `directory` takes what processes write to standard error. Its decisions are recorded where
-    /// the processes record: in the directory of their flight.
+    /// A supervisor without processes; their standard error goes to files in `directory`. The decisions are recorded in
+    /// the directory of the processes' flight.
     pub fn new(
         directory: PathBuf,
         flight: Option<PathBuf>,
@@ -116,12 +115,12 @@ impl Supervisor {
             lines: channel(),
         })
     }
-    /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
+    /// Processes write errors to the supervisor's standard error: a service's journal keeps and rotates them.
     pub fn inheriting_stderr(mut self) -> Supervisor {
         self.inherit_stderr = true;
         self
     }
-    /// Keeps the state that outlives a process in this directory.
+    /// Keeps the state that survives a process in this directory.
     pub fn keeping_state_in(mut self, directory: PathBuf) -> Supervisor {
         self.state = Some(directory);
         self
@@ -148,7 +147,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Starts the viewers' server for the computer of this configuration; where it is served, for people.
+    /// Starts the viewers' server for the computer with this configuration; returns its addresses as text.
     pub fn start_view(&mut self, config: &Path, view: &ViewConfig) -> Result<Vec<String>, CliError> {
         let mut pieces = arguments(ProcessKind::View, config);
         pieces.extend(["--listen".into(), view.listen.clone()]);
@@ -181,8 +180,8 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Looks after all: what ended is started again after a delay, what is silent for too long is killed.
-    /// `reported` returns when a process's newest report came, on the steady clock, ns.
+    /// Restarts processes that ended, after a delay, and kills those that are silent for too long. `reported` returns
+    /// the time of a process's newest report on the steady clock, ns.
     pub fn poll(
         &mut self,
         reported: impl Fn(ProcessKind) -> Option<i64>,
@@ -235,7 +234,7 @@ impl Supervisor {
     pub fn output_lines(&self) -> Vec<String> {
         self.lines.1.try_iter().collect()
     }
-    /// Waits for a line that is still under way from a process that ended.
+    /// Waits for the last lines of a process that has ended.
     pub fn remaining_lines(&self) -> Vec<String> {
         let first = self.lines.1.recv_timeout(Duration::from_millis(500));
         first.into_iter().chain(self.lines.1.try_iter()).collect()
@@ -247,17 +246,17 @@ impl Supervisor {
     /// Writes a line to a process's standard input.
     pub fn write_line(&mut self, kind: ProcessKind, line: &str) {
         if let Some(input) = self.child_mut(kind).and_then(|c| c.stdin.as_mut()) {
-            // One that is gone is started again, and has missed it.
+            // A process that has ended is restarted and misses the line.
             let _unsent = writeln!(input, "{line}").and_then(|()| input.flush());
         }
     }
     fn kill(&mut self, kind: ProcessKind) {
         if let Some(child) = self.child_mut(kind) {
-            // One that is gone meanwhile needs no killing.
+            // The process may have ended meanwhile.
             let _gone = child.kill();
         }
     }
-    /// Starts beyond the first, of all processes.
+    /// Restarts of all processes.
     pub fn restarts(&self) -> u32 {
         self.node.restarts()
     }
@@ -268,7 +267,7 @@ impl Supervisor {
         last.map(str::to_string)
     }
 
-    /// Ends all: asks by closing their standard input, and after their grace kills them.
+    /// Ends all processes: closes their standard input, and kills those that are left after the grace time.
     pub fn stop(&mut self) {
         let mut children: Vec<Child> = self.processes.iter_mut().filter_map(|p| p.child.take()).collect();
         for child in &mut children {
@@ -280,7 +279,7 @@ impl Supervisor {
             pause(Duration::from_millis(10));
         }
         for mut child in children {
-            // A process that is gone meanwhile needs no killing.
+            // The process may have ended meanwhile.
             let _gone = child.kill();
             let _status = child.wait();
         }
@@ -302,8 +301,8 @@ pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
     ]
 }
 
-/// This process's own program, whatever has become of its file. An upgrade puts a new file in its place:
-/// the processes of one supervisor stay of one version, and the kernel keeps the old one for as long as it runs.
+/// This process's own program, even if its file was replaced. An upgrade puts a new file in its place; the kernel keeps
+/// the old one while it runs, so all processes of a supervisor have the same version.
 fn own_program() -> std::io::Result<PathBuf> {
     let file = std::env::current_exe()?;
     Ok(if file.exists() {
@@ -358,7 +357,7 @@ mod tests {
         };
         let (_, started) = missing(ProcessKind::Camera, limits);
         assert!(started.unwrap_err().to_string().contains("camera"));
-        // Nothing needs the viewers' server.
+        // No process needs the viewers' server.
         assert!(missing(ProcessKind::View, limits).1.is_ok());
     }
 }

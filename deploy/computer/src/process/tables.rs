@@ -1,4 +1,4 @@
-//! Tables of what the processes of an instance report: use, age of their inputs, radio.
+//! Tables of the processes' reports: resource use, age of their inputs, radio.
 
 use alight_shared::process::{InputState, ProcessKind};
 use alight_shared::topics::{self, Topic};
@@ -8,7 +8,7 @@ use crate::process::snapshot::{Snapshot, time};
 use crate::table::{Cell, Table};
 
 impl Snapshot {
-    /// A table of the processes: what they use, how long a step takes.
+    /// Table of the processes: resource use, duration of a step.
     pub fn usage(&self, now_ns: i64) -> String {
         let heads = [
             "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up",
@@ -33,8 +33,8 @@ impl Snapshot {
         table.text()
     }
 
-    /// Parts of the time between a measurement on the vessel and the set-point: the age of each
-    /// message when it is read, and what a step takes.
+    /// Delay from a measurement on the vessel to the set-point, in parts: age of each message when it is read, duration
+    /// of each step.
     pub fn stages(&self) -> String {
         const STAGES: [(ProcessKind, &Topic); 6] = [
             (ProcessKind::Predictor, &topics::BRIDGE_ESTIMATE),
@@ -60,7 +60,7 @@ impl Snapshot {
         table.text()
     }
 
-    /// A table of what goes over the radio.
+    /// Table of the radio's traffic.
     pub fn radio(&self) -> String {
         let mut table = Table::new(2.., ["sender", "over the radio", "Hz", "bytes/s"]);
         let mut total = 0.0;
@@ -82,7 +82,7 @@ impl Snapshot {
         table.text()
     }
 
-    /// A table of the topics as each process reads them.
+    /// Table of the topics as each process reads them.
     pub fn topics(&self) -> String {
         let heads = [
             "reader",
@@ -114,7 +114,6 @@ impl Snapshot {
     }
 }
 
-/// The topic of that number.
 fn topic_name(number: u32) -> Option<&'static str> {
     topics::ALL.get(number as usize).map(|t| t.name)
 }

@@ -1,5 +1,5 @@
-//! Deck, drone and paths as coloured points (`foxglove.PointCloud`): every viewer draws points, also
-//! those that do not know the shapes of a `foxglove.SceneUpdate`.
+//! Deck, drone and paths as coloured points (`foxglove.PointCloud`): every viewer draws points, including those that do
+//! not know the shapes of a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use foxglove::messages::packed_element_field::NumericType;
@@ -7,11 +7,11 @@ use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
 use crate::record::geometry::{frame, pose};
 
-/// Between two points of an outline, m.
+/// Distance between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
-/// Points of one line or circle at most: a deck of any length stays drawable.
+/// Most points of one line or circle, so that a deck of any length stays drawable.
 const POINTS: u32 = 400;
-/// One point: three coordinates and a colour.
+/// Bytes of one point: three coordinates and a colour.
 const STRIDE: u32 = 16;
 
 /// A colour: red, green, blue.
@@ -24,7 +24,7 @@ const YELLOW: Rgb = [230, 205, 30];
 const GREEN: Rgb = [60, 200, 90];
 const BLUE: Rgb = [70, 140, 255];
 
-/// Points in one frame.
+/// Encoded points of one frame.
 #[derive(Default)]
 struct Points(Vec<u8>);
 
@@ -90,7 +90,7 @@ impl Points {
     }
 }
 
-/// The deck's edge, its tags and the line forward.
+/// The deck's edge, its tags and the line forward from its centre.
 pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
     let mut points = Points::default();
     points.rectangle([0.0; 3], [deck.length_m, deck.width_m], ORANGE);
@@ -115,11 +115,11 @@ pub fn drone(timestamp: Timestamp, drone: &DroneGeometry) -> PointCloud {
     points.cloud(timestamp, frame::DRONE)
 }
 
-/// The positions of a path: the deck's forecast.
+/// Positions of the deck's forecast.
 pub fn forecast(timestamp: Timestamp, poses: &[Pose]) -> PointCloud {
     along(timestamp, poses, GREEN)
 }
-/// The positions of a path: the plan.
+/// Positions of the plan.
 pub fn plan(timestamp: Timestamp, poses: &[Pose]) -> PointCloud {
     along(timestamp, poses, BLUE)
 }

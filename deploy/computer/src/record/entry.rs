@@ -1,11 +1,12 @@
-//! Record of a node's step: time, input bit for bit, hash of the output; and whose steps they are.
+//! Record of a node's step: time, input bit for bit, hash of the output; and the header with the process that made the
+//! steps.
 //!
-//! The flight recorder's files hold every input in full: each process is computed again without the others, also after
-//! one that was killed. Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output:
-//! a recording, all nodes in one file, therefore leaves them out of the inputs and names them by their sequence number.
-//! The replay puts in the forecast and the plan that it has computed itself, and the hash of each output shows whether
-//! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry holds it, the others
-//! state that it is the one before.
+//! The flight recorder's files hold every input in full: each process can be replayed without the others, even if one
+//! was killed. Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output. A
+//! recording, which has all nodes in one file, therefore leaves them out of the inputs and refers to them by sequence
+//! number. The replay inserts the forecast and the plan that it has computed itself, and the hash of each output shows
+//! whether the bits are equal. Four nodes receive the drone's state in the same tick: the first entry holds it, the
+//! others refer to it.
 
 use core::any::Any;
 use std::collections::BTreeMap;
@@ -16,7 +17,7 @@ use alight_shared::time::{Clock, DroneClock};
 use alight_shared::wire::{self, WireError};
 use serde::{Deserialize, Serialize};
 
-/// Encoding of a channel of steps, as MCAP calls it.
+/// MCAP message encoding of a channel of steps.
 pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects any other.
 pub const FORMAT: u32 = 22;
@@ -26,7 +27,6 @@ pub const FORMAT: u32 = 22;
 pub struct Entry<I> {
     /// The node's own time, ns.
     pub now_ns: i64,
-    /// The input of the step.
     pub input: I,
     /// Parts that are left out of the input.
     pub references: References,
@@ -34,7 +34,7 @@ pub struct Entry<I> {
     pub output: u64,
 }
 
-/// Appends the entry of a step: the bytes of an [`Entry`], whatever the types of input and output.
+/// Appends the entry of a step: the bytes of an [`Entry`], for any types of input and output.
 pub fn append(
     to: &mut Vec<u8>,
     now_ns: i64,
@@ -46,8 +46,8 @@ pub fn append(
     wire::append_record(to, &(references, hash))
 }
 
-/// [`alight_shared::wire::hash_record`] of an output, which lies at the end of `scratch` meanwhile: in one run, and not number
-/// by number.
+/// [`alight_shared::wire::hash_record`] of an output, which is encoded at the end of `scratch` first, so that it is
+/// hashed in one run instead of number by number.
 pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireError> {
     let begin = scratch.len();
     let appended = output.append(scratch);
@@ -56,24 +56,22 @@ pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireErr
     appended.map(|()| hash)
 }
 
-/// Whose steps a file holds.
+/// Header of a file: the process whose steps follow.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartHeader {
-    /// Name of the process.
     pub process: String,
-    /// The boot id.
     pub boot: u32,
-    /// When it began, on the computer's steady clock, ns: the order of a process's starts.
+    /// Start of the process on the computer's steady clock, ns: the order of its starts.
     pub began_ns: i64,
-    /// Steps of the start before the first in this file: above zero in the second part and later, and where nothing
-    /// could be written before.
+    /// Steps of this start before the first in this file: above zero from the second part on, and if the first steps
+    /// could not be written.
     pub first_step: u64,
     /// The text of its configuration.
     pub config: String,
 }
 
 impl PartHeader {
-    /// As names and values; the configuration is attached as `config`.
+    /// The header as names and values; the configuration is attached as `config`.
     pub fn values(&self, config: &str) -> BTreeMap<String, String> {
         [
             ("format", FORMAT.to_string()),
@@ -87,7 +85,7 @@ impl PartHeader {
         .map(|(name, value)| (name.to_owned(), value))
         .into()
     }
-    /// A value of such values and the texts attached to them.
+    /// Header from these values and the texts attached to them.
     pub fn of(values: &BTreeMap<String, String>, texts: &BTreeMap<String, String>) -> Option<PartHeader> {
         Some(PartHeader {
             process: values.get("process")?.clone(),
@@ -99,23 +97,24 @@ impl PartHeader {
     }
 }
 
-/// Parts that are left out of an input, and the place of their content: nothing in the flight recorder's files.
+/// Parts that are left out of an input, and where their content is: empty in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
     /// Boot id and sequence number.
     forecast: Option<(u32, u32)>,
-    /// The text for an error.
+    /// Boot id and sequence number.
     plan: Option<(u32, u32)>,
-    /// It is the newest in the file.
+    /// The drone's state is the newest in the file.
     drone: bool,
 }
 
-/// Which drone state the file's newest is.
+/// Header of the newest drone state in the file.
 #[derive(Default)]
 pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
-    /// Takes out of an input's `part` what the file has already: of a process that was killed it lacks the last steps.
+    /// Takes out of an input's `part` what the file already holds. The file lacks the last steps of a process that was
+    /// killed.
     pub fn take(&mut self, part: &mut dyn Any, newest: &mut NewestHeader, written: &Computed) {
         if let Some(slot) = part.downcast_mut::<Option<DeckForecast>>() {
             let taken = slot.take_if(|f| find(&written.forecasts, |k| &k.header, name(&f.header)).is_ok());
@@ -131,32 +130,31 @@ impl References {
     }
 }
 
-/// Boot id and number: no two messages of a kind share them.
+/// Boot id and sequence number: unique among messages of a kind.
 fn name<C: Clock>(header: &Header<C>) -> (u32, u32) {
     (header.boot, header.sequence)
 }
 
-/// A named forecast or plan that the replay has not computed, or a drone state that no entry before
-/// holds.
+/// A referenced forecast or plan that the replay has not computed, or a drone state that no earlier entry holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Missing;
 
-/// Forecasts and plans that are kept: more than can be under way between two nodes.
+/// Forecasts and plans that are kept: more than can be in transit between two nodes.
 const KEPT: usize = 128;
 
-/// Outputs that the replay has computed, or a recording written, newest last.
+/// Outputs that the replay has computed, or that a recording has written, newest last.
 #[derive(Default)]
 pub struct Computed {
     forecasts: Vec<DeckForecast>,
     plans: Vec<Plan>,
-    /// The newest that was read.
+    /// The newest drone state that was read.
     drone: Option<DroneState>,
-    /// Outputs on their way to a hash.
+    /// Buffer in which outputs are encoded for hashing.
     pub scratch: Vec<u8>,
 }
 
 impl Computed {
-    /// Keeps a part of an output that others read.
+    /// Keeps a part of an output that other nodes read.
     pub fn keep(&mut self, part: &dyn Any) {
         if let Some(forecast) = part.downcast_ref() {
             keep(&mut self.forecasts, *forecast);
@@ -164,7 +162,7 @@ impl Computed {
             keep(&mut self.plans, *plan);
         }
     }
-    /// Puts what was left out into an input's `part`.
+    /// Restores the parts that were left out of an input's `part`.
     pub fn fill(&mut self, part: &mut dyn Any, references: References) -> Result<(), Missing> {
         if let Some(slot) = part.downcast_mut::<Option<DroneState>>() {
             match references.drone {

@@ -1,4 +1,4 @@
-//! Frames of a recording, and positions and attitudes as Foxglove writes them.
+//! Frames of a recording; positions and attitudes in Foxglove's convention.
 
 use foxglove::messages::{Pose, Quaternion, Vector3};
 use nalgebra::UnitQuaternion;
@@ -9,8 +9,8 @@ pub mod frame {
     pub const WORLD: &str = "world";
     /// The true NED.
     pub const NED: &str = "ned";
-    /// At the vessel's place on the water, east, north, up: what a viewer's camera follows. A camera that followed the
-    /// vessel's own frame, whose third axis points down, would stand on its head.
+    /// At the vessel's position on the water, east, north, up: a viewer's camera follows it. A camera that followed the
+    /// vessel's own frame, whose third axis points down, would be upside down.
     pub const CHASE: &str = "chase";
     /// The vessel's body.
     pub const VESSEL: &str = "vessel";
@@ -18,11 +18,11 @@ pub mod frame {
     /// The drone's body.
     pub const DRONE: &str = "drone";
     pub const CAMERA: &str = "camera";
-    /// The NED of the drone's odometry, laid so that the odometry meets the true drone.
+    /// The NED frame of the drone's odometry, placed so that the odometry matches the true drone.
     pub const DRONE_NED: &str = "drone_ned";
 }
 
-/// The place in [`frame::WORLD`] on the water under or over this place in [`frame::NED`].
+/// Position in [`frame::WORLD`] on the water below or above a position in [`frame::NED`].
 pub fn on_the_water([north, east, _]: [f64; 3]) -> [f64; 3] {
     [east, north, 0.0]
 }

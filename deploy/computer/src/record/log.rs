@@ -1,4 +1,4 @@
-//! Log of a flight: its directory, one of its files, or a recording, which holds it in one file.
+//! Log of a flight: its directory, one of its files, or a recording, which holds the flight in one file.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -19,14 +19,14 @@ use crate::record::{About, LIVE};
 /// One start of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {
-    /// Whose steps, and the first that is there.
+    /// Process, and the first step that is present.
     pub header: PartHeader,
-    /// The files with its steps, in their order.
+    /// Files with its steps, in order.
     pub files: Vec<PathBuf>,
 }
 
 impl ProcessStart {
-    /// The name for people.
+    /// Display name.
     pub fn name(&self) -> String {
         format!("{}-{:08x}", self.header.process, self.header.boot)
     }
@@ -35,14 +35,14 @@ impl ProcessStart {
         let origin = format!("{}, the {}'s configuration", file.display(), self.header.process);
         Ok(config::parse(&self.header.config, &origin)?)
     }
-    /// Readings of its computer's clock.
+    /// Clock of its computer.
     pub fn clock(&self) -> ProcessClock {
         #[derive(Default, Deserialize)]
         #[serde(default)]
         struct Clocked {
             clock: ProcessClock,
         }
-        // One without has the steady clock.
+        // A world's configuration has no such clock: the steady clock applies.
         toml::from_str(&self.header.config).map_or_else(|_| ProcessClock::default(), |c: Clocked| c.clock)
     }
     fn is_of(&self, header: &PartHeader) -> bool {
@@ -61,27 +61,26 @@ impl ProcessStart {
     }
 }
 
-/// The order of steps.
+/// Order in which steps are replayed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayOrder {
     /// One start after the other: one file at a time is in memory.
     ByStart,
-    /// As they were made.
+    /// In the order in which they were made.
     ByTime,
 }
 
 pub struct Log {
     path: PathBuf,
-    /// By name, a process's first start first; in a recording as its data flow.
+    /// Starts by name, a process's first start first; in a recording, in the order of the data flow.
     pub starts: Vec<ProcessStart>,
-    /// Metadata of the recording: of a flight's directory and a part nothing.
+    /// Metadata of the recording; empty for a flight's directory and for a part.
     pub about: About,
-    /// It is a flight in one file.
     is_recording: bool,
 }
 
 impl Log {
-    /// Finds what is recorded at `path`. In a directory a part that was cut off before its first step is nothing.
+    /// Opens the log at `path`. In a directory, a part that was cut off before its first step is ignored.
     pub fn open(path: &Path) -> Result<Log, CliError> {
         let mut log = Log {
             path: path.into(),
@@ -110,11 +109,11 @@ impl Log {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Whether it is a flight in one file.
+    /// Whether the log is a flight in one file.
     pub fn is_recording(&self) -> bool {
         self.is_recording
     }
-    /// Whether its steps bear the time of a simulated world, and not only their nodes' own.
+    /// Whether its steps carry the time of a simulated world besides their nodes' own.
     fn has_world_time(&self) -> bool {
         self.is_recording || !self.is_live()
     }
@@ -122,15 +121,14 @@ impl Log {
     pub fn is_live(&self) -> bool {
         self.about.values.get(LIVE).is_none_or(|v| v != "0")
     }
-    /// A text attached to a recording, if it has one.
+    /// A text attached to a recording; empty without one.
     pub fn text(&self, name: &str) -> &str {
         self.about.texts.get(name).map_or("", String::as_str)
     }
-    /// The first start of this process, if there is one.
     pub fn find(&self, process: &str) -> Option<&ProcessStart> {
         self.starts.iter().find(|s| s.header.process == process)
     }
-    /// The first start of this process.
+    /// The first start of this process, or an error.
     pub fn first(&self, process: &str) -> Result<&ProcessStart, CliError> {
         self.find(process).ok_or_else(|| {
             CliError(format!(
@@ -139,7 +137,7 @@ impl Log {
             ))
         })
     }
-    /// Time by which UTC was ahead of the true time, where that is known.
+    /// UTC minus the true time, if known.
     pub fn utc_ahead(&self) -> Result<Span, CliError> {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
@@ -149,13 +147,13 @@ impl Log {
         }
         Ok(Span::from_nanos(0))
     }
-    /// Without the starts of other processes than these.
+    /// The log with the starts of these processes only.
     pub fn only(mut self, processes: &[&str]) -> Log {
         self.starts
             .retain(|s| processes.contains(&s.header.process.as_str()));
         self
     }
-    /// Every step, with the place of its start and its true time, in a recording the recording's.
+    /// Every step with the index of its start and its true time (in a recording, the recording's).
     pub fn steps(
         &self,
         order: ReplayOrder,
@@ -163,7 +161,7 @@ impl Log {
     ) -> Result<(), CliError> {
         let all: Vec<&ProcessStart> = self.starts.iter().collect();
         let groups: Vec<&[&ProcessStart]> = match order {
-            // All are in the same file.
+            // All starts are in the same file.
             _ if self.is_recording() => all.chunks(1).take(1).collect(),
             ReplayOrder::ByStart => all.chunks(1).collect(),
             ReplayOrder::ByTime => vec![&all],
@@ -221,7 +219,7 @@ fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     Ok(starts)
 }
 
-/// Steps of some files, one file after the other; one at a time is in memory.
+/// Steps of several files, one file after the other; one at a time is in memory.
 struct Steps {
     waiting: VecDeque<PathBuf>,
     file: Option<LogFile>,
@@ -229,7 +227,6 @@ struct Steps {
 }
 
 impl Steps {
-    /// From the first on.
     fn of(files: &[PathBuf]) -> Result<Steps, CliError> {
         let mut steps = Steps {
             waiting: files.to_vec().into(),
@@ -242,7 +239,7 @@ impl Steps {
     fn peek(&self) -> Option<LogStep<'_>> {
         self.file.as_ref()?.step(self.at)
     }
-    /// Goes on to the one after it.
+    /// Advances to the next step.
     fn advance(&mut self) -> Result<(), CliError> {
         self.at += 1;
         self.load()
@@ -261,10 +258,10 @@ impl Steps {
 /// Reader of one start, or of a recording.
 struct Source {
     steps: Steps,
-    /// Time of a process: a simulated world has a time of its own.
+    /// Clock of a process; a simulated world has its own time.
     clock: Option<ProcessClock>,
     rank: Option<usize>,
-    /// When the next step was made, and what comes first of equal times.
+    /// Time of the next step, and its rank among equal times.
     due: Option<(Time<TrueTime>, Option<usize>)>,
 }
 

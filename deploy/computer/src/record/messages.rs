@@ -1,4 +1,4 @@
-//! Messages of a flight that people are shown: those of a step, or as they come from shared memory.
+//! Messages of a flight for viewers: from a recorded step, or from shared memory.
 
 use alight_bridge::BridgeOut;
 use alight_shared::msg::{
@@ -13,12 +13,12 @@ use alight_uav::planner::PlannerOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::{ComputerIn, ComputerOut};
 
-/// A message, where it counts with the time at which it was sent.
+/// A message, with its time of sending if that matters.
 #[derive(Clone, Copy)]
 pub enum Message<'a> {
     /// Measurements of the vessel's sensors.
     Sensors(&'a SensorReadings),
-    /// The vessel's estimate, on her own computer.
+    /// The vessel's estimate on its own computer.
     OwnEstimate(&'a VesselEstimate<VesselClock>),
     OwnWave(&'a WaveModel<VesselClock>),
     /// The vessel's estimate as a drone received it.
@@ -30,19 +30,20 @@ pub enum Message<'a> {
     Uvdar(&'a UvdarFix),
     Range(&'a RangeSample),
     Forecast(&'a DeckForecast),
-    /// After the forecast of the same time.
+    /// Comes after the forecast of the same time.
     Drone(&'a DroneState),
     Command(&'a Command),
     Autopilot(&'a AutopilotState),
     Mission(&'a MissionState),
     Plan(Time<DroneClock>, &'a Plan),
-    /// The plan that the pilot has received.
+    /// The plan as received by the pilot.
     FlownPlan(&'a Plan),
     SetPoint(Time<DroneClock>, &'a SetPoint),
     Touchdown(&'a Touchdown),
 }
 
-/// Shows the messages of a step: each in the step of the row that writes it, those of sensors and operators where they are used.
+/// Passes the messages of a step to `each`: each message in the step of the row that writes it, those of sensors and
+/// operators in the step that uses them.
 pub fn each_message(step: &Step<'_>, each: &mut dyn FnMut(Message<'_>)) {
     let now = Time::from_nanos(step.now_ns);
     if let (Some(i), Some(o)) = (step.input::<ComputerIn>(), step.output::<ComputerOut>()) {

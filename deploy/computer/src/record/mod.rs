@@ -1,11 +1,11 @@
-//! Logs of flights, all in MCAP. [`entry`] is what is written of a step, [`log`] reads each of them:
-//! - a flight's directory, of files that every process writes by itself ([`flight`]);
-//! - a recording: a flight in one file, to look at and to compute again ([`Recorder`]).
+//! Logs of flights, all in MCAP. [`entry`] is the record of a step; [`log`] reads every kind of log:
+//! - a flight's directory, with files that each process writes by itself ([`flight`]);
+//! - a recording: a flight in one file, for viewing and replay ([`Recorder`]).
 //!
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit; the configurations are attachments;
-//! - everything else: Foxglove's well-known schemas where there is one and messages of numbers
-//!   ([`schema`]) where the message has none, at display rates ([`views`]).
+//! - all other topics: messages of Foxglove's well-known schemas, or our own messages of numbers ([`schema`]) if
+//!   there is none, at display rates ([`views`]).
 
 use std::collections::BTreeMap;
 
@@ -33,16 +33,16 @@ pub use recorder::Recorder;
 pub const WORLD: &str = "world";
 /// Extension of a log's files.
 const EXTENSION: &str = "mcap";
-/// Name of the metadata that states whose steps a file holds, one for each process.
+/// Name of the metadata record that identifies the process of a file's steps; one for each process.
 const PROCESS: &str = "process";
-/// Name of the metadata with the subject of a recording.
+/// Name of the metadata record about a recording.
 const RECORDING: &str = "recording";
-/// Value of that: 0 when its nodes were no processes, which begin by waiting for a predecessor's checkpoint.
+/// Key in that record: 0 if its nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
-/// Name of what is attached to a recording where another planner flew than the drone's.
+/// Name of the attachment of a recording in which another planner than the drone's flew.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Topic of the steps of a start after these: one of its own for a process that was started again.
+/// Topic of the steps of a start, after these: a restarted process has its own.
 fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeader>) -> String {
     let (process, boot) = (&header.process, header.boot);
     match before.any(|h| h.process == *process) {
@@ -51,7 +51,6 @@ fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeade
     }
 }
 
-/// Metadata of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct About {
     /// Names and values.

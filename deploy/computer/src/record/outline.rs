@@ -1,12 +1,12 @@
-//! A look over an MCAP file's records before a reader allocates what they claim: the reader takes a
-//! chunk's stated size on trust, and a damaged one would end the program.
+//! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's stated size,
+//! and a damaged size would end the program.
 
-/// Largest content of one chunk, bytes; ours are far below.
+/// Most bytes in one chunk; our chunks are far smaller.
 const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
-/// The magic bytes at both ends of a file, and the opcode of a chunk (MCAP specification, "Format").
+/// Magic bytes at both ends of a file, and opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const CHUNK: u8 = 0x06;
-/// No record has this opcode: it is what a file system leaves of a block that was never written.
+/// No record has this opcode: a file system leaves zeros in a block that was never written.
 const NONE: u8 = 0;
 
 fn number(bytes: &[u8], at: usize) -> Option<u64> {
@@ -19,19 +19,19 @@ fn number(bytes: &[u8], at: usize) -> Option<u64> {
 pub struct Outline {
     /// End of its last whole record.
     pub end: usize,
-    /// Bytes after that; None: the end of a file that was finished.
+    /// Description of the bytes after that; None: the file was finished.
     pub cut: Option<String>,
 }
 
 impl Outline {
-    /// Walks over the records of `file`; an error where it does not even begin.
+    /// Checks the records of `file`; an error if its beginning is not valid.
     pub fn of(file: &[u8]) -> Result<Outline, String> {
         if !file.starts_with(MAGIC) {
             return Err("it does not begin as an MCAP file does".into());
         }
         let mut at = MAGIC.len();
         let cut = |end, why: String| Ok(Outline { end, cut: Some(why) });
-        // Each round moves on by 9 bytes or more, so the file's length bounds the loop.
+        // Each iteration advances by at least 9 bytes, so the file's length bounds the loop.
         while let Some(opcode) = file.get(at).copied() {
             if file.get(at..) == Some(MAGIC) {
                 return Ok(Outline { end: at, cut: None });

@@ -1,4 +1,4 @@
-//! Reader of a log's files: of the flight recorder's, and of a recording, which holds a flight in one file.
+//! Reader of a log's files: those of the flight recorder, and a recording, which holds a flight in one file.
 //!
 //! A file of the flight recorder without an end, which a kill or a power cut left, is read up to its last whole chunk.
 
@@ -18,13 +18,13 @@ use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
 use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
-/// No file is larger, nor are its steps together, bytes.
+/// Greatest size of a file, and of all its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
-/// A file's beginning, its configurations included, is no longer, bytes.
+/// Greatest size of a file's beginning, configurations included, bytes.
 const MAX_BEGINNING_BYTES: u64 = 1 << 20;
 
-/// Runs `read`, with a panic of the MCAP reader made an error: version 0.26 reserves what some damaged
-/// length fields claim and panics on an overflow of the capacity.
+/// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that some damaged
+/// length fields claim, and panics when the capacity overflows.
 pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
     let loud = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
@@ -38,15 +38,15 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
     })
 }
 
-/// A step as it is recorded.
+/// A recorded step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogStep<'a> {
     pub header: &'a PartHeader,
-    /// The number in its start of the process, from 0 on.
+    /// Number of the step in its start of the process, from 0.
     pub number: u64,
-    /// The time in the file, ns: UTC since 1970, in a recording that of the world.
+    /// Log time, ns: UTC since 1970; in a recording, the world's time.
     pub log_ns: u64,
-    /// The [`Entry`].
+    /// An encoded [`Entry`].
     pub bytes: &'a [u8],
 }
 
@@ -54,17 +54,16 @@ impl LogStep<'_> {
     pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
         wire::decode_record(self.bytes)
     }
-    /// The node's own time, ns: what an entry begins with.
+    /// The node's own time, ns: the first field of an entry.
     pub fn now_ns(&self) -> i64 {
         let first = self.bytes.first_chunk();
         first.map_or(0, |b| i64::from_le_bytes(*b))
     }
 }
 
-/// Header before the first chunk of a file.
+/// Contents of a file before its first chunk.
 #[derive(Default)]
 pub struct LogBeginning {
-    /// Whose steps follow.
     pub headers: Vec<PartHeader>,
     /// Metadata and attachments of a recording.
     pub about: About,
@@ -93,7 +92,7 @@ impl LogBeginning {
     fn is_recording(&self) -> bool {
         !self.about.values.is_empty()
     }
-    /// An error where the file was cut off before its first step.
+    /// An error if the file was cut off before its first step.
     pub fn begun(self, path: &Path) -> Result<LogBeginning, CliError> {
         match self.is_cut {
             true => Err(CliError(format!(
@@ -103,7 +102,7 @@ impl LogBeginning {
             false => Ok(self),
         }
     }
-    /// Reader of the bytes of the file, or of its first, where it goes on.
+    /// Reads the beginning from the file's bytes, or from its first bytes if it goes on.
     fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<LogBeginning, CliError> {
         let origin = path.display();
         let mut found = LogBeginning {
@@ -144,7 +143,7 @@ impl LogBeginning {
             found.headers.push(header);
         }
         if found.headers.is_empty() {
-            // A recording of former versions.
+            // A recording of an earlier version.
             check_format(path, found.about.values.get("format"))?;
             return Err(foreign(&origin));
         }
@@ -176,7 +175,7 @@ fn damaged(origin: impl Display, why: impl Display) -> CliError {
     ))
 }
 
-/// The records, chunks whole; the file may have no end.
+/// The file's records, with whole chunks; the file may have no end.
 fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
     LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
 }
@@ -184,15 +183,14 @@ fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
 /// A file in memory.
 pub struct LogFile {
     pub headers: Vec<PartHeader>,
-    /// Why the file has no end; None: it was finished.
+    /// Reason why the file has no end; None: it was finished.
     pub cut: Option<String>,
-    /// Header, number, time and end in `bytes` of each step.
+    /// Index of the header, number, time and end in `bytes` of each step.
     marks: Vec<(usize, u64, u64, usize)>,
     bytes: Vec<u8>,
 }
 
 impl LogFile {
-    /// Reads a file.
     pub fn open(path: &Path) -> Result<LogFile, CliError> {
         let (doing, origin) = (format_args!("reading {}", path.display()), path.display());
         let mut bytes = Vec::new();
@@ -216,12 +214,12 @@ impl LogFile {
         };
         file.cut = file.take_steps(&bytes).map_err(|e| damaged(&origin, e))?;
         match &file.cut {
-            // It was not made in flight: there is nothing to save.
+            // A recording is not made in flight: there is nothing to recover.
             Some(why) if is_recording => Err(damaged(&origin, why)),
             Some(_) | None => Ok(file),
         }
     }
-    /// Takes the steps in; why the file has no end, if it has none.
+    /// Reads the steps; returns the reason why the file has no end, if so.
     fn take_steps(&mut self, file: &[u8]) -> Result<Option<String>, String> {
         let Outline { end, cut } = Outline::of(file)?;
         let mut channels = BTreeMap::new();
@@ -235,7 +233,7 @@ impl LogFile {
                 .and_then(|chunk| self.take_chunk(chunk, &mut channels));
             match (taken, &cut) {
                 (Ok(()), _) => {}
-                // The disk had begun with this chunk when the power went.
+                // The disk had begun this chunk when power was lost.
                 (Err(e), Some(_)) => return Ok(Some(e)),
                 (Err(e), None) => return Err(e),
             }
@@ -268,7 +266,7 @@ impl LogFile {
                         if (self.bytes.len() + data.len()) as u64 > MAX_FILE_BYTES {
                             return Err(format!("more than {} MB of steps", MAX_FILE_BYTES >> 20));
                         }
-                        // 32 bits count on from the file's first step.
+                        // The 32-bit sequence number continues from the file's first step.
                         let first = self.headers.get(header).map_or(0, |h| h.first_step);
                         let number = first + u64::from(message.sequence.wrapping_sub(first as u32));
                         self.bytes.extend_from_slice(&data);
@@ -280,7 +278,7 @@ impl LogFile {
             }
             Ok(())
         };
-        // A chunk counts as a whole or not at all: its check sum comes with its end.
+        // A chunk counts as a whole or not at all: its checksum comes at its end.
         let taken = take();
         if taken.is_err() {
             self.marks.truncate(marks);
@@ -288,11 +286,10 @@ impl LogFile {
         }
         taken
     }
-    /// Steps in it.
     pub fn steps(&self) -> usize {
         self.marks.len()
     }
-    /// The step in this place.
+    /// The step at this index.
     pub fn step(&self, at: usize) -> Option<LogStep<'_>> {
         let &(header, number, log_ns, end) = self.marks.get(at)?;
         let before = at.checked_sub(1).and_then(|k| self.marks.get(k));
@@ -305,12 +302,12 @@ impl LogFile {
     }
 }
 
-/// Whose steps the part at `path` holds; None where it was cut off before the first.
+/// Header of the part at `path`; None if the file was cut off before its first step.
 pub fn read_header(path: &Path) -> Result<Option<PartHeader>, CliError> {
     Ok(LogBeginning::read(path)?.headers.into_iter().next())
 }
 
-/// Whether the file at `path` begins as an MCAP file does.
+/// Whether the file at `path` begins with the MCAP magic bytes.
 pub fn is_mcap(path: &Path) -> bool {
     let begins = || -> std::io::Result<[u8; 5]> {
         let mut begin = [0; 5];
@@ -320,7 +317,7 @@ pub fn is_mcap(path: &Path) -> bool {
     begins().is_ok_and(|b| mcap::MAGIC.starts_with(&b))
 }
 
-/// Whether a file has its end: the magic bytes, after which nothing comes.
+/// Whether the file has its end, the magic bytes.
 pub fn is_whole(path: &Path) -> bool {
     use std::io::{Seek, SeekFrom};
     let end = || -> std::io::Result<[u8; 8]> {
@@ -332,7 +329,7 @@ pub fn is_whole(path: &Path) -> bool {
     end().is_ok_and(|e| e == mcap::MAGIC)
 }
 
-/// Process, boot id and number of a part by its file's name.
+/// Process, boot id and number of a part, from its file name.
 pub fn parse_name(path: &Path) -> Option<(String, u32, u32)> {
     let stem = path
         .file_name()?
@@ -345,7 +342,6 @@ pub fn parse_name(path: &Path) -> Option<(String, u32, u32)> {
     Some((process.into(), boot, number.parse().ok()?))
 }
 
-/// The parts in a flight's directory.
 pub fn parts(directory: &Path) -> Result<Vec<PathBuf>, CliError> {
     let entries = std::fs::read_dir(directory).doing(format_args!("reading {}", directory.display()))?;
     let mut found: Vec<PathBuf> = entries

@@ -1,4 +1,4 @@
-//! Export of a flight to one file: every node's step to its own channel, and views for people.
+//! Export of a flight to one file: every node's steps in their own channel, and views for people.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,12 +16,12 @@ use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, RECORDING};
 
-/// Writes the steps of a flight that goes on, or of a log that is computed again.
+/// Writes the steps of a running flight, or of a log that is replayed.
 pub struct Recorder {
     pub sink: Sink,
-    /// Topics for people.
+    /// Topics for viewers.
     pub views: Views,
-    /// Starts so far, and the channel of each.
+    /// Starts so far, and their channels.
     starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,
@@ -34,7 +34,7 @@ fn named(values: &[(&str, String)]) -> BTreeMap<String, String> {
 }
 
 impl Recorder {
-    /// Creates the file, with its metadata and the channels that `more` opens.
+    /// Creates the file with its metadata and the channels that `more` opens.
     pub fn create<T>(
         path: &Path,
         about: &About,
@@ -60,20 +60,20 @@ impl Recorder {
         create()
             .map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    /// A process's start, whose steps follow.
+    /// Adds a start of a process, whose steps follow.
     pub fn begin(&mut self, header: PartHeader) {
         match self.sink.process(&header, self.starts.iter().map(|(h, _)| h)) {
             Ok(channel) => self.starts.push((header, channel)),
             Err(e) => self.sink.fail(e),
         }
     }
-    /// The channel of a start that has begun.
+    /// The channel of a start that was added.
     pub fn channel(&self, process: &str, boot: u32) -> Option<ChannelId> {
         let is_own = |(h, _): &&(PartHeader, ChannelId)| h.process == process && h.boot == boot;
         self.starts.iter().find(is_own).map(|(_, channel)| *channel)
     }
 
-    /// Whether the file can be written, for a command that would else find out after the flight.
+    /// Checks that the file can be written, for a command that would otherwise fail after the flight.
     pub fn check(path: &Path) -> Result<(), CliError> {
         let begun = Sink::create(path).map(drop);
         begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
@@ -86,7 +86,7 @@ impl Recorder {
         })
     }
 
-    /// Ends the recording with what came out of the flight.
+    /// Ends the recording with the outcome of the flight.
     pub fn finish(mut self, path: &Path, outcome: &[(&str, String)]) -> Result<(), CliError> {
         let doing = format_args!("recording to {}", path.display());
         let ended = self.sink.metadata("outcome", named(outcome));

@@ -1,5 +1,5 @@
-//! Vessel, deck and drone in Foxglove's scene: as the drone itself knows them, or, in a recording of the simulation, as
-//! they are.
+//! Vessel, deck and drone in Foxglove's scene: as the drone knows them, or, in a recording of the simulation, as they
+//! are.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DroneState};
@@ -13,26 +13,25 @@ use crate::record::sink::{OpenChannels, TakeMessages};
 use crate::record::views::{ViewTopic, Views, due, timestamp, transform};
 use crate::record::{cloud, shapes};
 
-/// A place and an attitude in [`frame::NED`].
+/// Position and attitude in [`frame::NED`].
 pub type Placed = ([f64; 3], UnitQuaternion<f64>);
 
-/// Deck and drone, and their channels.
 pub struct Scenery {
     deck: DeckGeometry,
     airframe: DroneGeometry,
     scene: ViewTopic<SceneUpdate>,
     deck_points: ViewTopic<PointCloud>,
     drone_points: ViewTopic<PointCloud>,
-    /// Period of the shapes, ms.
+    /// Period at which shapes are sent, ms.
     period_ms: i64,
-    /// Whether the drone was in the shapes shown last.
+    /// Whether the last shapes included the drone.
     shown: Option<bool>,
-    /// The water in the drone's NED, m down, by the deck's mean level: that NED begins at any height.
+    /// Water level in the drone's NED, m down, from the deck's mean level: that NED has its origin at any height.
     water_m: Option<f64>,
 }
 
 impl Scenery {
-    /// Opens the channels; whoever begins to look on sees the shapes within `period_ms`.
+    /// Opens the channels; a new viewer receives the shapes within `period_ms`.
     pub fn new(
         opening: &mut impl OpenChannels,
         deck: &DeckGeometry,
@@ -50,7 +49,7 @@ impl Scenery {
             water_m: None,
         })
     }
-    /// The vessel's reference point and attitude, and the water's level by it.
+    /// Position and attitude of the vessel's reference point; updates the water level.
     fn vessel(&mut self, forecast: Option<&DeckForecast>) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
         let forecast = forecast?;
         let stage = forecast.stages.first()?;
@@ -60,11 +59,11 @@ impl Scenery {
         self.water_m = forecast.mean_z.map(|z| z - self.deck.centre().z).or(self.water_m);
         Some((vessel, q))
     }
-    /// A place of the drone's NED in the scene's, which begins on the water.
+    /// Converts a position from the drone's NED to the scene's, whose origin is on the water.
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// Pose of the drone by its own estimate at `t`.
+    /// Shows the drone at its own estimate at `t`.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,
@@ -78,7 +77,7 @@ impl Scenery {
         let drone = drone.map(|d| (self.in_scene(d.position), d.attitude()));
         self.draw(sink, views, t, vessel, drone);
     }
-    /// Vessel and drone at these places of the scene, as far as they are known.
+    /// Draws vessel and drone at these poses of the scene, if known.
     pub fn draw(
         &mut self,
         sink: &mut impl TakeMessages,
@@ -110,7 +109,7 @@ impl Scenery {
         let deck = self.deck.centre_m;
         transforms.push(transform(t, frame::VESSEL, frame::DECK, deck, &still));
         if let Some((at, q)) = drone {
-            // The camera looks down, the top of its image is forward.
+            // The camera looks down, with the top of its image forward.
             let down = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), core::f64::consts::FRAC_PI_2);
             transforms.push(transform(t, frame::NED, frame::DRONE, at, &q));
             let camera = self.airframe.camera_m;

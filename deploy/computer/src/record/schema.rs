@@ -1,12 +1,12 @@
-//! Message types of a recording's plots that no well-known schema has. SI units; angles in degrees
-//! where the name states it. A field without a value is not written.
+//! Message types of a recording's plots that have no well-known schema. SI units; angles in degrees where the name
+//! states it. A field without a value is not written.
 
-// The derived schemas list files by a hash set, whose order is not visible.
+// The derived schemas list files in a hash set, whose order has no effect.
 #![allow(clippy::disallowed_types)]
 
 use foxglove::Encode;
 
-/// The vessel's state as its computer estimates it.
+/// The vessel's state as estimated by its computer.
 #[derive(Encode)]
 pub struct VesselEstimate {
     pub eta: [f64; 6],
@@ -19,7 +19,6 @@ pub struct VesselEstimate {
     pub yaw_deg: f64,
 }
 
-/// The wave model.
 #[derive(Encode)]
 pub struct WaveModel {
     pub significant_height_m: f64,
@@ -32,14 +31,12 @@ pub struct WaveModel {
     pub apparent_slopes: Vec<f64>,
 }
 
-/// The vessel's inertial sensor.
 #[derive(Encode)]
 pub struct Imu {
     pub gyro_radps: [f64; 3],
     pub accelerometer_mps2: [f64; 3],
 }
 
-/// The vessel's GNSS receiver.
 #[derive(Encode)]
 pub struct Gnss {
     pub position_m: [f64; 3],
@@ -48,7 +45,6 @@ pub struct Gnss {
     pub velocity_sd_mps: [f64; 3],
 }
 
-/// The vessel's heading sensor.
 #[derive(Encode)]
 pub struct Heading {
     pub heading_deg: f64,
@@ -68,7 +64,6 @@ pub struct Range {
     pub variance_m2: f64,
 }
 
-/// The radio link.
 #[derive(Encode)]
 pub struct Link {
     pub clock_offset_s: f64,
@@ -81,7 +76,7 @@ pub struct Link {
     pub rejected: u32,
 }
 
-/// The forecast's sources, and its deck now and 1 s ahead.
+/// Source ages of the forecast, and its deck now and 1 s ahead.
 #[derive(Encode)]
 pub struct Forecast {
     pub source: String,
@@ -98,7 +93,7 @@ pub struct Forecast {
     pub predicted_slopes: Vec<f64>,
 }
 
-/// The mission. The wind is its odometry's estimate of the mean, towards north and east, with the standard deviation.
+/// The mission. The wind is the odometry's estimate of the mean, towards north and east, with its standard deviation.
 #[derive(Encode)]
 pub struct Mission {
     pub state: String,
@@ -114,7 +109,6 @@ pub struct Mission {
     pub wind_sd_mps: Option<f64>,
 }
 
-/// The planner's solver.
 #[derive(Encode)]
 pub struct Solver {
     pub solve: String,
@@ -138,7 +132,6 @@ pub struct Autopilot {
     pub shadow_apart_mps: Option<f64>,
 }
 
-/// The pilot's set-point.
 #[derive(Encode)]
 pub struct SetPoint {
     pub kind: String,
@@ -153,9 +146,10 @@ pub struct SetPoint {
     pub plan_age_s: Option<f64>,
 }
 
-/// Drone and deck as they are. Places are the drone's centre of mass and the deck's centre, heights up; `forward_m`,
-/// `starboard_m` and `height_above_deck_m` lead from the deck's centre to the centroid of the feet in the deck's axes, in which
-/// the errors are drone minus deck. The wind is the air's velocity at the drone, gusts and the deck's lee in it, NED, towards.
+/// True state of drone and deck. Positions are the drone's centre of mass and the deck's centre, heights up;
+/// `forward_m`, `starboard_m` and `height_above_deck_m` are the vector from the deck's centre to the centroid of the
+/// feet in the deck's axes, in which the errors are drone minus deck. The wind is the air's velocity at the drone,
+/// including gusts and the deck's lee, NED, towards.
 #[derive(Encode)]
 pub struct Truth {
     pub deck_north_m: f64,

@@ -52,7 +52,7 @@ pub fn scene(timestamp: Timestamp, deck: &DeckGeometry, airframe: &DroneGeometry
     }
 }
 
-/// Two hulls under the deck: for the eye only.
+/// Two hulls under the deck, for display only.
 fn hulls(deck: &DeckGeometry) -> Vec<CubePrimitive> {
     let (length, side) = (1.9 * deck.length_m, 0.7 * deck.width_m);
     let grey = color(0.75, 0.77, 0.8, 1.0);
@@ -82,7 +82,7 @@ fn deck_cubes(deck: &DeckGeometry) -> Vec<CubePrimitive> {
                 [side, side, 0.01],
                 color(0.05, 0.05, 0.05, 1.0),
             ),
-            // Forward on the tag.
+            // Marks forward on the tag.
             cube(
                 [x + 0.25 * side, y, z - 0.01],
                 [0.3 * side, 0.1 * side, 0.01],

@@ -11,24 +11,24 @@ use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use crate::record::entry::{ENCODING, PartHeader};
 use crate::record::{PROCESS, topic};
 
-/// A chunk of the file.
+/// Size of a chunk, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
-/// A channel of the file, or of those who look on.
+/// A channel of the file, or of the viewers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChannelId(pub u16);
 
-/// Opens channels of protobuf messages: in a file, or to viewers.
+/// Opens channels of protobuf messages, in a file or to viewers.
 pub trait OpenChannels {
-    /// A channel; `schema` is its name and its file descriptor set.
+    /// Opens a channel; `schema` is its name and file descriptor set.
     fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError>;
 }
 
-/// Takes messages: into a file, or to viewers.
+/// Takes messages, into a file or to viewers.
 pub trait TakeMessages {
-    /// A message of time `t_ns`, encoded by `encode` to the end of what it is given.
+    /// Takes a message of time `t_ns`, which `encode` appends to the given buffer.
     fn message<E>(
         &mut self,
         channel: ChannelId,
@@ -37,7 +37,7 @@ pub trait TakeMessages {
     ) -> Result<(), E>;
 }
 
-/// Text of an error for people: the system's own, where it has one.
+/// Text of an error for people: the system's own, if there is one.
 pub fn why(error: &McapError) -> String {
     match error {
         McapError::Io(e) => e.to_string(),
@@ -45,7 +45,7 @@ pub fn why(error: &McapError) -> String {
     }
 }
 
-/// Text for a file that could not be written, with what to do.
+/// Error text for a file that could not be written, with what to do.
 pub fn unwritable(path: &Path, error: &McapError) -> String {
     let full = match error {
         McapError::Io(e) => matches!(
@@ -66,23 +66,21 @@ pub fn unwritable(path: &Path, error: &McapError) -> String {
     )
 }
 
-/// A file that is being written.
 pub struct Sink {
     writer: Writer<BufWriter<File>>,
     /// Messages so far in each channel.
     sequences: BTreeMap<u16, u32>,
     scratch: Vec<u8>,
-    /// Why messages are lost.
+    /// Error because of which messages are lost.
     failed: Option<McapError>,
 }
 
 impl Sink {
-    /// Creates a recording. It is not compressed: LZ4 halves the file and doubles the processor time that recording
-    /// costs.
+    /// Creates a recording. It is not compressed: LZ4 would halve the file and double the processor time of recording.
     pub fn create(path: &Path) -> Result<Sink, McapError> {
         Sink::of(File::create(path)?, None, false)
     }
-    /// Begins in `file`; with `whole_chunks` a chunk is written at once and not as it grows.
+    /// Begins in `file`; with `whole_chunks` a chunk is written at once when complete, otherwise as it grows.
     pub fn of(file: File, compression: Option<Compression>, whole_chunks: bool) -> Result<Sink, McapError> {
         let options = WriteOptions::new()
             .profile("")
@@ -97,13 +95,13 @@ impl Sink {
             failed: None,
         })
     }
-    /// Writes whose steps follow, and with which configuration it began, after these starts; the channel of its steps.
+    /// Writes the header of a start, after these earlier starts; returns the channel of its steps.
     pub fn process<'a>(
         &mut self,
         header: &PartHeader,
         before: impl Iterator<Item = &'a PartHeader> + Clone,
     ) -> Result<ChannelId, McapError> {
-        // Processes of one computer have the same.
+        // Processes of one computer share a configuration.
         let same = before.clone().find(|h| h.config == header.config);
         let name = format!("{}.toml", same.unwrap_or(header).process);
         if same.is_none() {
@@ -114,11 +112,11 @@ impl Sink {
         let none = BTreeMap::new();
         Ok(ChannelId(self.writer.add_channel(0, &topic, ENCODING, &none)?))
     }
-    /// Messages are lost from now on, for this reason.
+    /// Stores the error: messages are lost from now on.
     pub fn fail(&mut self, error: McapError) {
         self.failed.get_or_insert(error);
     }
-    /// A text that belongs to the file.
+    /// Attaches a text to the file.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
         self.writer.attach(&Attachment {
             log_time: 0,
@@ -128,14 +126,14 @@ impl Sink {
             data: text.as_bytes().into(),
         })
     }
-    /// Names and values that belong to the file.
+    /// Writes a metadata record.
     pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), McapError> {
         self.writer.write_metadata(&Metadata {
             name: name.into(),
             metadata: values,
         })
     }
-    /// Writes a message of this number in its channel.
+    /// Writes a message with this number in its channel.
     pub fn write(
         &mut self,
         channel: ChannelId,
@@ -151,11 +149,10 @@ impl Sink {
         };
         self.writer.write_to_known_channel(&header, bytes)
     }
-    /// Ends the chunk.
     pub fn flush(&mut self) -> Result<(), McapError> {
         self.writer.flush()
     }
-    /// Writes the end of the file; an error also where a message was lost.
+    /// Writes the end of the file; an error if a message was lost.
     pub fn finish(mut self) -> Result<(), McapError> {
         if let Some(e) = self.failed {
             return Err(e);
@@ -203,7 +200,7 @@ mod tests {
 
     #[test]
     fn recording_on_a_full_disk() {
-        // Every write to it fails as on a full disk, whichever comes first.
+        // Every write to it fails as on a full disk.
         let path = Path::new("/dev/full");
         let record = || -> Result<(), McapError> {
             let mut sink = Sink::create(path)?;

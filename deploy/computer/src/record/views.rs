@@ -21,7 +21,7 @@ use crate::record::messages::Message;
 use crate::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
-/// Periods of what is shown, ms: paths and states; attitudes and positions, near a drone and without.
+/// Display periods, ms: paths and states; attitudes and positions near a drone; attitudes and positions without one.
 const SLOW_MS: i64 = 100;
 const FAST_MS: i64 = 40;
 const ALONE_MS: i64 = 200;
@@ -35,19 +35,18 @@ impl<M: Encode> ViewTopic<M> {
         let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
         Ok(ViewTopic(channel, PhantomData))
     }
-    /// Writes a message.
     pub fn put(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &M) {
-        // A vector grows: the encoding cannot fail for lack of room.
+        // A vector grows: the encoding cannot run out of space.
         let _encoded = sink.message(self.0, stamp(t), |to| message.encode(to));
     }
 }
 
-/// Time of a message in the file: the world's time.
+/// Log time of a message: the world's time.
 pub fn stamp(t: Time<TrueTime>) -> u64 {
     u64::try_from(t.nanos()).unwrap_or_default()
 }
 
-/// Time as Foxglove writes it.
+/// Time in Foxglove's format.
 pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
     let ns = stamp(t);
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
@@ -59,7 +58,6 @@ pub fn due(t: Time<TrueTime>, period_ms: i64) -> bool {
     t.nanos() % (period_ms * 1_000_000) == 0
 }
 
-/// A transform between two frames.
 pub fn transform(
     t: Time<TrueTime>,
     parent: &str,
@@ -76,7 +74,7 @@ pub fn transform(
     }
 }
 
-/// Lets through what comes no more often than a period, whatever its own grid.
+/// Limits the rate to one per period, independent of any time grid.
 struct Throttle {
     last: Time<TrueTime>,
 }
@@ -94,7 +92,6 @@ impl Throttle {
 
 /// Channels, and what was shown last.
 pub struct Views {
-    /// Transforms between frames.
     pub transforms: ViewTopic<FrameTransforms>,
     forecast_path: ViewTopic<PosesInFrame>,
     forecast_points: ViewTopic<PointCloud>,
@@ -117,9 +114,9 @@ pub struct Views {
     solver: ViewTopic<schema::Solver>,
     autopilot: ViewTopic<schema::Autopilot>,
     set_point: ViewTopic<schema::SetPoint>,
-    /// The vessel's own computer is looked at: what a drone receives of it is the same once more.
+    /// The vessel's own computer is a source: the state that a drone receives from it would be shown twice.
     has_vessel: bool,
-    /// True place of the drone in the vessel's NED, where it is known.
+    /// True position of the drone in the vessel's NED, if known.
     pub true_drone: Option<[f64; 3]>,
     /// The mission's newest odometry.
     drone: Option<DroneState>,
@@ -131,7 +128,6 @@ pub struct Views {
 }
 
 impl Views {
-    /// Opens all channels.
     pub fn new(o: &mut impl OpenChannels) -> Result<Views, McapError> {
         Ok(Views {
             transforms: ViewTopic::open(o, "/tf")?,
@@ -167,7 +163,7 @@ impl Views {
         })
     }
 
-    /// Whether attitudes and positions are shown now: before the drone appears there is little to see.
+    /// Whether attitudes and positions are due; the period is longer before the drone appears.
     pub fn fast(&self, t: Time<TrueTime>) -> bool {
         due(
             t,
@@ -179,7 +175,8 @@ impl Views {
         )
     }
 
-    /// A message at `t`. The odometry of a vessel that is received is left out: it begins at a place of hers.
+    /// Shows a message at `t`. The odometry of a received vessel is left out, because its origin is a position of the
+    /// vessel.
     pub fn message(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &Message<'_>) {
         match *message {
             Message::Sensors(m) => self.sensors(sink, t, m),
@@ -333,7 +330,7 @@ impl Views {
     }
 
     fn forecast(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, f: &DeckForecast) {
-        // Not on a grid of its own: the forecast comes on the predictor's ticks, not on ours.
+        // A throttle, not a grid: the forecast comes on the predictor's ticks.
         if !self.forecasts.passes(t) {
             return;
         }
@@ -366,8 +363,7 @@ impl Views {
             metadata: Vec::new(),
         };
         self.drone_odometry.put(sink, t, &odometry);
-        // Forecast and plan live in the drone's own NED: lay it so that the odometry meets the
-        // drone.
+        // Forecast and plan are in the drone's own NED: that frame is placed so that the odometry matches the drone.
         if let Some(at) = self.true_drone {
             let offset = Vector3::from(at) - d.position();
             let still = UnitQuaternion::identity();
@@ -392,7 +388,7 @@ impl Views {
         self.autopilot.put(sink, t, &view);
     }
 
-    /// The mission's state, and a line of log when state or reason change.
+    /// Shows the mission's state, with a log line when state or reason change.
     fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &MissionState) {
         let now = Some((m.state, m.waiting.code));
         let entered = self.shown_state.map(|s| s.0) != Some(m.state);
@@ -441,7 +437,7 @@ impl Views {
         self.log.put(sink, t, &line);
     }
 
-    /// The plan and how it was found.
+    /// Shows the plan and the solver's statistics.
     fn plan(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, now: Time<DroneClock>, plan: &Plan) {
         if !self.plans.passes(t) {
             return;
@@ -458,7 +454,7 @@ impl Views {
         self.plan_path.put(sink, t, &path);
     }
 
-    /// Set-point for the autopilot.
+    /// Shows the set-point for the autopilot.
     fn set_point(
         &self,
         sink: &mut impl TakeMessages,
@@ -557,7 +553,7 @@ fn path(t: Time<TrueTime>, poses: impl Iterator<Item = Pose>) -> PosesInFrame {
     }
 }
 
-/// Row-major 6 x 6 with these variances on its diagonal.
+/// Row-major 6 x 6 matrix with these variances on its diagonal.
 fn diagonal(variances: [f64; 6]) -> Vec<f64> {
     let mut m = vec![0.0; 36];
     for (i, v) in variances.iter().enumerate() {

@@ -25,7 +25,7 @@ use crate::scene::Scene;
 
 const PORT: u16 = 7447;
 
-/// Number of ages in the first five seconds, before clocks and session are synchronised.
+/// Ages skipped at the start (five seconds), before clocks and session are synchronised.
 const WARM_UP_AGES: usize = 50;
 
 /// Radio path, set up before the processes start.
@@ -40,7 +40,7 @@ pub struct RadioPath {
 }
 
 impl RadioPath {
-    /// Path by the flags; `epoch_ns` is the profile's time zero on the steady clock.
+    /// Path according to the flags; `epoch_ns` is the profile's time zero on the steady clock.
     pub fn of(
         scene: &Scene,
         args: &LandArgs,
@@ -97,7 +97,7 @@ impl RadioPath {
                 emulator: Some(write(owned, "link.toml", &emulation)?),
                 outage,
                 impairment: None,
-                // Every address of the namespace, because its device may come later than the process.
+                // Listens on every address of the namespace, because its device may appear after the process.
                 listen: address("0.0.0.0", PORT),
                 dial: address(ADDRESSES[0], PORT),
                 tls,
@@ -134,7 +134,7 @@ impl RadioPath {
     }
 }
 
-/// Certificates of vessel and drone: the named ones, otherwise new ones for this landing.
+/// Certificates of vessel and drone: those of the directory in the flags, otherwise new ones for this landing.
 fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
     if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
@@ -177,8 +177,8 @@ pub struct RadioWatch {
 }
 
 impl RadioWatch {
-    /// Takes lines of the processes and the age of the vessel's newest state. Starts the emulator's outage when the
-    /// mission enters its state.
+    /// Takes the processes' output lines and the age of the vessel's newest state. Starts the emulator's outage when
+    /// the mission enters the outage's state.
     pub fn observe(
         &mut self,
         air: &RadioPath,
@@ -188,7 +188,7 @@ impl RadioWatch {
         supervisor: &mut Supervisor,
     ) {
         for line in lines {
-            // Other processes have other metrics.
+            // Lines of other processes have other contents.
             if let Ok(EmulatorReport::Packets(to_drone, to_vessel)) = serde_json::from_str(line) {
                 self.packets = Some([to_drone, to_vessel]);
             }
@@ -236,7 +236,7 @@ pub struct RadioReport {
     /// 95th percentile of this age, s.
     pub age_p95_s: f64,
     pub age_max_s: f64,
-    /// Counts of the emulator: to the drone, to the vessel.
+    /// Counters of the emulator: to the drone, to the vessel.
     pub emulated: Option<[WayReport; 2]>,
 }
 

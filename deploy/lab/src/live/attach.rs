@@ -46,7 +46,6 @@ pub struct AttachArgs {
     pub args: ProcessArgs,
 }
 
-/// Attaches, then runs the process.
 pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
     let Attachments { impairment, baseline } = config::load(&attach.attachments)?;
     let args = &attach.args;

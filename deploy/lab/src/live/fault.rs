@@ -1,4 +1,5 @@
-//! A fault put into a running landing: a process killed, or frozen for a moment, or an order, in a phase or at the first contact.
+//! Fault injected into a running landing: a killed or briefly frozen process, or an order, in a phase or at the first
+//! contact.
 
 use core::fmt;
 use core::str::FromStr;
@@ -11,17 +12,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::args::{PHASES, phase};
 
-/// The name of the first contact among the phases.
+/// Name of the first contact among the phases.
 const CONTACT: &str = "contact";
 
-/// A fault of one process as it is asked for, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
+/// Requested fault of one process, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
     pub kind: FaultKind,
     pub moment: Moment,
 }
 
-/// The kinds that happen to one process.
+/// Kinds of fault that affect one process.
 fn kinds() -> impl Iterator<Item = FaultKind> {
     FaultKind::ALL
         .iter()
@@ -68,13 +69,13 @@ impl fmt::Display for FaultSpec {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaultReport {
-    /// As it was asked for.
+    /// The fault as requested.
     pub fault: String,
-    /// When it happened, time since the start, s; null if it never did.
+    /// Time of the fault since the start, s; null if it did not occur.
     pub at_s: Option<f64>,
-    /// The mission's state when it happened.
+    /// The mission's state at the fault.
     pub state: Option<State>,
-    /// From the fault to the first message of the process afterwards, s; null if none came.
+    /// Time from the fault to the process's first message afterwards, s; null if none arrived.
     pub recovery_s: Option<f64>,
 }
 
@@ -94,19 +95,19 @@ impl fmt::Display for FaultReport {
     }
 }
 
-/// Observation of a landing under way.
+/// Observation of a running landing.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInput {
     /// Time since the start, s.
     pub t_s: f64,
     pub mission: Option<MissionState>,
-    /// The process that the fault meets.
+    /// The process that the fault affects.
     pub process: Option<ProcessState>,
     /// The drone has touched something.
     pub contact: bool,
 }
 
-/// Act of a fault.
+/// Action of a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LiveAct {
     /// A signal to the process with this id.
@@ -121,25 +122,25 @@ pub const ORDERS: [(FaultKind, CommandKind); 3] = [
     (FaultKind::OrderedAgain, CommandKind::Land),
 ];
 
-/// A fault of a process, or an order, under way.
+/// A fault of a process, or an order, in progress.
 pub struct LiveFault {
     timer: FaultTimer,
-    /// When its moment began, time since the start, s.
+    /// Begin of the phase or contact, time since the start, s.
     moment_s: Option<f64>,
-    /// When it met its process, on the steady clock, and the process id, until messages of the process arrive again.
+    /// Time of the fault on the steady clock, ns, and the process id, until messages of the process arrive again.
     met: Option<(i64, u32)>,
     /// Report so far.
     pub report: FaultReport,
 }
 
 impl LiveFault {
-    /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed; None: its kind
-    /// happens to no process.
+    /// The fault with its delay after the phase begins and its freeze duration, drawn from the seed; None if its kind
+    /// affects no process.
     pub fn new(spec: FaultSpec, seed: u64) -> Option<LiveFault> {
         spec.kind.process()?;
         Some(LiveFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed)))
     }
-    /// A fault of a storm's list.
+    /// Fault from a storm's list.
     pub fn of(fault: &storm::Fault) -> LiveFault {
         let spec = FaultSpec {
             kind: fault.kind,
@@ -158,20 +159,20 @@ impl LiveFault {
         }
     }
 
-    /// The process; not the world, which is the vehicles themselves. None: it is an order.
+    /// The affected process, never the world, which is the vehicles themselves; None for an order.
     pub fn process(&self) -> Option<ProcessKind> {
         self.timer.fault.kind.process()
     }
-    /// The process stands still, and is not killed.
+    /// Whether the process is frozen, not killed.
     pub fn freezes(&self) -> bool {
         self.timer.fault.kind.freezes()
     }
-    /// It happened to its process, of which no message has arrived since.
+    /// Whether the fault has occurred and no message of the process has arrived since.
     pub fn is_under_way(&self) -> bool {
         self.met.is_some()
     }
 
-    /// The act that is due now.
+    /// The action that is due now.
     pub fn poll(&mut self, now_ns: i64, input: &FaultInput) -> Option<LiveAct> {
         let mission = input.mission?;
         let begun = match self.timer.fault.moment {
@@ -242,7 +243,7 @@ mod tests {
         }
     }
 
-    /// A landing in this state, whose process reported last at `at_ns`.
+    /// Input in this state, with a process whose last report was at `at_ns`.
     fn input(t_s: f64, (state, contact): (State, bool), at_ns: i64) -> FaultInput {
         let mission = MissionState {
             state,
@@ -271,10 +272,10 @@ mod tests {
             (act, fault.is_under_way(), fault.report.recovery_s)
         };
         assert_eq!(poll(12.0, false, 11.9), (None, false, None));
-        // The contact begins the moment, and the fault is due at once.
+        // The contact begins the phase, and the fault is due at once.
         let freezes = Some(LiveAct::Signal(42, Signal::Freeze));
         assert_eq!(poll(12.1, true, 12.0), (freezes, true, None));
-        // Frozen for 0.2 s at least and 2 s at most; what it had sent before arrives late.
+        // Frozen for 0.2 to 2 s; messages sent before arrive late.
         assert_eq!(poll(12.2, true, 12.15), (None, true, None));
         let continues = Some(LiveAct::Signal(42, Signal::Continue));
         assert_eq!(poll(14.2, true, 12.1), (continues, true, None));

@@ -90,7 +90,7 @@ impl<T: Clone> Impaired<T> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {
             let from = self.true_time(entered_ns) + Span::from_secs(outage.after_s);
-            // Longer than any landing counts as for good.
+            // An outage longer than any landing is treated as permanent.
             let until = from + Span::from_secs(outage.lasts_s.min(1e6));
             self.radio.set_outage([from, until]);
         }

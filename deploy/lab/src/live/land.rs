@@ -1,5 +1,5 @@
-//! `alight land`: every process of vessel and drone on this machine, the simulated world as the
-//! vehicles, one landing in real time.
+//! `alight land`: one landing in real time, with every process of vessel and drone on this machine and the simulated
+//! world as the vehicles.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -40,33 +40,33 @@ use crate::record::{self, RecordingScene};
 use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
-/// The supervisor looks after things this often.
+/// Period of the supervisor's loop.
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
-/// Time after the landing in which messages of a process that a fault met have to return, ns.
+/// Time after the landing in which messages of a faulted process have to return, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
-/// A process that reports nothing for this long is killed, s: longer than a start takes on a busy computer.
+/// Silence after which a process is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
-/// A process that fails so often in a row ends the landing.
+/// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
-/// Entries of the mission's states that are kept.
+/// Most entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
-/// Place of the simulated sea for a firmware, in the Adriatic.
+/// Position of the simulated sea for a firmware, in the Adriatic.
 pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
-/// A command that shows no effect is repeated after this long, s.
+/// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
-/// The scene of the flags, with those of the live system over it.
+/// Scene of the flags, with the flags of the live system applied.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
 
-/// The flags of the live system over a scene.
+/// Applies the flags of the live system to a scene.
 fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
-    // Firmware and the devices' bytes need a place on Earth.
+    // Firmware and the devices' bytes need a position on Earth.
     let among = &mut scene.scenario.place.among;
     if args.flown_by() != AutopilotKind::Internal || among.is_empty() {
         *among = vec![AT_SEA];
@@ -100,7 +100,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // A firmware outside flies in another session, which has to run in real time, too.
+    // An external firmware flies in another session, which has to run in real time too.
     let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
@@ -111,7 +111,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         recorder::can_write(flight)?;
     }
     let landing = match Landing::begin(args, faults, &memory, &plan, &owned) {
-        // A signal can end a start half way; what it broke there is no error of the input.
+        // A signal can interrupt a start; an error that follows from it is not an error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
             return Ok(Exit::Failed);
@@ -125,7 +125,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     };
     drop((services, memory, owned));
     match ended? {
-        // A recording that failed takes nothing of what was flown.
+        // A failed recording does not discard the landing's result.
         Some(ending) => ending.show(args).and_then(|exit| recorded.map(|()| exit)),
         None => {
             note(true, format_args!("stopped"));
@@ -134,7 +134,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Sums up the landing that just ended where its processes recorded, and writes the recording of `--record`.
+/// Summarises the landing if its processes recorded, and writes the recording of `--record`.
 fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
     let (Some(flight), WorldReport::Landed(landed)) = (&plan.flight, &ending.result) else {
         return Ok(());
@@ -197,12 +197,12 @@ impl Ending {
     }
 }
 
-/// The world's report among the lines of the processes.
+/// The world's report, among the output lines of the processes.
 fn verdict(lines: &[String]) -> Option<WorldReport> {
     lines.iter().find_map(|line| serde_json::from_str(line).ok())
 }
 
-/// A landing under way.
+/// A landing in progress.
 struct Landing<'a> {
     args: &'a LandArgs,
     plan: &'a LandingSetup,
@@ -253,7 +253,7 @@ impl<'a> Landing<'a> {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
         }
         if let Some(view) = args.view.over(&plan.drone.view) {
-            // Outside the emulated radio's namespaces: people are at neither end of it.
+            // Outside the emulated radio's namespaces: viewers are at neither end of the radio.
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
@@ -279,7 +279,7 @@ impl<'a> Landing<'a> {
         })
     }
 
-    /// To the end; None when it was stopped from outside.
+    /// Runs to the end; None if it was stopped from outside.
     fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
         let shown = std::io::stderr().is_terminal();
         loop {
@@ -335,7 +335,7 @@ impl<'a> Landing<'a> {
         clock.now::<TrueTime>().secs() - self.plan.warm_up_s
     }
 
-    /// A process ended that should not have.
+    /// Handles the end of a process: an error unless it was expected.
     fn on_exit(&mut self, kind: ProcessKind, status: &str) -> Result<(), CliError> {
         let why = self.supervisor.last_error_line(kind).unwrap_or_default();
         if kind == ProcessKind::World {
@@ -348,7 +348,7 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Lets the faults happen, and gives orders, when it is time.
+    /// Injects the faults and gives the orders that are due.
     fn poll_faults(&mut self, now: Time<DroneClock>) -> Result<(), CliError> {
         let (t_s, snapshot, alone) = (self.t_s(), &self.observer.snapshot, self.args.form.alone());
         let mut orders = Vec::new();
@@ -385,7 +385,7 @@ impl<'a> Landing<'a> {
         self.commands.send(&Command { header, kind });
     }
 
-    /// After the landing waits a little for a process that a fault met and whose messages have not returned.
+    /// After the landing, waits briefly for a faulted process whose messages have not returned.
     fn await_recovery(&mut self, memory: &Memory) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
         while self.faults.iter().any(LiveFault::is_under_way) && steady_ns() < until {
@@ -399,7 +399,7 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Shows the phase and the line below it.
+    /// Records the mission's phase, and shows it with a status line.
     fn phase(&mut self, t_s: f64, shown: bool) {
         if shown {
             eprint!("\r\x1b[K");
@@ -426,7 +426,8 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is time, until the mission has begun it: its process restores that by itself.
+    /// Commands the landing when it is due, until the mission has begun it: after a restart the mission restores the
+    /// landing by itself.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {
@@ -441,7 +442,7 @@ impl<'a> Landing<'a> {
         self.send(now, CommandKind::Land);
     }
 
-    /// The world's report and the usage of the processes.
+    /// Combines the world's report with the resource usage of the processes.
     fn finish(mut self, result: WorldReport) -> Ending {
         let snapshot = &self.observer.snapshot;
         let ending = Ending {

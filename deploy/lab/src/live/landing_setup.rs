@@ -26,26 +26,22 @@ use crate::live::args::LandArgs;
 use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, sources, write};
 use crate::scene::Scene;
 
-/// The world's time zero lies this much in the future when the processes start, ns.
+/// Delay from the start of the processes to the world's time zero, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;
 
-/// The files of the computers, and the drone's clock.
+/// Files of the computers, and the drone's clock.
 pub struct LandingSetup {
-    /// The radio between the computers.
     pub air: RadioPath,
-    /// The vessel's computer.
     pub vessel: VesselComputerConfig,
-    /// The drone's computer.
     pub drone: DroneComputerConfig,
     vessel_file: PathBuf,
-    /// File of the drone's computer.
+    /// Configuration file of the drone's computer.
     pub drone_file: PathBuf,
     world: PathBuf,
     attachments: Attachments,
     attachments_file: PathBuf,
-    /// Directory of the recording; None without one.
+    /// Directory in which processes record; None without a recording.
     pub flight: Option<PathBuf>,
-    /// The drone's clock.
     pub clock: ProcessClock,
     /// Time before the order to land, s.
     pub warm_up_s: f64,
@@ -54,7 +50,7 @@ pub struct LandingSetup {
 }
 
 impl LandingSetup {
-    /// Writes the files of a scene into the instance's directory.
+    /// Writes the files of a scene to the instance's directory.
     pub fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
         let epoch_ns = steady_ns() + START_DELAY_NS;
         let streams = Streams::new(args.seed);
@@ -101,7 +97,7 @@ impl LandingSetup {
             clock: drone.clock,
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
-            // A recording is made of what the processes record, which without --log goes with the instance.
+            // A recording is made from what the processes record, which without --log is removed with the instance.
             flight: match (&args.log, &args.record) {
                 (Some(flight), _) => Some(flight.clone()),
                 (None, Some(_)) => Some(owned.file("flight")),
@@ -111,7 +107,7 @@ impl LandingSetup {
             drone,
         })
     }
-    /// The command of a process: as it flies, or attached.
+    /// Arguments of a process, with its attachments if it has any.
     pub fn arguments(&self, kind: ProcessKind) -> Vec<String> {
         let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
             &self.drone_file
@@ -129,7 +125,7 @@ impl LandingSetup {
     }
 }
 
-/// The vessel's computer of a scene.
+/// Configuration of the vessel's computer in a scene.
 fn vessel_computer(
     scene: &Scene,
     args: &LandArgs,
@@ -148,7 +144,7 @@ fn vessel_computer(
     }
 }
 
-/// The drone's computer of a scene, whose simulated autopilot sends to `mavlink`.
+/// Configuration of the drone's computer in a scene whose simulated autopilot sends to `mavlink`.
 fn drone_computer(
     scene: &Scene,
     args: &LandArgs,
@@ -166,7 +162,7 @@ fn drone_computer(
                 AutopilotKind::Internal => format!("udpin://{mavlink}"),
                 kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
             }),
-            // Whoever reaches a simulation may order what it does.
+            // In a simulation, orders need no signature.
             unsigned_orders: true,
             ..scene.nodes.autopilot.clone()
         },
@@ -180,7 +176,7 @@ fn drone_computer(
     }
 }
 
-/// The simulated vehicles of a scene, without links and time zero.
+/// Simulated vehicles of a scene, without links and time zero.
 fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, CliError> {
     Ok(SimulatedWorld {
         instance: args.instance.clone(),

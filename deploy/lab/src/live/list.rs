@@ -1,5 +1,5 @@
-//! A storm's list on real processes (`alight land --faults`): its scene, and those of a scene's faults that can be done to
-//! processes, to the radio and by orders.
+//! A storm's list on real processes (`alight land --faults`): its scene, and the faults that can be applied to
+//! processes, to the radio or as orders.
 
 use std::path::Path;
 
@@ -10,10 +10,10 @@ use crate::live::fault::{LiveFault, ORDERS};
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-/// Command that flies the others.
+/// Hint at the command that flies the other faults.
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 
-/// Reads a list that real processes can fly, of one drone.
+/// Reads a list of one drone that real processes can fly.
 pub fn read(path: &Path) -> Result<Storm, CliError> {
     let storm = read_list(path)?;
     if storm.drones == 1 {
@@ -24,7 +24,6 @@ pub fn read(path: &Path) -> Result<Storm, CliError> {
     Err(CliError::because(doing, why))
 }
 
-/// A list's scene.
 pub fn scene(storm: &Storm) -> Scene {
     let (scenario, nodes) = storm.scene();
     let [amplitude_m, period_s] = storm.sea;
@@ -38,16 +37,16 @@ pub fn scene(storm: &Storm) -> Scene {
     }
 }
 
-/// The faults of a scene as real processes have them, without the radio's.
+/// Faults of a scene that real processes can have, without those of the radio.
 #[derive(Default)]
 pub struct LiveFaults {
-    /// Faults of processes, and orders. A killed process is started again by its supervisor, not after `lasts_s`.
+    /// Faults of processes, and orders. The supervisor restarts a killed process, independent of `lasts_s`.
     pub faults: Vec<LiveFault>,
     radio_lost: bool,
 }
 
 impl LiveFaults {
-    /// A fault that only lock-step can bring about is an error that names it.
+    /// Selects the faults; a fault that is possible only in lock-step is an error.
     pub fn of(faults: &[Fault]) -> Result<LiveFaults, CliError> {
         let mut live = LiveFaults::default();
         for fault in faults {

@@ -1,4 +1,4 @@
-//! Landings in real time: the nodes as processes over zenoh and iceoryx2, with a process of the simulated vehicles and
+//! Landings in real time: the nodes as processes over Zenoh and iceoryx2, with a process of the simulated vehicles and
 //! injected faults.
 
 pub mod air;

@@ -9,7 +9,7 @@ use tun_rs::{DeviceBuilder, SyncDevice};
 
 /// Addresses of vessel and drone.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
-/// Maximum packet size; the usual one, so that packets are fragmented as at sea.
+/// Maximum packet size, bytes; the usual value, so that packets are fragmented as at sea.
 const MTU: u16 = 1500;
 
 #[derive(Clone, Debug)]
@@ -32,7 +32,7 @@ fn ip(arguments: &[&str]) -> Result<(), CliError> {
 }
 
 impl Namespaces {
-    /// Namespaces with names from `name`; does not make them.
+    /// Namespaces with names derived from `name`; does not create them.
     pub fn named(name: &str) -> Namespaces {
         Namespaces { name: name.into() }
     }
@@ -62,7 +62,7 @@ impl Namespaces {
         Ok([self.device(0)?, self.device(1)?])
     }
     fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
-        // Made in the program's own namespace under a unique name, then moved: the open file stays attached to it.
+        // Created in the program's own namespace under a unique name, then moved: the open file stays attached to it.
         let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
         let device = DeviceBuilder::new()
             .name(&born)

@@ -1,7 +1,7 @@
-//! Who turns the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP, or a
-//! firmware in lock-step, by sockets around [`alight_sim::autopilots`]. A firmware that
-//! is not there, or answers too late, is not waited for: the drone stands on its pad, or flies on with
-//! the motors of before, and the sea goes on in real time.
+//! Drive of the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP, or a
+//! firmware in lock-step, by sockets around [`alight_sim::autopilots`]. The simulation does not wait for a firmware
+//! that is absent or late: the drone stays on its pad, or flies on with its last motor commands, and the sea continues
+//! in real time.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -29,15 +29,15 @@ use alight_uav::autopilot::wire::Encoder;
 
 use crate::live::config::AutopilotKind;
 
-/// A read waits this long at a time.
+/// Timeout of one read.
 const READ: Duration = Duration::from_millis(2);
-/// PX4's answer to a sample comes within this time, or not before the next sample: its rate loop may have begun to run at
-/// every second one. Its own set-points and odometry age meanwhile. Measured: waits of 0.5 s ended in Hold up to 11 times a
-/// flight, of 0.03 s never.
+/// Time limit for PX4's answer to a sample, ns; without one in time, none may come before the next sample, because its
+/// rate loop may have begun to run at every second one. Its own set-points and odometry age meanwhile. Measured: waits
+/// of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// Reads in one slice that bring something, at most.
+/// Most successful reads in one slice.
 const MAX_READS: u32 = 64;
 
 /// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
@@ -51,18 +51,18 @@ pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
     }
 }
 
-/// Waits until the clock reads `t`, but no longer than a tick.
+/// Waits until the clock reads `t`, at most one tick.
 pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
     let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
 }
 
-/// Who turns the rotors.
+/// Connection to the autopilot that drives the rotors.
 enum Link {
-    /// MAVLink bytes of the simulated autopilot, which an operator gives to the drone's computer.
+    /// MAVLink bytes of the simulated autopilot, exchanged with the drone's computer.
     Simulated {
         socket: UdpSocket,
-        /// A ground station at its other link.
+        /// A ground station on its second link.
         station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
         signing: Option<Signing>,
@@ -75,7 +75,7 @@ enum Link {
     },
     Ardupilot {
         socket: UdpSocket,
-        /// Who asked last, and its packet's number.
+        /// Sender and number of the last request.
         asker: Option<(SocketAddr, u32)>,
         motors: Option<[f64; MAX_ROTORS]>,
     },
@@ -85,9 +85,9 @@ enum Link {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     Answered,
-    /// The firmware does not answer each sample, and this one is not its turn.
+    /// The firmware does not answer every sample, and none is due for this one.
     NoneDue,
-    /// Not in time.
+    /// No answer in time.
     Unanswered,
 }
 
@@ -95,7 +95,7 @@ enum Turn {
 pub struct Plant {
     link: Link,
     config: FirmwareConfig,
-    /// Exchanges in a tick.
+    /// Exchanges per tick.
     exchanges: u32,
     received_ns: i64,
     /// Encoder of the vessel's beacon.
@@ -104,8 +104,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`, and to a
-    /// ground station at `station`, signed where a key is set.
+    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to `mavlink` and to
+    /// a ground station at `station`, signed if a key is set.
     pub fn open(
         kind: AutopilotKind,
         mavlink: &str,
@@ -162,8 +162,8 @@ impl Plant {
             late: 0,
         })
     }
-    /// The drone appears when it is due: in the air under the simulated autopilot; a firmware wakes up on the ground, and
-    /// is flown from there by a pilot.
+    /// Places the drone when it is due: in the air under the simulated autopilot; on the ground under a firmware, from
+    /// where a pilot flies it.
     pub fn place(&mut self, physics: &mut Physics) {
         if physics.drone(0).is_some() {
             return;
@@ -181,8 +181,8 @@ impl Plant {
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
         }
     }
-    /// Takes the readings of devices at the simulated autopilot: rangefinder and beacon. The plant of a firmware has neither: ranges
-    /// are left in.
+    /// Takes the readings of devices connected to the simulated autopilot: rangefinder and beacon. The plant of a
+    /// firmware has neither: the ranges stay in the readings.
     pub fn take(&mut self, readings: &mut DroneReadings, clock: &ClockModel) {
         let Link::Simulated {
             autopilot: Some(autopilot),
@@ -205,7 +205,7 @@ impl Plant {
     pub fn late(&self) -> u64 {
         self.late
     }
-    /// Moves the world on by one tick, each slice when the clock has come to it.
+    /// Advances the world by one tick, each slice when the clock reaches it.
     pub fn advance(&mut self, physics: &mut Physics, memory: Option<&Memory>, clock: &ProcessClock) {
         if let Link::Simulated {
             autopilot: Some(autopilot),
@@ -220,11 +220,11 @@ impl Plant {
         });
     }
 
-    /// Sends the drone's measurements to the firmware, and receives its motors.
+    /// Sends the drone's measurements to the firmware and receives its motor commands.
     fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let now = steady_ns();
         let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
-        // A peer without a recent message is not waited for.
+        // Does not wait for a peer without a recent message.
         let present = now - self.received_ns < GONE_NS;
         let until = |timeout_ns: i64| now + if present { timeout_ns } else { 0 };
         let rate_hz = f64::from(self.exchanges) / TICK.secs();
@@ -260,7 +260,7 @@ impl Plant {
                 motors,
             } => {
                 let answer = ardupilot::answer(sensed, 0.0);
-                // The packet of the last slice is answered with where it led.
+                // The request of the last slice is answered with the state that followed from it.
                 if let Some((to, _)) = asker {
                     let _lost = socket.send_to(answer.as_bytes(), *to);
                 }
@@ -287,7 +287,7 @@ impl Plant {
     }
 }
 
-/// A socket that sends to `to`, and never waits.
+/// A non-blocking socket that sends to `to`.
 fn dial(to: &str) -> std::io::Result<UdpSocket> {
     let socket = UdpSocket::bind("0.0.0.0:0")?;
     socket.connect(to)?;
@@ -306,8 +306,8 @@ fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// A slice of the simulated autopilot: its motors. `links` are the companion's and, where there is one, the ground
-/// station's.
+/// A slice of the simulated autopilot; returns its motor commands. `links`: the companion's, and the ground station's
+/// if there is one.
 fn simulated_turn(
     (socket, station): (&UdpSocket, Option<&UdpSocket>),
     autopilot: &mut SimulatedAutopilot,
@@ -315,7 +315,7 @@ fn simulated_turn(
     sensed: &PlantState,
 ) -> Option<[f64; MAX_ROTORS]> {
     if !*handed_over {
-        // PX4 denies until set-points were streamed for long enough: the person tries again.
+        // PX4 rejects Offboard until set-points have been streamed for long enough: the pilot tries again.
         let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
         *handed_over = autopilot.choose(offboard);
     }
@@ -325,7 +325,7 @@ fn simulated_turn(
     };
     let mut received = datagrams(socket);
     if let Some(station) = station {
-        // Each link gets what came by the other, as a firmware forwards.
+        // Each link receives what arrived on the other, as a firmware forwards it.
         let commanded = datagrams(station);
         send(station, &received);
         send(socket, &commanded);
@@ -339,7 +339,7 @@ fn simulated_turn(
     motors
 }
 
-/// Accepts PX4's connection where there is none.
+/// Accepts PX4's connection if there is none.
 fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
     if stream.is_none()
         && let Ok((new, from)) = door.accept()
@@ -354,7 +354,7 @@ fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
     }
 }
 
-/// [`px4_turn`] where PX4 is connected; a link that is gone is closed.
+/// [`px4_turn`] if PX4 is connected; closes a broken link.
 fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Turn {
     let answered = stream.as_mut().map(|s| px4_turn(s, plant, sent, until));
     match answered {
@@ -369,8 +369,8 @@ fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8
     }
 }
 
-/// Sends the sensors' measurements and, where motors are due, reads until they came or it is `until`. Err: the
-/// link is gone.
+/// Sends the sensors' measurements and, if motor commands are due, reads until they arrive or until `until`. Err: the
+/// link is broken.
 fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
     stream.write_all(sent).map_err(|_| ())?;
     if !plant.due() {
@@ -396,7 +396,7 @@ fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i6
     Ok(Turn::Unanswered)
 }
 
-/// Waits until `until` for a new packet; one that comes again is answered again.
+/// Waits until `until` for a new packet; answers a repeated one again.
 fn ardupilot_turn(
     socket: &UdpSocket,
     asker: &mut Option<(SocketAddr, u32)>,
@@ -434,7 +434,7 @@ mod tests {
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 
-    /// Slices that are exchanged at most before a test gives up.
+    /// Most slices before a test gives up.
     const MAX: i64 = 2000;
 
     fn sensed(k: i64) -> PlantState {
@@ -453,7 +453,7 @@ mod tests {
         let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
         Plant::open(kind, "", None, None, &c, sensors).unwrap()
     }
-    /// Exchanges until the motors are as `wanted`; the slice in which they were.
+    /// Exchanges until the motors are as `wanted`; returns that slice.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {
         (from..from + MAX)
             .find(|k| {
@@ -471,7 +471,7 @@ mod tests {
     fn px4_lock_step_and_disconnection() {
         let port = crate::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Px4, port);
-        // Without a firmware the drone stands, and nothing waits.
+        // Without a firmware the drone stays on the ground, and nothing waits.
         assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
         let firmware = std::thread::spawn(move || {
             let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
@@ -510,7 +510,7 @@ mod tests {
                 let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
-                    // As after an answer that was lost.
+                    // As after a lost answer.
                     socket.send(&packet).unwrap();
                     let mut buffer = [0; 1024];
                     socket.recv(&mut buffer).unwrap();
@@ -523,7 +523,7 @@ mod tests {
             stamps
         });
         let k = until(&mut plant, 1, quarter);
-        // It ends after fifty packets; a second later its motors are off.
+        // The firmware ends after fifty packets; a second later its motors are off.
         until(&mut plant, k + 1, |m| m.is_none());
         let stamps = firmware.join().unwrap();
         assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");

@@ -23,7 +23,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::live::config::Devices;
 
-/// Maximum number of shots that wait for the thread; further ones are lost, as in an overrun camera.
+/// Most shots in the queue; further ones are lost, as in an overrun camera.
 const QUEUE_LENGTH: usize = 2;
 
 /// Maximum delay of a device's image beyond its nominal delay, ns; a later one is lost, because the reader derives the
@@ -37,7 +37,7 @@ pub struct RenderThread {
 }
 
 enum Sink {
-    /// Shared memory of the drone, which is held for as long as its port.
+    /// Shared memory of the drone, held as long as its port.
     Memory { images: ImagePublisher, _memory: Memory },
     /// Device of the drone's computer.
     Pipe(Pipe),
@@ -63,7 +63,8 @@ impl Sink {
             }
         }
     }
-    /// Whether an image exposed at this time would be lost. In shared memory it carries its time and is never late.
+    /// Whether an image exposed at this time would be lost. In shared memory an image carries its time and is never
+    /// late.
     fn too_late(&self, shot: &Shot) -> bool {
         match self {
             Sink::Memory { .. } => false,
@@ -79,12 +80,12 @@ struct Pipe {
 }
 
 impl Pipe {
-    /// Time until an image is due, ns, that was exposed at `at_ns` of the drone's clock, the steady one.
+    /// Time until the image exposed at `at_ns` of the drone's clock (the steady clock) is due, ns.
     fn early_ns(&self, at_ns: i64) -> i64 {
         at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
     }
-    /// Delivers the image that was exposed at `at_ns`. A late image, or one without a reader, is lost, as a camera's
-    /// is.
+    /// Delivers the image that was exposed at `at_ns`. A late image, or one without a reader, is lost, as with a
+    /// camera.
     fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
         let early_ns = self.early_ns(at_ns);
         if early_ns < -MAX_LATE_NS {
@@ -105,7 +106,7 @@ impl Pipe {
         }
         written
     }
-    /// Writing end of the pipe, if it has a reader; later data wait for that reader.
+    /// Write end of the pipe, if it has a reader; later data wait for that reader.
     fn reader(&self) -> Option<File> {
         let flags = OFlags::NONBLOCK.bits().cast_signed();
         let pipe = OpenOptions::new()
@@ -176,7 +177,7 @@ impl RenderThread {
             if result.send(Ok(())).is_err() {
                 return;
             }
-            // Ends with the world, which holds the other end.
+            // Ends when the world drops the sending end.
             while let Ok(shot) = waiting.recv() {
                 let delivered = !sink.too_late(&shot) && sink.take(&shot, size, &mut renderer);
                 lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);

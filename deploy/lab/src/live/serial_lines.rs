@@ -1,8 +1,8 @@
-//! The wires between simulated devices and the computers: pseudo-terminals in the place of serial ports, or UDP.
+//! Lines between simulated devices and the computers: pseudo-terminals in place of serial ports, or UDP.
 //!
-//! Only the end of the sensor is held open. The computer's end stands under a path of its own, like the name that a
-//! system gives a USB adapter; once the computer has closed it, it is another pseudo-terminal, because one keeps the
-//! exclusive use that its reader asked for (TIOCEXCL), and unread bytes.
+//! Only the sensor's end is held open. The computer's end has a fixed path, like the name of a USB adapter. After the
+//! computer has closed it, a new pseudo-terminal replaces it, because the old one keeps the exclusive mode that its
+//! reader set (TIOCEXCL), and unread bytes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -21,14 +21,13 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Bytes of a computer that are taken at once, at most.
+/// Most bytes that are read at once from a computer.
 const MAX_RECEIVED: usize = 1 << 16;
 
-/// One serial line.
 pub struct SerialLine {
     path: PathBuf,
     sensor_end: File,
-    /// The computer had it open when it was last looked at.
+    /// Whether the computer had the line open at the last check.
     open: bool,
 }
 
@@ -41,7 +40,7 @@ impl SerialLine {
             open: false,
         })
     }
-    /// Sends `bytes` to the computer, if it listens, and gives the bytes that it sent: requests, corrections.
+    /// Sends `bytes` to the computer if it listens, and returns the bytes that it sent: requests, corrections.
     pub fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         let (mut buffer, mut received) = ([0; 1024], Vec::new());
         let open = loop {
@@ -61,7 +60,7 @@ impl SerialLine {
             self.sensor_end = connect(&self.path)?;
         }
         self.open = open;
-        // Without a reader, and of a full line, they are gone as on a wire.
+        // Without a reader, or when the line is full, bytes are lost as on a wire.
         if open && !bytes.is_empty() {
             match self.sensor_end.write(bytes) {
                 Err(e) if e.kind() != ErrorKind::WouldBlock => return Err(e),
@@ -72,7 +71,7 @@ impl SerialLine {
     }
 }
 
-/// A new pseudo-terminal whose other end is at `path`, and which knows that this is not open yet.
+/// A new pseudo-terminal whose other end is at `path` and counts as not open yet.
 fn connect(path: &Path) -> io::Result<File> {
     let line = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
     grantpt(&line)?;
@@ -83,7 +82,7 @@ fn connect(path: &Path) -> io::Result<File> {
         .to_str()
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
     let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    // The kernel distinguishes an end that was closed from one that is open; one that never was it takes for open.
+    // The kernel reports an end that was closed, but takes one that was never opened for open.
     drop(
         OpenOptions::new()
             .read(true)
@@ -116,7 +115,7 @@ enum Wire {
 }
 
 impl Wire {
-    /// To the computer that reads at `url`.
+    /// Line to the computer that reads at `url`.
     fn to(url: &LinkUrl) -> Result<Wire, CliError> {
         match url {
             LinkUrl::Serial(path, _) => {
@@ -140,7 +139,7 @@ impl Wire {
             ))),
         }
     }
-    /// Sends bytes, and gives those that came.
+    /// Sends bytes, and returns those that arrived.
     fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         match self {
             Wire::Serial(line) => line.exchange(bytes),
@@ -150,14 +149,14 @@ impl Wire {
     }
 }
 
-/// The simulated devices of the vessel, each on its line.
+/// Simulated devices of the vessel, each on its line.
 pub struct SensorLines {
     boat: Boat,
     wires: Vec<Wire>,
 }
 
 impl SensorLines {
-    /// Lines of the sensors of this configuration, which are where it names them; the measurements bear times of `clock`.
+    /// Lines of the sensors in this configuration, at the addresses that it names; measurements carry times of `clock`.
     pub fn of(
         sources: &[SourceConfig],
         scenario: &Scenario,
@@ -170,11 +169,11 @@ impl SensorLines {
             wires: sources.iter().map(wire).collect::<Result<_, _>>()?,
         })
     }
-    /// Sends what was measured, and the frames of its moving base.
+    /// Sends the measurements, and the frames of the moving base.
     pub fn send(&mut self, readings: &Readings, rtcm: &[u8]) {
         let bytes = self.boat.bytes(readings, rtcm);
         for (wire, bytes) in self.wires.iter_mut().zip(bytes) {
-            // A line that broke stays silent, which the vessel's computer reports.
+            // A broken line stays silent, which the vessel's computer reports.
             let _requests = wire.exchange(&bytes);
         }
     }
@@ -193,7 +192,7 @@ mod tests {
         for _ in 0..2 {
             let url = LinkUrl::Serial(path.clone(), 115_200);
             let mut computer = ByteLink::with_peer(url, None).await.unwrap();
-            // It opens with the first read, and asks for something.
+            // The computer opens it with the first read, and sends a request.
             computer.read(|_| panic!("nothing was sent to it")).await;
             computer.write(b"request");
             assert_eq!(line.exchange(b"measured").unwrap(), b"request");

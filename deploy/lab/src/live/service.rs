@@ -22,7 +22,7 @@ const STOP_NS: i64 = 5_000_000_000;
 /// Limit for a service to become ready, s.
 pub const READY_S: f64 = 60.0;
 const POLL: Duration = Duration::from_millis(10);
-/// Number of a service's last output lines that are shown.
+/// Number of last output lines that are shown of a service.
 const LAST_LINES: usize = 5;
 
 pub fn command(program: &Path, arguments: &[&str]) -> Command {
@@ -107,7 +107,7 @@ impl Service {
     pub fn id(&self) -> Option<u32> {
         self.child.as_ref().map(Child::id)
     }
-    /// Time from its newest start to its report of readiness, s.
+    /// Time from its last start to its report of readiness, s.
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
@@ -156,11 +156,11 @@ impl Service {
             None => Err(CliError::because(doing, self.complaints())),
         }
     }
-    /// Kills it and its child processes, as its manager does; waits until they are gone.
+    /// Kills it and its child processes, as its manager does; waits for their end.
     pub fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
         let mut left = children(child.id());
-        // A process that is gone meanwhile needs no killing.
+        // The process may have ended meanwhile.
         let _gone = child.kill();
         let deadline_ns = steady_ns() + STOP_NS;
         while (self.poll() || !left.is_empty()) && steady_ns() < deadline_ns {
@@ -201,7 +201,7 @@ pub fn runs(pid: u32) -> bool {
 fn children(pid: u32) -> Vec<u32> {
     let parent = |of: u32| {
         let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
-        // Fields are counted after the command's name, which is in parentheses and may contain blanks.
+        // Fields are counted after the command's name, which is in parentheses and may contain spaces.
         let fields = stat.rsplit(')').next()?;
         fields.split_whitespace().nth(1)?.parse::<u32>().ok()
     };

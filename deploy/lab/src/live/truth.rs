@@ -12,7 +12,7 @@ pub struct BodyTruth {
     attitude: [f64; 4],
 }
 
-/// Both bodies; the drone, once it is there, with its wind (NED, m/s, towards).
+/// Both bodies; the drone, once present, with its wind (NED, m/s, towards).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TruthSample {
     vessel: BodyTruth,

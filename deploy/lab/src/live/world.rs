@@ -1,6 +1,6 @@
-//! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot,
-//! camera and rangefinder. Speaks to the other processes only as real ones would, and to its
-//! supervisor by lines on standard output.
+//! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot, camera and
+//! rangefinder. It communicates with the other processes only as real vehicles would, and with its supervisor by lines
+//! on standard output.
 
 use std::fmt;
 use std::time::Duration;
@@ -37,39 +37,39 @@ use crate::live::render_thread::RenderThread;
 use crate::live::serial_lines::{SensorLines, SerialLine};
 use crate::live::truth::TruthSample;
 
-/// A second, ns.
 const SECOND_NS: i64 = 1_000_000_000;
 
-/// The line that reports the first measurement on the vessel's serial lines.
+/// Line that reports the first measurement on the vessel's serial lines.
 pub const SENSING: &str = "world: sensors send";
-/// The line that reports the first contact.
+/// Line that reports the first contact.
 pub const CONTACT: &str = "world: first contact";
 
-/// Report of the world to its supervisor in the end, as one JSON object.
+/// Final report of the world to its supervisor, as one JSON object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
     /// The outcome, judged from the truth.
     Landed(Box<Landed>),
-    /// It ended because this computer did not keep up with it.
+    /// The trial ended because this computer did not keep up with it.
     TooSlow(TooSlow),
 }
 
 /// The simulated world fell behind real time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TooSlow {
-    /// By so much, s.
+    /// Delay behind real time, s.
     pub behind_s: f64,
-    /// So long after the start, negative in the warm-up, s.
+    /// Time since the start, negative in the warm-up, s.
     pub t_s: f64,
 }
 
 impl TooSlow {
-    /// Further behind than this, s, every link of the system has timed out: an autopilot waits for set-points for 0.5 to 1 s.
+    /// Delay that ends the world, s: every link of the system has timed out by then; an autopilot waits 0.5 to 1 s for
+    /// set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// Whether a tick that is `late_s` late at `t_s` ends the world. What is made up for in the warm-up, as where a firmware
-    /// connects, does no harm.
+    /// The end of the world because of a tick that is `late_s` late at `t_s`, if it has to end. A delay in the warm-up,
+    /// such as while a firmware connects, does no harm.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
         (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
@@ -98,18 +98,17 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
-    /// The most that a tick of the simulated world was late, s.
+    /// Greatest delay of a tick of the simulated world, s.
     pub latest_tick_s: f64,
 }
 
-/// Runs until the trial is over or it is asked to end. Its metrics: the most that a tick was late
-/// (s), ticks later than one period, true time since the start (s), slices that a firmware left
-/// unanswered.
+/// Runs until the trial is over or the process is asked to end. Its metrics: greatest delay of a tick (s), ticks later
+/// than one period, true time since the start (s), slices that a firmware left unanswered.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let mut world: SimulatedWorld = config::load(&args.config)?;
     if world.epoch_ns == 0 {
-        // At the next full second of the clock that vessel and drone read, too.
+        // Starts at the next full second of the clock that vessel and drone also read.
         world.epoch_ns = (steady_ns() / SECOND_NS + 1) * SECOND_NS;
         world.scenario.sensors.clocks.epoch_s = world.epoch_ns as f64 * 1e-9;
     }
@@ -127,7 +126,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // Nothing moves any more: what leaves the shared memory waits by yielding, which at a real-time priority holds a processor.
+    // No motion is due any more. Leaving the shared memory waits by yielding, which at real-time priority would occupy
+    // a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)
@@ -138,7 +138,7 @@ fn print(report: &WorldReport) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The plant that turns the drone's rotors.
+/// Opens the plant that drives the drone's rotors.
 fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) -> Result<Plant, CliError> {
     let (scenario, firmware) = (&world.scenario, &world.firmware);
     let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
@@ -150,10 +150,10 @@ fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) ->
 
 /// Relation of the next tick to the clock.
 enum Pace {
-    /// It is not due yet.
+    /// The tick is not due yet.
     Early,
     Due,
-    /// The process was asked to end while it waited.
+    /// The process was asked to end during the wait.
     EndRequested,
     TooSlow(TooSlow),
 }
@@ -161,16 +161,15 @@ enum Pace {
 /// The world in real time, with its links to both computers.
 struct LiveWorld<'a> {
     world: &'a SimulatedWorld,
-    /// Record of the truth.
     truth: Option<NodeRecorder>,
     life: Life,
     clock: ProcessClock,
     sensors: SensorLines,
     /// The first measurement was reported.
     sensing: bool,
-    /// The camera of a drone with devices of its own.
+    /// Camera of a drone with its own devices.
     camera: Option<RenderThread>,
-    /// Line of the drone's own GNSS receiver, and the bytes that came for it.
+    /// Line of the drone's own GNSS receiver, and the corrections that arrived on it.
     receiver: Option<SerialLine>,
     corrections: Vec<u8>,
     drone: Rejoined<DroneSide>,
@@ -189,7 +188,7 @@ impl<'a> LiveWorld<'a> {
     ) -> Result<LiveWorld<'a>, CliError> {
         let physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
         let plant = open_plant(world, kind, &physics)?;
-        // Vehicles with devices of their own are there before the drone's computer is.
+        // Vehicles with their own devices run before the drone's computer does.
         let mut drone = Rejoined::of(&world.instance)?;
         if world.devices.is_none() {
             drone.join(|instance| DroneSide::join(instance, world))?;
@@ -235,11 +234,11 @@ impl<'a> LiveWorld<'a> {
         })
     }
 
-    /// Joins the drone's computer where it was started, and waits for the next tick, 0.1 s at most.
+    /// Joins the drone's computer if it has started, and waits for the next tick, at most 0.1 s.
     fn await_tick(&mut self) -> Pace {
         let world = self.world;
         self.drone.poll(|instance| DroneSide::join(instance, world));
-        // The truth at `t` is made and measured when the computer's clock reads `t`.
+        // The truth at `t` is simulated and measured when the computer's clock reads `t`.
         let early = self.physics.now() - self.clock.now::<TrueTime>();
         if early.nanos() > 0 {
             let memory = self.drone.ports.as_ref().map(|c| &c.memory);
@@ -256,7 +255,7 @@ impl<'a> LiveWorld<'a> {
         TooSlow::of(late_s, self.physics.time_since_start().secs()).map_or(Pace::Due, Pace::TooSlow)
     }
 
-    /// One tick: measures, moves on and judges; true when the trial is over.
+    /// Makes one tick: measures, advances and judges; true when the trial is over.
     fn tick(&mut self) -> bool {
         let before = steady_ns();
         self.plant.place(&mut self.physics);
@@ -285,7 +284,7 @@ impl<'a> LiveWorld<'a> {
         false
     }
 
-    /// Hands the measurements of now to both computers.
+    /// Sends the current measurements to both computers.
     fn measure(&mut self) {
         let measured = self.physics.vessel_readings();
         self.sensors.send(&measured, &self.physics.vessel_rtcm());
@@ -297,12 +296,12 @@ impl<'a> LiveWorld<'a> {
             return;
         };
         if let Some(line) = &mut self.receiver {
-            // A line that broke is silent, which the drone's computer reports.
+            // A broken line stays silent, which the drone's computer reports.
             self.corrections = line.exchange(&readings.receiver).unwrap_or_default();
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // The camera alone, and the rangefinder that a firmware's plant lacks.
+            // Only the camera, and the rangefinder that a firmware's plant lacks.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,
@@ -330,7 +329,7 @@ impl<'a> LiveWorld<'a> {
         ]);
     }
 
-    /// The outcome, judged; draws the picture of the landing.
+    /// The judged outcome; draws the plot of the landing.
     fn report(&mut self) -> Result<WorldReport, CliError> {
         let (world, landing) = (self.world, &mut self.landing);
         let sim_time_s = self.physics.now().secs();
@@ -357,15 +356,15 @@ impl<'a> LiveWorld<'a> {
     }
 }
 
-/// The landing as the truth has it, and the newest messages of the drone's computer about it.
+/// Truth about the landing, with the newest messages of the drone's computer.
 struct LandingWatch {
     judge: Judge,
     mission: MissionState,
     forecast: Option<DeckForecast>,
-    /// Ages of radio and vision in the forecast at the first contact, s.
+    /// Ages of radio and vision in the forecast at first contact, s.
     ages: Option<[f64; 2]>,
     history: History,
-    /// End of the stay on the deck, time since the start, s.
+    /// End of the time on the deck, since the start, s.
     stays_until_s: Option<f64>,
     touched: bool,
     motors_on_deck_s: f64,
@@ -384,12 +383,12 @@ impl LandingWatch {
             motors_on_deck_s: 0.0,
         }
     }
-    /// Takes the newest messages of the drone's computer.
+    /// Reads the newest messages of the drone's computer.
     fn receive(&mut self, computer: &mut DroneSide, drone_ns: i64) {
         self.mission = computer.mission.newest(drone_ns).unwrap_or(self.mission);
         self.forecast = computer.forecasts.newest(drone_ns).or(self.forecast);
     }
-    /// Judges a tick; true when the trial and the stay on the deck are over.
+    /// Judges a tick; true when the trial and the time on the deck are over.
     fn observe(&mut self, physics: &Physics, scenario: &Scenario) -> bool {
         let t_s = physics.time_since_start().secs();
         self.history.update(physics, t_s);
@@ -417,14 +416,14 @@ impl LandingWatch {
     }
 }
 
-/// The drone's memory as the simulated vehicle uses it.
+/// Access of the simulated vehicle to the drone's memory.
 struct DroneSide {
     memory: Memory,
     detections: Detections,
     mission: Subscriber<MissionState>,
     forecasts: Subscriber<DeckForecast>,
     state: Publisher<ProcessState>,
-    /// The simulated camera, where images are rendered.
+    /// The simulated camera, if images are rendered.
     render_thread: Option<RenderThread>,
 }
 
@@ -445,7 +444,7 @@ impl DroneSide {
     }
 }
 
-/// Trace for a picture of the landing.
+/// Trace for the plot of the landing.
 struct History {
     trace: Option<Trace>,
     next_s: f64,

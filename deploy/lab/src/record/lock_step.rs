@@ -1,4 +1,4 @@
-//! Observers of a flight in lock-step: its recording, and who looks on.
+//! Observers of a flight in lock-step: its recorder and viewers.
 
 use alight_bridge::BridgeConfig;
 use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
@@ -19,11 +19,10 @@ use nalgebra::Vector3;
 
 use super::{FlightRecorder, RecordingScene};
 
-/// The recorder of a flight, and who looks on.
 pub struct LockStepObservers<'a> {
     pub recorder: Option<FlightRecorder>,
     watcher: Option<&'a mut (dyn Viewer + 'static)>,
-    /// The configurations of the vessel's and the drone's computer.
+    /// Configurations of the vessel's and the drone's computer.
     configs: [String; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Recordings of simulated flights: the steps in a flight's directory, computed again, with the truth.
+//! Recordings of simulated flights: the steps in a flight's directory, replayed, with the truth.
 
 mod lock_step;
 mod truth;
@@ -31,7 +31,7 @@ use crate::live::truth::TruthSample;
 use lock_step::LockStepObservers;
 use truth::TruthViews;
 
-/// Content attached as [`BASELINE_FILE`].
+/// Content of the attachment [`BASELINE_FILE`].
 #[derive(Serialize, Deserialize)]
 struct BaselineFile {
     baseline: Option<Baseline>,
@@ -50,7 +50,7 @@ pub struct RecordingScene<'a> {
     pub seed: u64,
     /// Sea as named on the command line.
     pub sea: &'a str,
-    /// The nodes run as processes.
+    /// Whether the nodes run as processes.
     pub live: bool,
 }
 
@@ -103,7 +103,7 @@ pub fn fly(
     Ok((flown, recorded))
 }
 
-/// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to the observers.
+/// Replays the flight of `directory`, writes it to the recording `path`, and shows it to the observers.
 pub fn export(
     directory: &Path,
     subject: &RecordingScene<'_>,
@@ -119,7 +119,7 @@ pub fn export(
     let observers: Vec<&mut dyn StepObserver> = vec![&mut recorder];
     let replayed = replay(&log, &law, Span::ZERO, observers)?;
     recorder.finish(outcome)?;
-    // What is recorded are the outputs of the computation, which have to be those of the flight.
+    // The replay's outputs are recorded, so they have to equal those of the flight.
     match replayed.iter().find_map(|r| Some((&r.node, r.differs_at_step?))) {
         Some((node, step)) => Err(CliError(format!(
             "recording {}: {node} computes another output at its step {step} than it had in flight; please report it",
@@ -137,7 +137,7 @@ struct FlightRecorder {
 }
 
 impl FlightRecorder {
-    /// Creates the file and writes what does not change.
+    /// Creates the file and writes its constant contents.
     fn create(path: &Path, subject: &RecordingScene<'_>) -> Result<FlightRecorder, CliError> {
         let (recorder, truth) = Recorder::create(path, &subject.about()?, |sink| {
             TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
@@ -148,17 +148,17 @@ impl FlightRecorder {
             truth,
         })
     }
-    /// A process's start, whose steps follow.
+    /// Adds a start of a process, whose steps follow.
     fn begin(&mut self, header: PartHeader) {
         self.recorder.iter_mut().for_each(|r| r.begin(header.clone()));
     }
-    /// Whether this start has begun.
+    /// Whether this start was added.
     fn has(&self, process: ProcessKind, boot: u32) -> bool {
         let recorder = self.recorder.as_ref();
         recorder.is_none_or(|r| r.channel(process.name(), boot).is_some())
     }
-    /// The truth at the beginning of a tick. Ends the process when it was asked to (Ctrl-C), with a recording that can be read
-    /// up to now.
+    /// Records the truth at the beginning of a tick. Ends the process if it was asked to end (Ctrl-C), with a recording
+    /// that is readable up to now.
     fn truth(
         &mut self,
         t: Time<TrueTime>,
@@ -183,7 +183,7 @@ impl FlightRecorder {
         alight_computer::terminal::note(true, line);
         std::process::exit(1);
     }
-    /// Ends the recording with what came out of the flight.
+    /// Ends the recording with the outcome of the flight.
     fn finish(mut self, outcome: &Outcome) -> Result<(), CliError> {
         let ending = [
             ("outcome", outcome.outcome.name().to_string()),

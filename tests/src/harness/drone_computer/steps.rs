@@ -27,7 +27,7 @@ use alight_uav::computer::Installed;
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
-/// Delays plans by the time that they take.
+/// Delays plans by their solve time.
 struct SolveTime<'a> {
     arrives: Time<TrueTime>,
     plans: &'a mut DelayLine<Plan>,
@@ -41,7 +41,7 @@ impl Edge<Planner> for SolveTime<'_> {
         _ports: &mut PlannerPorts<B>,
     ) -> bool {
         if let Some(plan) = out.plan {
-            // A full line means plans that are not fetched: the oldest state is lost, no more.
+            // A full delay line means that plans are not read: only the oldest state is lost.
             let _full = self.plans.push(self.arrives, plan);
         }
         true
@@ -66,7 +66,7 @@ impl SimulatedDroneComputer {
             self.waiting.extend(waiting);
             return;
         }
-        // What has waited bears the time of its reading.
+        // Packets that waited are stamped when they are read.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let mut packets: Vec<_> = waited.chain(packets).collect();
         let radio = &mut self.radio;
@@ -84,18 +84,18 @@ impl SimulatedDroneComputer {
         let step = bridge.step(|| now, &mut edge::<Bridge>(receive, send));
         tap.step(t, &step.of(ProcessKind::Bridge, boot));
     }
-    /// The link with what the autopilot has sent.
+    /// Steps the link with what the autopilot has sent.
     pub(super) fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, tap: &mut impl Tap) {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
-            // PX4 denies until set-points were streamed for long enough: the person tries again.
+            // PX4 rejects Offboard until set-points have been streamed for long enough: the pilot tries again.
             let autopilot = &mut linked.autopilot;
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
-        // What a process that stands still does not read waits on the wire.
+        // A frozen process leaves its input on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
         self.step_link((t, now), frames, tap);
     }
@@ -119,8 +119,8 @@ impl SimulatedDroneComputer {
         let step = link.step(|| now, &mut wire);
         tap.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
-    /// The cameras with what they have exposed, or what models measure in their place; rangefinder, beacon and receiver at the
-    /// other ends of the link's wires.
+    /// Steps the cameras with their exposures or with measurements of models, and feeds rangefinder, beacon and
+    /// receiver into the link's wires.
     pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics, tap: &mut impl Tap) {
         physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
         let Some(mut readings) = physics.drone_readings(self.k) else {
@@ -203,7 +203,7 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// One step of a row where its process lives, `runs` and is due, shown to a tap.
+/// One step of a row if its process lives, `runs` and has a step due; shown to a tap.
 fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),

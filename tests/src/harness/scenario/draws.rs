@@ -87,7 +87,7 @@ impl Draws<'_> {
 }
 
 impl Scenario {
-    /// Separates the true parameters from the nodes': switches the draws on. A GNSS mast within the landing deck moves
+    /// Switches the draws on, so that true parameters differ from the nodes'. A GNSS mast within the landing deck moves
     /// aft of it, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;

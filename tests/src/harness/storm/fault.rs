@@ -33,7 +33,7 @@ pub struct Fault {
     /// Size, in the unit of [`Spec::of`](super::Spec::of).
     #[serde(default)]
     pub size: f64,
-    /// Duration, s; 0 for an instantaneous fault. In a scenario `inf` is permanent.
+    /// Duration, s; 0 for an instantaneous fault. In a scenario, `inf` means permanent.
     #[serde(default)]
     pub lasts_s: f64,
 }

@@ -1,4 +1,4 @@
-//! Flies a storm: people order, faults begin and end at their times, and every tick is watched.
+//! Flies a storm: people give orders, faults begin and end at their times, and the rules are checked in every tick.
 
 use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
 use alight_shared::msg::{ReasonCode, State};
@@ -19,42 +19,39 @@ use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 use crate::harness::tap::NoTap;
 
-/// A fault that ended longer ago does not count among simultaneous ones any more, s.
+/// Time after which an ended fault no longer counts as simultaneous, s.
 const TOGETHER_S: f64 = 5.0;
-/// An abort from ashore, or over MAVLink, has come to the mission within this time where nothing else fails, s.
+/// Maximum time from an abort from ashore, or over MAVLink, to its arrival at the mission, if nothing else fails, s.
 const ASHORE_S: f64 = 2.0;
 /// Duration from which a fault is noticed, s.
 const NOTICED_S: f64 = 1.0;
-/// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
+/// Time after the last fault for which a drone that gave up waits for the operator, s: longer than its climb.
 const GIVEN_UP_S: f64 = 20.0;
-/// A descent that began more recently is let come to its end, s.
+/// Age of a descent up to which it may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
-/// A drone that waits in our mode is given so much charge above what its operator has for a decision.
+/// Charge that a drone waiting in our mode receives above the level at which its operator has to decide.
 const RUNS_LOW: f64 = 0.01;
-/// It is on the deck within this time then, s.
+/// Maximum time after that until it is on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
-/// A flown storm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
-    /// Ending of the flight.
     pub ending: StormEnding,
     /// Condition that it waited for at the end.
     pub waits_for: Option<String>,
-    /// The end of a wait in our mode, by the battery alone.
+    /// Ending of a wait in our mode that the battery alone decided.
     pub came_down: Option<StormEnding>,
-    /// The first rule that was broken.
     pub violation: Option<Violation>,
-    /// The faults that began: kind, the mission's state at that time, and when, s after the order.
+    /// Faults that began: kind, the mission's state at that time, and time, s after the order.
     pub began: Vec<(FaultKind, State, f64)>,
-    /// The first drone's states, and when each was entered, s after the order.
+    /// States of the first drone, with their times of entry, s after the order.
     pub states: Vec<(&'static str, f64)>,
     /// Time from the order to the end, s.
     pub lasted_s: f64,
 }
 
-/// Flies it; `show` is given each fault and each state as it begins.
+/// Flies the storm; `show` receives each fault and each state as it begins.
 pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
     fly_mutant(storm, None, show)
 }
@@ -67,7 +64,7 @@ pub fn fly_mutant(
 ) -> Result<Flown, SetupError> {
     let mut run = Run::new(storm)?;
     while run.tick(mutant, show) {}
-    // The storm ends where the battery decides.
+    // The storm ends when the battery decides.
     let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
         lasted_s,
@@ -91,19 +88,19 @@ struct Run {
     /// Number of the first drone's entered states that were shown.
     shown: usize,
     watches: Vec<StormWatch>,
-    /// When a fault was active last, s.
+    /// Time at which a fault was last active, s.
     last_s: f64,
-    /// When it did not rest on the deck last, s.
+    /// Time at which the drone was last not at rest on the deck, s.
     moved_s: f64,
-    /// When the mission stated a condition of its next step last, s.
+    /// Time at which the mission last reported a condition of its next step, s.
     reported_s: f64,
-    /// When a wait in our mode was left to the battery, s.
+    /// Time at which a wait in our mode was left to the battery, s.
     runs_low_s: Option<f64>,
     flown: Flown,
 }
 
 impl Run {
-    /// At the start of the flight.
+    /// A run at the start of the flight.
     fn new(storm: &Storm) -> Result<Run, SetupError> {
         let (mut scenario, mut nodes) = storm.scene();
         storm.flight.set_up(&mut scenario, &mut nodes);
@@ -133,7 +130,7 @@ impl Run {
         })
     }
 
-    /// One tick, after what is ordered, begins and ends before it; whether the flight goes on.
+    /// Advances one tick, after the orders, begins and ends that are due before it; true while the flight goes on.
     fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
         let t_s = self.rig.t_s();
         if self.rig.entered(0).len() > self.shown {
@@ -171,7 +168,7 @@ impl Run {
         over.is_none()
     }
 
-    /// Leaves a drone that waits in our mode to its battery; false where another has it.
+    /// Leaves a drone that waits in our mode to its battery; false if another mode controls it.
     fn run_low(&mut self, show: &mut dyn FnMut(f64, &str)) -> bool {
         let reserve = self.rig.nodes.drone.mission.battery_reserve;
         let waiting = self.rig.mission(0).waiting.to_string();
@@ -186,7 +183,7 @@ impl Run {
         self.runs_low_s = Some(t_s);
         true
     }
-    /// The end of a wait that was left to the battery: on the deck, or where the deck could not be had.
+    /// Ending of a wait that was left to the battery: on the deck, or elsewhere if the deck was not available.
     fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
         let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
@@ -230,7 +227,7 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// Ending of the flight, and the rule that a drone that was left alone for long enough has broken; None: it goes on.
+    /// Ending of the flight, and the rule broken by a drone that had enough time undisturbed; None: the flight goes on.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = |f: &Scheduled| f.timer.began_s.is_some() && !f.timer.over;
@@ -252,7 +249,7 @@ impl Run {
         let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
         let descends = matches!(rig.state(0), State::Descent | State::Flare);
         if !alone || descends && t_s < rig.entered_s(0) + DESCENDS_S {
-            // A storm that is cut off has not been left alone for long enough to be asked.
+            // In a storm that is cut off, the drone did not have enough time undisturbed to be judged.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
         Some(
@@ -264,7 +261,7 @@ impl Run {
     }
 }
 
-/// Sets the autopilot's parameters as `alight check` asks for them.
+/// Sets the autopilot's parameters to those that `alight check` requires.
 fn set_up(rig: &mut Rig) {
     let Some(linked) = rig.world.linked(0) else { return };
     let autopilot = &mut linked.autopilot;
@@ -279,7 +276,7 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// The faults as the rules see them; people ordered something last at `ordered_s`.
+/// Scene of the faults for the rules; `ordered_s` is the time of the last order.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let newest_s = began().map(|(f, at)| {
@@ -313,8 +310,9 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
     }
 }
 
-/// When the mission received the first abort and the newest, and when it lost its order by the first or by a take-over that the link
-/// reported, s. What stops nothing does not count: on a sortie away from the deck no landing is stopped.
+/// Times, s, at which the mission received the first and the newest abort, and at which it lost its order by the first
+/// abort or by a take-over that the link reported. An abort that stops nothing does not count: on a sortie away from
+/// the deck no landing is stopped.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(FaultKind) -> bool| {
@@ -325,7 +323,8 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
-    // From ashore by radio, relay and bridge, or over the autopilot's wire and the link: another fault may have stopped any of them.
+    // From ashore by radio, relay and bridge, or over the autopilot's wire and the link: another fault may have stopped
+    // any of these.
     let undisturbed = |at: f64, own: FaultKind| {
         let hides = |k: FaultKind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)

@@ -7,7 +7,7 @@
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Means that a fault takes from the drone, which excuse rules meanwhile.
+/// Capability that a fault takes from the drone; it excuses rules meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
     /// All rules hold.

@@ -2,7 +2,6 @@
 //!
 //! They give the next order when the last one has ended as intended. They do not resume what somebody else stopped,
 //! except for a take-off that ended on the deck, which they order again.
-//! take-off that ended on the deck, which is ordered again.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};

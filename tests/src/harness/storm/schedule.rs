@@ -1,28 +1,28 @@
-//! The faults of a flight in time: when each begins and ends, and what fails meanwhile.
+//! Schedule of a flight's faults: begin and end of each, and the active faults.
 
 use super::effects::Effect;
 use super::fault::Fault;
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 
-/// Change of a fault in time.
+/// Begin or end of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultTurn {
     Begins,
     Ends,
 }
 
-/// A fault at its place in time, in lock-step and live.
+/// A fault with its schedule, in lock-step and live.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultTimer {
     pub fault: Fault,
-    /// When it began, s.
+    /// Time of its begin, s.
     pub began_s: Option<f64>,
     pub over: bool,
 }
 
 impl FaultTimer {
-    /// It has not begun.
+    /// A fault that has not begun.
     pub const fn new(fault: Fault) -> FaultTimer {
         FaultTimer {
             fault,
@@ -33,7 +33,7 @@ impl FaultTimer {
     fn is_active(&self, t_s: f64) -> bool {
         self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
     }
-    /// Its change at `t_s`, where one is due; its moment began at `moment_s`.
+    /// The change that is due at `t_s`, if any; the fault's moment began at `moment_s`.
     pub fn poll(&mut self, t_s: f64, moment_s: Option<f64>) -> Option<FaultTurn> {
         match self.began_s {
             None if moment_s.is_some_and(|at| t_s >= at + self.fault.after_s) => {
@@ -52,14 +52,14 @@ impl FaultTimer {
 /// A fault of a flight in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
-    /// An abort, or a pilot who took over, stopped something when it began.
+    /// At its begin, an abort or take-over stopped an operation.
     pub(super) stops: bool,
-    /// Charge left where the fault met the battery, 0 to 1.
+    /// Charge left when the fault hit the battery, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
 impl Scheduled {
-    /// Begins or ends it where that is due. `begins` is called when it begins; true: it gave the order itself.
+    /// Begins or ends the fault if that is due. `begins` is called at its begin; true: it gave the order itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let fault = self.timer.fault;
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {
@@ -83,11 +83,11 @@ impl Scheduled {
     }
 }
 
-/// All of them.
+/// All faults of a flight.
 pub struct Schedule(pub(super) Vec<Scheduled>);
 
 impl Schedule {
-    /// None has begun.
+    /// A schedule in which no fault has begun.
     pub fn new(faults: &[Fault]) -> Schedule {
         let pending = |fault: &Fault| Scheduled {
             timer: FaultTimer::new(*fault),
@@ -96,7 +96,8 @@ impl Schedule {
         };
         Schedule(faults.iter().map(pending).collect())
     }
-    /// Begins and ends what is due before a tick, and lets fail what is active; without faults the world stays untouched.
+    /// Begins and ends the faults that are due before a tick, and applies the active ones; without faults the world is
+    /// not touched.
     pub fn act(&mut self, rig: &mut Rig) {
         for scheduled in &mut self.0 {
             scheduled.step(rig, |_, _| false);
@@ -105,7 +106,7 @@ impl Schedule {
             rig.world.fail(&self.failing(rig.t_s()));
         }
     }
-    /// Present faults, of all that are active.
+    /// Combination of all active faults.
     pub(super) fn failing(&self, t_s: f64) -> Failing {
         let mut failing = Failing::default();
         for timer in self.0.iter().map(|f| &f.timer).filter(|t| t.is_active(t_s)) {

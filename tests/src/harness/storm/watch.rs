@@ -413,12 +413,14 @@ const fn names_battery(why: ReasonCode) -> bool {
     )
 }
 
-/// A step that is permitted waits for nothing: the condition of the one before stands for so long, s.
+/// Time for which a condition of the previous step may still be reported, s: a step that is permitted waits for
+/// nothing.
 const REPORTS_S: f64 = 1.0;
 
-/// Long after the last fault, the mission having stated a condition last at `reported_s`: broken by a drone that follows our set-points in the air and is asked in vain. Its charge is known,
-/// which the status compares with what the way to the deck and one attempt take; or time is left before it turns back on a sortie;
-/// or it has raised its alarm, a place for its low battery or a reason that names that. And it states what its next step waits for.
+/// Violation, long after the last fault, of a drone in the air that follows our set-points and does not report why it
+/// waits; the mission last reported a condition at `reported_s`. A complete report states what the next step waits for,
+/// and one of these: the charge, which the status compares with that for the way to the deck and one attempt; the time
+/// left before the drone turns back on a sortie; or an alarm, a place for a low battery or a reason that names it.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());

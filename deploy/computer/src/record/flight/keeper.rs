@@ -1,4 +1,4 @@
-//! Keeper of a computer's flights, next to the processes that fly: begin, summary, retention.
+//! Management of a computer's flights, next to the processes that fly: begin, summary, retention.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,13 @@ use super::store::{self, Removed, Room};
 use super::summary::FlightSummary;
 use super::yield_to_flight;
 
-/// Summaries under way at most.
+/// Most summaries in the queue.
 const SUMMARIES: usize = 2;
-/// The thread looks for a summary this often.
+/// Period at which the thread looks for a summary.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
-/// Time between two looks at the room on the disk, ns: the processes write 20 MB meanwhile.
+/// Period at which the free space on the disk is checked, ns: the processes write 20 MB meanwhile.
 const ROOM_PERIOD_NS: i64 = 10_000_000_000;
-/// Without a change the summary is written this often, ns: its length stands for the flight's after a power cut.
+/// Period at which an unchanged summary is written, ns: after a power cut its length counts as the flight's.
 pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
 /// A flight that is being recorded.
@@ -27,13 +27,13 @@ pub struct FlightKeeper {
     path: PathBuf,
     to: Option<SyncSender<FlightSummary>>,
     thread: Option<JoinHandle<()>>,
-    /// While it is held, the flight runs.
+    /// Lock that shows that the flight runs.
     _lock: Option<File>,
 }
 
 impl FlightKeeper {
-    /// Begins a flight in `directory`, where flights take no more than `max_bytes` together. What fails is reported, and
-    /// the processes go on without.
+    /// Begins a flight in `directory`, in which all flights together take at most `max_bytes`. A failure is reported,
+    /// and the processes continue without a recording.
     pub fn begin(directory: &Path, max_bytes: u64) -> FlightKeeper {
         let (path, lock) = store::begin(directory);
         match &lock {
@@ -62,7 +62,7 @@ impl FlightKeeper {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Writes the summary soon; false while the disk is behind.
+    /// Queues the summary for writing; false while the disk is behind.
     pub fn sum_up(&self, summary: &FlightSummary) -> bool {
         self.to
             .as_ref()
@@ -99,7 +99,7 @@ fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<FlightSummary>
             room_ns = steady_ns().saturating_add(ROOM_PERIOD_NS);
             match room.make(root, own) {
                 Ok(removed) => removed.iter().for_each(report),
-                // A directory that cannot be made was reported.
+                // A directory that cannot be created was reported before.
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
                 Err(e) => warn!("{}: making room for this flight: {e}", root.display()),
             }

@@ -1,5 +1,4 @@
-//! Repair of a part that a kill or a power cut left without an end: with its index, so that viewers open
-//! it.
+//! Repair of a part that a kill or a power cut left without an end: with an index, so that viewers open it.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,18 +11,17 @@ use crate::record::entry::PartHeader;
 use crate::record::reading::{LogFile, is_whole, parts, read_header};
 use crate::record::sink::why;
 
-/// Result of a repair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Repair {
-    /// Parts that got an end.
+    /// Repaired parts.
     pub parts: usize,
-    /// Steps in them.
+    /// Steps in the repaired parts.
     pub steps: usize,
-    /// Parts that were cut off before their first step, and are removed.
+    /// Parts that were cut off before their first step and are removed.
     pub empty: usize,
 }
 
-/// Mends every part of a flight that does not run.
+/// Repairs every part of a flight that does not run.
 pub fn mend(directory: &Path) -> Result<Repair, CliError> {
     let mut repaired = Repair::default();
     for path in parts(directory)?.iter().filter(|p| !is_whole(p)) {
@@ -41,7 +39,7 @@ pub fn mend(directory: &Path) -> Result<Repair, CliError> {
     Ok(repaired)
 }
 
-/// Writes the part to a file next to it, then in its place; its steps.
+/// Rewrites the part to a file next to it, then replaces it; returns the number of steps.
 fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let doing = format_args!("mending {}", path.display());
     let part = LogFile::open(path)?;
@@ -49,11 +47,11 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
     if copied.is_err() {
-        // What a full disk has cut off is no part.
+        // A file that a full disk has cut off is no part.
         let _none = std::fs::remove_file(&new);
     }
     copied?;
-    // When it was written last stands for the flight's end.
+    // The time of the last write counts as the flight's end.
     let written = std::fs::metadata(path).and_then(|m| m.modified()).doing(doing)?;
     let file = File::options().write(true).open(&new).doing(doing)?;
     file.set_modified(written).doing(doing)?;

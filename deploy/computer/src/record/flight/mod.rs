@@ -1,21 +1,21 @@
-//! The flight recorder: each process writes the steps of its node to MCAP files of its own, always.
+//! The flight recorder: each process always writes the steps of its node to its own MCAP files.
 //!
-//! A flight is what one start of a computer's processes records: a directory, named by date and time (UTC) and a
-//! number that counts the flights of the computer:
+//! A flight is the record of one start of a computer's processes: a directory, named by date and time (UTC) and the
+//! computer's flight number:
 //!
 //! | file | holds |
 //! |---|---|
 //! | `pilot-0123abcd-001.mcap` | a part: steps of one start (boot id) of a process, its configuration attached |
 //! | `flight.json` | the summary: phases, outcome, figures ([`summary`]) |
 //!
-//! A step is the time, the whole input and a hash of the output of a node ([`super::entry::Entry`]), its MCAP sequence number
-//! counts the steps of the start. The parts of a start are computed again one after the other, and need no other
-//! process's.
+//! A step holds the time, the whole input and a hash of the output of a node ([`super::entry::Entry`]); its MCAP
+//! sequence number counts the steps of the start. The parts of a start are replayed one after the other, without those
+//! of other processes.
 //!
-//! [`recorder`] is what a process holds: it never waits for the disk. [`parts`] writes, on a thread of its own, chunk by
-//! chunk and synchronised every second, so that a power cut costs less than 2 s. [`keeper`] writes the summary and
-//! removes the oldest flights. [`store`] finds flights, [`super::reading`] reads parts, also those without an end, and
-//! [`mend`] gives them one.
+//! A process holds a [`recorder`], which never waits for the disk. [`parts`] writes on a separate thread, chunk by
+//! chunk, and synchronises every second, so that a power cut costs less than 2 s. [`keeper`] writes the summary and
+//! removes the oldest flights. [`store`] finds flights, [`super::reading`] reads parts, including those without an end,
+//! and [`mend`] adds the end.
 
 pub mod keeper;
 pub mod mend;
@@ -24,19 +24,19 @@ pub mod recorder;
 pub mod store;
 pub mod summary;
 
-/// Disk that recording leaves to the rest of the computer, bytes: the deck's state lies on it.
+/// Disk space that recording leaves free for the rest of the computer, bytes: the deck's state lies on the same disk.
 const MIN_FREE_BYTES: u64 = 256 << 20;
 
-/// Bytes that whoever is not root may still write below `directory`; None where the system does not report it.
+/// Bytes that users other than root may still write below `directory`; None if the system does not report it.
 fn free_bytes(directory: &std::path::Path) -> Option<u64> {
     let found = rustix::fs::statvfs(directory).ok()?;
     Some(found.f_bavail.saturating_mul(found.f_frsize))
 }
 
-/// The calling thread comes after everything that flies; those that it starts, too.
+/// Lowers the priority of the calling thread, and of those that it starts later, below all that flies.
 fn yield_to_flight() {
-    /// Above that of a process without a wish of its own.
+    /// Above the default niceness.
     const NICENESS: i32 = 5;
-    // Less priority is always permitted.
+    // A lower priority is always permitted.
     let _unchanged = rustix::process::setpriority_process(None, NICENESS);
 }

@@ -1,5 +1,5 @@
-//! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
-//! disk rejects writes.
+//! Parts of one start of a process: rotated by size and time, synchronised every second, retried when the disk rejects
+//! writes.
 
 use std::fs::File;
 use std::io;
@@ -18,27 +18,27 @@ use crate::record::entry::{self, PartHeader, References};
 use crate::record::sink::{ChannelId, Sink, why};
 
 const S: i64 = 1_000_000_000;
-/// A part that holds so many bytes of steps, or is so old, is finished, and another begun.
+/// Size of a part, bytes of steps: a part of this size or of the greatest age is finished, and the next begins.
 const PART_BYTES: u64 = 64 << 20;
 const PART_NS: i64 = 600 * S;
-/// Steps are on the disk after this long: with the age of a batch half of what a power cut may cost.
+/// Delay after which steps are on the disk, ns: together with the age of a batch, half of the loss that a power cut may
+/// cause.
 const SYNC_PERIOD_NS: i64 = S;
-/// After the disk rejected a write it is tried again after this long.
+/// Delay before a retry after the disk rejected a write, ns.
 const RETRY_PERIOD_NS: i64 = 10 * S;
-/// Time between two warnings of steps that the disk was too slow for.
+/// Period of warnings about steps for which the disk was too slow, ns.
 const WARNING_PERIOD_NS: i64 = 10 * S;
 
-/// Steps on their way to the disk.
 #[derive(Default)]
 pub struct Batch {
-    /// Their entries, one after the other.
+    /// Entries of the steps, concatenated.
     pub bytes: Vec<u8>,
-    /// Number of the step, the steady clock after it (ns), and the end of its entry in `bytes`.
+    /// Number of each step, reading of the steady clock after it (ns), and end of its entry in `bytes`.
     pub marks: Vec<(u64, i64, usize)>,
 }
 
 impl Batch {
-    /// Adds the step of this number. One that is larger than any record is left out: its number is missing.
+    /// Adds the step with this number. A step larger than the greatest record is left out: its number is missing.
     pub fn add(
         &mut self,
         (step, at_ns): (u64, i64),
@@ -66,35 +66,35 @@ pub struct PartWriter {
     path: PathBuf,
     began_ns: i64,
     bytes: u64,
-    /// Steps that are not on the disk yet, and since when.
+    /// Steps that are not on the disk yet, and the time of the first.
     unsynced: u64,
     unsynced_ns: i64,
 }
 
 impl PartWriter {
-    /// Begins the file, which is not there yet, at `steady_ns` of the steady clock.
+    /// Creates the file, which must not exist, at `steady_ns` of the steady clock.
     pub fn create(path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
         if let Some(directory) = path.parent() {
             std::fs::create_dir_all(directory)?;
         }
         let file = File::create_new(path)?;
         let begun = PartWriter::on(file, path, header, steady_ns).and_then(|mut part| {
-            // A disk that is full is found out now, and the name of the file outlives a power cut.
+            // A full disk is detected now, and the file's name survives a power cut.
             part.sync()?;
             let directory = path.parent().unwrap_or(Path::new("."));
             File::open(directory)?.sync_all()?;
             Ok(part)
         });
         if begun.is_err() {
-            // Half a beginning is no part.
+            // An incomplete beginning is no part.
             let _none = std::fs::remove_file(path);
         }
         begun
     }
-    /// Begins in this file.
+    /// Begins a part in this file.
     fn on(file: File, path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
-        // Half of a vessel's bytes, which records day and night, for 2 ms of the thread's time a second. Forecasts, most
-        // of a drone's, stay as they are.
+        // Compression halves a vessel's bytes, which are recorded day and night, for 2 ms of the thread's time a
+        // second. Forecasts, most of a drone's bytes, do not become smaller.
         let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
         let channel = sink.process(header, std::iter::empty())?;
         Ok(PartWriter {
@@ -108,12 +108,12 @@ impl PartWriter {
             unsynced_ns: steady_ns,
         })
     }
-    /// Writes a step, which ended at `at_ns` of the steady clock and `utc_ns` of people's time.
+    /// Writes a step that ended at `at_ns` of the steady clock and at `utc_ns` UTC.
     pub fn write(&mut self, step: u64, (at_ns, utc_ns): (i64, u64), bytes: &[u8]) -> Result<(), McapError> {
         if self.unsynced == 0 {
             self.unsynced_ns = at_ns;
         }
-        // Counted before: one that fails half way is not on the disk either.
+        // Counted before the write: a step whose write fails half way is not on the disk either.
         self.unsynced += 1;
         self.bytes += bytes.len() as u64;
         // The reader knows the part's first step.
@@ -129,7 +129,7 @@ impl PartWriter {
     fn is_due(&self, steady_ns: i64) -> bool {
         self.unsynced > 0 && steady_ns >= self.unsynced_ns.saturating_add(SYNC_PERIOD_NS)
     }
-    /// Writes its end.
+    /// Writes the end of the file.
     pub fn finish(self) -> Result<(), McapError> {
         self.sink.finish()?;
         self.file.sync_data()?;
@@ -137,30 +137,29 @@ impl PartWriter {
     }
 }
 
-/// The parts of one start of a process, one after the other. On a disk that is full or read-only the process goes on
-/// without: that is reported, and tried again every 10 s in a part of its own.
+/// The parts of one start of a process, one after the other. If the disk is full or read-only, the process continues
+/// without recording; that is reported, and every 10 s a new part is tried.
 pub struct Parts {
     directory: PathBuf,
     header: PartHeader,
     part: Option<PartWriter>,
     /// Parts tried.
     tried: u32,
-    /// The number of the next step.
     next: u64,
-    /// Steps that are not on the disk and will not be.
+    /// Steps that are not on the disk and will not be written.
     missing: u64,
-    /// The disk rejected a write, and that was reported.
+    /// The disk rejected a write, which has been reported.
     failed: bool,
     retry_ns: i64,
-    /// Steps that came too fast since the last warning, and when that may be reported again.
+    /// Steps that came too fast since the last warning, and the time from which the next warning is allowed.
     dropped: u64,
     warning_ns: i64,
-    /// Time by which UTC is ahead of the steady clock, ns: people's time, which goes on evenly while a receiver sets the clock.
+    /// UTC minus the steady clock, ns: keeps UTC even while a receiver sets the system clock.
     utc_ahead_ns: i128,
 }
 
 impl Parts {
-    /// None yet; the first begins with the first step.
+    /// The parts of a start; the first part begins with the first step.
     pub fn new(directory: &Path, header: PartHeader, steady_ns: i64) -> Parts {
         survive_size_limit();
         Parts {
@@ -201,7 +200,7 @@ impl Parts {
             }
         }
     }
-    /// Synchronises when it is time.
+    /// Synchronises when it is due.
     pub fn poll(&mut self, steady_ns: i64) {
         if self.dropped > 0 && steady_ns >= self.warning_ns {
             warn!(
@@ -220,14 +219,14 @@ impl Parts {
             self.fail(steady_ns, &e);
         }
     }
-    /// Writes the end of the last part.
+    /// Finishes the last part.
     pub fn finish(&mut self, steady_ns: i64) {
         if let Some(Err(e)) = self.part.as_mut().map(PartWriter::sync) {
             return self.fail(steady_ns, &e);
         }
         let Some(part) = self.part.take() else { return };
         let path = part.path.clone();
-        // Its steps are on the disk already.
+        // Its steps are already on the disk.
         if let Err(e) = part.finish() {
             self.report_failure(steady_ns, &path, &e);
         }
@@ -245,7 +244,7 @@ impl Parts {
         let PartHeader { process, boot, .. } = &self.header;
         let name = format!("{process}-{boot:08x}-{:03}.{EXTENSION}", self.tried);
         let path = self.directory.join(name);
-        // The directory may not be there yet: then creating the file reports the fault.
+        // If the directory does not exist, creating the file reports the fault.
         let begun =
             enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
         match begun {
@@ -263,17 +262,17 @@ impl Parts {
             Err(e) => self.report_failure(steady_ns, &path, &e),
         }
     }
-    /// The open part cannot be written: what is not on the disk is lost with it.
+    /// The open part cannot be written: its steps that are not on the disk are lost.
     fn fail(&mut self, steady_ns: i64, error: &McapError) {
         let Some(part) = self.part.take() else { return };
         self.missing += part.unsynced;
         let path = part.path.clone();
-        // Its writer tries to end it; what is on the disk can be read without an end.
+        // Dropping the writer tries to end the file; without an end, the steps on the disk can still be read.
         drop(part);
         self.report_failure(steady_ns, &path, error);
     }
     fn report_failure(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
-        // Once for each time, and not at each of the tries in it.
+        // Reported once per outage, not at each retry.
         if !self.failed {
             warn!(
                 "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
@@ -289,7 +288,7 @@ impl Parts {
     }
 }
 
-/// An error where less is free than is left to the rest of the computer.
+/// An error if less space is free than must be left to the rest of the computer.
 fn enough_room(directory: &Path) -> Result<(), McapError> {
     match free_bytes(directory) {
         Some(free) if free < MIN_FREE_BYTES => Err(McapError::Io(io::Error::other(format!(
@@ -301,12 +300,12 @@ fn enough_room(directory: &Path) -> Result<(), McapError> {
     }
 }
 
-/// Beyond a limit on the size of files (setrlimit(2)) a write is an error from now on, as on a full disk: by itself
-/// the signal of it ends the process.
+/// Makes a write beyond the limit on file sizes (setrlimit(2)) an error, as on a full disk: by default its signal ends
+/// the process.
 fn survive_size_limit() {
     static ONCE: Once = Once::new();
     static NOTHING: fn(FetchableSignal) = |_| {};
-    // Where it is handled already, it ends nothing.
+    // If the signal is already handled, it ends nothing.
     ONCE.call_once(|| {
         if let Ok(guard) = SignalHandler::register(FetchableSignal::FileSizeLimitExceeded, &NOTHING) {
             std::mem::forget(guard);
@@ -324,7 +323,7 @@ mod tests {
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;
 
-    /// A directory of a test's own, and nothing in it.
+    /// An empty directory for one test.
     fn directory(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("alight-parts-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&path);
@@ -339,7 +338,7 @@ mod tests {
         };
         Parts::new(directory, header, 0)
     }
-    /// One step: its number in twelve bytes of input.
+    /// A batch of one step with its number in twelve bytes of input.
     fn batch(step: u64, ns: i64) -> Batch {
         let entry = Entry {
             now_ns: ns,
@@ -373,7 +372,7 @@ mod tests {
         for step in 0..4 {
             written.write(0, &batch(step, 0));
         }
-        // By age, then by size: a step that is as large as a part.
+        // Rotated by age, then by size: a step as large as a part.
         written.write(PART_NS, &batch(4, PART_NS));
         if let Some(part) = &mut written.part {
             part.bytes = PART_BYTES;
@@ -419,7 +418,7 @@ mod tests {
     #[test]
     fn parts_on_a_blocked_disk() {
         let directory = directory("blocked");
-        // A file in the place of the directory: no permission of root writes below it.
+        // A file replaces the directory: not even root can write below it.
         std::fs::write(&directory, "").unwrap();
         let mut written = begin(&directory);
         written.write(S, &batch(0, S));
@@ -438,7 +437,7 @@ mod tests {
         let mut written = begin(&directory);
         written.write(0, &batch(0, 0));
         written.poll(S);
-        // A file that cannot grow once it has begun.
+        // A file that cannot grow after its beginning.
         let full = File::from(memfd_create("full", MemfdFlags::ALLOW_SEALING).unwrap());
         let sealed = full.try_clone().unwrap();
         let mut part = PartWriter::on(full, &directory.join("full"), &written.header, S).unwrap();
@@ -468,7 +467,7 @@ mod tests {
         std::fs::remove_dir_all(&directory).unwrap();
     }
 
-    /// A part: its bytes, and after each chunk its length and the steps so far.
+    /// A part: its header and bytes, and after each chunk the length and the number of steps so far.
     type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
 
     /// A part of four chunks with 1 to 4 steps.
@@ -518,7 +517,7 @@ mod tests {
                 (header, true),
                 "{cut} bytes"
             );
-            // The chunk that was under way counts once it is whole, whatever of its index is there.
+            // The unfinished chunk counts once it is complete, even if its index is not.
             assert!(part.steps() >= before && numbers(&path) == (0..part.steps() as u64).collect::<Vec<_>>());
             let after = lengths
                 .iter()
@@ -536,7 +535,7 @@ mod tests {
 
     proptest::proptest! {
         #![proptest_config(proptest::test_runner::Config::with_cases(64))]
-        /// Bytes that a power cut may leave behind the last synchronised chunk: nothing, zeros or those that were there before.
+        /// Bytes that a power cut may leave after the last synchronised chunk: none, zeros or old content.
         #[test]
         fn part_with_a_damaged_tail(
             (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),
@@ -547,7 +546,7 @@ mod tests {
             let path = directory("tail").with_extension("mcap");
             for tail in [tail, vec![0; zeros]] {
                 std::fs::write(&path, [&bytes[..length], &tail].concat()).unwrap();
-                // A record that claims more than it holds makes the reader of MCAP panic, which the tools contain.
+                // A record that claims more than it holds makes the MCAP reader panic; the tools contain the panic.
                 let read = crate::record::reading::contained(&path, || LogFile::open(&path));
                 proptest::prop_assert_eq!(read.map(|p| p.steps()).unwrap_or(usize::MAX), steps);
             }

@@ -1,5 +1,5 @@
-//! Recorder of a process's steps. It never waits: steps go in batches to a thread that writes them, and those that
-//! find the line to it full are counted and left out.
+//! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the queue full
+//! are counted and left out.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,36 +18,36 @@ use crate::exit::{CliError, Doing};
 
 pub use crate::record::entry::PartHeader;
 
-/// A batch goes to the thread when it holds this many bytes, or its first step is this old.
+/// Size at which a batch goes to the thread, bytes; it also goes when its first step has the greatest age.
 const BATCH_BYTES: usize = 64 << 10;
 const BATCH_NS: i64 = 200_000_000;
-/// Batches under way at most: more than 10 s of a disk that stands still.
+/// Most batches in the queue: more than 10 s of a disk that does not respond.
 const BATCHES: usize = 64;
-/// Bytes under way at most, of which images are the most: 3 s of them at 9 MB/s.
+/// Most bytes in the queue, mainly images: 3 s at 9 MB/s.
 const MAX_WAITING_BYTES: usize = 32 << 20;
-/// The thread looks for batches this often. It is not woken: a process in flight takes no lock that a thread of lower
-/// priority may hold.
+/// Period at which the thread looks for batches. It is not woken, because a process in flight must not take a lock that
+/// a thread of lower priority may hold.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Records the steps of a node.
 pub struct NodeRecorder {
     batch: Batch,
-    /// When its first step came, on the steady clock, ns.
+    /// Time of the batch's first step on the steady clock, ns.
     since_ns: i64,
     steps: u64,
-    /// Steps that never reached the thread, and that the thread does not know of yet.
+    /// Steps that never reached the thread and were not reported to it yet.
     dropped: u64,
     to: Option<SyncSender<Batch>>,
     free: Receiver<Batch>,
-    /// Bytes under way.
+    /// Bytes in the queue.
     waiting: Arc<AtomicUsize>,
     missing: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl NodeRecorder {
-    /// Records to `directory` from now on. Begun before the process asks for its own scheduling, which its thread does
-    /// not have.
+    /// Starts recording to `directory`. Call it before the process sets its scheduling, because the thread must not
+    /// inherit that.
     pub fn begin(directory: &Path, header: PartHeader) -> NodeRecorder {
         let (to, batches) = sync_channel(BATCHES);
         let (give_back, free) = sync_channel(BATCHES);
@@ -98,7 +98,7 @@ impl NodeRecorder {
         if !sent {
             self.waiting.fetch_sub(bytes, Ordering::Relaxed);
         }
-        // The thread counts what is missing before the next batch that reaches it.
+        // The thread counts the missing steps before the next batch that reaches it.
         self.dropped = if sent { 0 } else { self.dropped + steps };
     }
     /// Steps that are not recorded because the disk rejected writes or was too slow.
@@ -113,13 +113,13 @@ impl Drop for NodeRecorder {
         self.to = None;
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // One that panicked has left what can be read.
+            // After a panic of the thread the file is still readable.
             let _ended = thread.join();
         }
     }
 }
 
-/// Writes what comes until nothing comes any more.
+/// Writes batches until the sender is dropped.
 fn write(
     mut parts: Parts,
     batches: &Receiver<Batch>,
@@ -132,7 +132,7 @@ fn write(
                 parts.write(steady_ns(), &batch);
                 waiting.fetch_sub(batch.bytes.len(), Ordering::Relaxed);
                 batch.clear();
-                // A full line back only means that this buffer is not used again.
+                // If the queue for empty buffers is full, this buffer is not reused.
                 let _unused = give_back.try_send(batch);
             }
             Err(TryRecvError::Empty) => std::thread::park_timeout(POLL_PERIOD),
@@ -144,7 +144,7 @@ fn write(
     parts.finish(steady_ns());
 }
 
-/// Whether `directory` can be recorded to, for a command that is of no use without.
+/// Checks that `directory` can be recorded to, for a command that is useless otherwise.
 pub fn can_write(directory: &Path) -> Result<(), CliError> {
     let probe = directory.join(".alight");
     let done = std::fs::create_dir_all(directory).and_then(|()| std::fs::write(&probe, "recorder"));
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn recorder_with_a_slow_thread() {
-        // No thread takes batches.
+        // No thread receives batches.
         let (to, batches) = sync_channel::<Batch>(BATCHES);
         let (_give_back, free) = sync_channel(BATCHES);
         let mut recorder = NodeRecorder {
@@ -214,7 +214,7 @@ mod tests {
         assert_eq!(batches.try_iter().count(), 15);
         (recorder.dropped, recorder.waiting) = (0, Arc::default());
         for k in 0..10 * BATCHES as i64 {
-            // Half of a batch each.
+            // Each step is half a batch.
             recorder.step(k, k, &vec![0_u8; BATCH_BYTES / 2], &());
         }
         let taken = 10 * BATCHES as u64 / 2;

@@ -1,4 +1,4 @@
-//! The flights of a computer: their directories, and which of them go when the disk is full.
+//! Flights of a computer: their directories, and removal of the oldest when the disk is full.
 
 use std::fs::{File, TryLockError};
 use std::io;
@@ -11,23 +11,23 @@ use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
 use crate::record::reading::{is_whole, parts};
 
-/// Flights that are looked at, at most; a computer that starts every minute makes so many in a week.
+/// Most flights that are examined; a computer that starts every minute creates this number in a week.
 const MAX_FLIGHTS: usize = 10_000;
-/// Names that are tried for a new flight.
+/// Most names that are tried for a new flight.
 const MAX_TRIES: u32 = 100;
 
 /// A flight on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredFlight {
     pub path: PathBuf,
-    /// Counts the flights of the computer, whatever the time of its clock.
+    /// Number of the flight on this computer, independent of the clock.
     pub number: u32,
-    /// When it began (UTC), as 20261125T181500Z.
+    /// Start time (UTC), for example 20261125T181500Z.
     pub begun: String,
 }
 
 impl StoredFlight {
-    /// A flight in a directory with the name of one.
+    /// The flight at `path`, if its name is that of a flight.
     pub fn of(path: &Path) -> Option<StoredFlight> {
         let name = path.file_name()?.to_str()?;
         let (begun, number) = name.split_once('-')?;
@@ -44,7 +44,7 @@ impl StoredFlight {
             begun: begun.into(),
         })
     }
-    /// Bytes of its files.
+    /// Size of its files, bytes.
     pub fn bytes(&self) -> u64 {
         let files = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
         files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum()
@@ -53,12 +53,12 @@ impl StoredFlight {
     pub fn is_running(&self) -> bool {
         File::open(&self.path).is_ok_and(|d| matches!(d.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
-    /// Parts, and those of them without an end.
+    /// Number of parts, and number of parts without an end.
     pub fn parts(&self) -> (usize, usize) {
         let all = parts(&self.path).unwrap_or_default();
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
-    /// The summary; where it has no end, as long as its files were written.
+    /// The summary; if the flight was cut off, its length comes from the times of its files.
     pub fn summary(&self) -> Option<FlightSummary> {
         let mut summary = FlightSummary::read(&self.path)?;
         let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
@@ -76,7 +76,7 @@ impl StoredFlight {
 pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     let mut found: Vec<StoredFlight> = std::fs::read_dir(root)?
         .flatten()
-        // A link is no flight: what it leads to is not ours to remove.
+        // A link is no flight: its target must not be removed.
         .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
         .filter_map(|e| StoredFlight::of(&e.path()))
         .take(MAX_FLIGHTS)
@@ -85,13 +85,14 @@ pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     Ok(found)
 }
 
-/// Whether `directory` is that of one flight, by its files: that of `land --log` has no flight's name.
+/// Whether `directory` is that of one flight, judged by its files: the directory of `land --log` is not named as a
+/// flight.
 pub fn is_flight(directory: &Path) -> bool {
     directory.join(SUMMARY_FILE).is_file() || parts(directory).is_ok_and(|p| !p.is_empty())
 }
 
-/// Begins a flight below `root`: its directory, and the lock that shows that it runs. The directory is named also where
-/// it cannot be made: the processes try again.
+/// Begins a flight below `root`: its directory, and the lock that shows that it runs. The path is returned even if the
+/// directory cannot be created: the processes retry.
 pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     let stamp = stamp(OffsetDateTime::now_utc());
     let made = std::fs::create_dir_all(root);
@@ -104,7 +105,7 @@ pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     for number in (first..).take(MAX_TRIES as usize) {
         let path = path(number);
         match std::fs::create_dir(&path) {
-            // Another computer's process has taken it.
+            // Another process took the name.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
             Err(e) => return (path, Err(e)),
             Ok(()) => {
@@ -117,10 +118,10 @@ pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
 }
 
 fn lock(root: &Path, path: &Path) -> io::Result<File> {
-    // Its name outlives a power cut.
+    // Makes its name survive a power cut.
     File::open(root)?.sync_all()?;
     let directory = File::open(path)?;
-    // A file system without locks records as well.
+    // Recording also works on a file system without locks.
     let _unlocked = directory.try_lock();
     Ok(directory)
 }
@@ -135,34 +136,34 @@ fn stamp(t: OffsetDateTime) -> String {
     )
 }
 
-/// Something that went to make room.
+/// A flight or part that was removed to free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Removed {
-    /// A whole flight.
     Flight(PathBuf),
-    /// Nothing else was left: the oldest part of the flight that runs, which cannot be computed again any more.
+    /// The oldest part of the current flight, which can then no longer be replayed; removed only if nothing else is
+    /// left.
     Part(PathBuf),
 }
 
-/// Room on the disk.
+/// Limits of disk use.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// All flights together take no more, bytes.
+    /// Most bytes of all flights together.
     pub max_bytes: u64,
-    /// So much stays free, bytes.
+    /// Bytes that stay free.
     pub min_free_bytes: u64,
 }
 
 impl Room {
-    /// With so many bytes for the flights; recording stops where less is free, so more is made before.
+    /// Limits with this size of all flights. The free space is larger than that at which recording stops.
     pub fn of(max_bytes: u64) -> Room {
         Room {
             max_bytes,
             min_free_bytes: 2 * MIN_FREE_BYTES,
         }
     }
-    /// Removes the oldest flights below `root` until there is room, none that runs; then, where `current` is too large
-    /// by itself, its oldest parts.
+    /// Removes the oldest flights below `root` that do not run until there is room; then, if `current` alone is too
+    /// large, its oldest parts.
     pub fn make(&self, root: &Path, current: &Path) -> io::Result<Vec<Removed>> {
         let sized = |f: StoredFlight| {
             let bytes = f.bytes();
@@ -184,7 +185,7 @@ impl Room {
             total = total.saturating_sub(bytes);
             removed.push(Removed::Flight(flight.path));
         }
-        // Whatever else fills the disk costs recording, and not what this flight has recorded.
+        // If other files fill the disk, recording stops, but what this flight has recorded stays.
         for (path, bytes) in closed_parts(current) {
             if fits(total) {
                 break;
@@ -197,7 +198,8 @@ impl Room {
     }
 }
 
-/// Parts of a flight that runs, with their bytes, the oldest first, without the newest of each process: it is written.
+/// Parts of a running flight with their sizes, oldest first, without the newest part of each process, which is being
+/// written.
 fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
     let mut all: Vec<_> = std::fs::read_dir(directory)
         .into_iter()
@@ -226,12 +228,12 @@ fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
 mod tests {
     use super::*;
 
-    /// A directory of flights, each with a part of 1000 bytes of each process.
+    /// A directory of flights, with a part of 1000 bytes for each process.
     fn root(name: &str, numbers: &[u32]) -> PathBuf {
         let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&root);
         for number in numbers {
-            // The clock of a computer without a receiver begins again.
+            // The clock of a computer without a receiver starts again from an old time.
             let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
             std::fs::create_dir_all(&path).unwrap();
             for process in ["pilot", "mission"] {
@@ -311,7 +313,7 @@ mod tests {
         assert!(StoredFlight::of(Path::new("notes")).is_none());
         assert!(StoredFlight::of(Path::new("20261125X181500Z-0001")).is_none());
         std::fs::remove_dir_all(&root).unwrap();
-        // A file in its place: the name is known, and why nothing is there.
+        // A file takes its place: the path is returned, with the reason why nothing is there.
         std::fs::write(&root, "").unwrap();
         let (path, lock) = begin(&root);
         assert!(path.starts_with(&root) && lock.is_err());

@@ -11,40 +11,39 @@ use crate::io::store::replace;
 
 /// Name of the file in the flight's directory.
 pub const SUMMARY_FILE: &str = "flight.json";
-/// Phases that are kept, the newest.
+/// Most phases that are kept; the newest stay.
 const MAX_PHASES: usize = 200;
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A state that was entered.
+/// A state and its entry.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PhaseEntry {
-    /// Since the flight began, s.
+    /// Time since the flight began, s.
     pub t_s: f64,
-    /// The state, with the drone's number before it where the vessel reports it.
+    /// The state; on the vessel, after the drone's number.
     pub state: String,
-    /// Why it was entered.
     pub reason: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FlightSummary {
-    /// Whose computer: drone-1, vessel-1.
+    /// Computer of the flight: drone-1, vessel-1.
     pub computer: String,
     /// Version of the program.
     pub program: String,
-    /// Since the flight began, s.
+    /// Duration of the flight, s.
     pub length_s: f64,
-    /// The processes were asked to end; false: they run, or the power went.
+    /// True: the processes were asked to end; false: they run, or power was lost.
     pub ended: bool,
     pub outcome: String,
     pub reason: String,
-    /// States in their order; at most the newest 200.
+    /// States in order; at most the newest 200.
     pub phases: Vec<PhaseEntry>,
     /// Time in each state, s.
     pub time_in_s: BTreeMap<String, f64>,
-    /// Figures with their units in their names.
+    /// Metrics with their units in their names.
     pub figures: BTreeMap<String, f64>,
 }
 
@@ -57,7 +56,7 @@ impl FlightSummary {
             ..FlightSummary::default()
         }
     }
-    /// A state was entered.
+    /// Adds a state that was entered.
     pub fn enter(&mut self, t_s: f64, state: &str, reason: String) {
         if self.phases.len() >= MAX_PHASES {
             self.phases.remove(0);
@@ -68,14 +67,14 @@ impl FlightSummary {
             reason,
         });
     }
-    /// The summary in the flight's directory; None without one that can be read.
+    /// The summary in the flight's directory; None if it is missing or unreadable.
     pub fn read(directory: &Path) -> Option<FlightSummary> {
         let mut text = String::new();
         let file = File::open(directory.join(SUMMARY_FILE)).ok()?;
         file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
         serde_json::from_str(&text).ok()
     }
-    /// Replaces the file, on the disk: a power cut leaves the old one or this one.
+    /// Replaces the file on the disk atomically: a power cut leaves the old or the new one.
     pub fn write(&self, directory: &Path) -> io::Result<()> {
         let path = directory.join(SUMMARY_FILE);
         replace(&path, &serde_json::to_vec_pretty(self)?, true)

@@ -7,9 +7,9 @@ const PARAMETERS: &str = "parameters";
 /// Topics of findings on the autopilot itself.
 const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
-/// Whether the computer passes, and its counts. A `firmware` that starts next to the rehearsal gets its parameters
-/// while the vehicles warm up, after this check: findings on them are shown, and checked again before the landing
-/// ([`fitness`]).
+/// Whether the computer passes, and the counts of its findings. A `firmware` that starts next to the rehearsal receives
+/// its parameters during the warm-up, after this check: findings on them are shown, and checked again before the
+/// landing ([`fitness`]).
 pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     let count = |level: &str| findings.iter().filter(|f| f["level"] == level).count();
     let later = |f: &&Value| firmware && f["level"] == "broken" && f["topic"] == PARAMETERS;
@@ -25,8 +25,8 @@ pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     (broken == later && !findings.is_empty(), figure)
 }
 
-/// Whether a firmware suits a landing at the end of the warm-up, by the link that reads its parameters; `rejection` is
-/// the link's reason against it.
+/// Whether a firmware is fit for a landing at the end of the warm-up, according to the link that reads its parameters;
+/// `rejection` is the link's reason against it.
 pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     match rejection {
         Some("") => (true, "its parameters suit a landing, and it has an origin".into()),

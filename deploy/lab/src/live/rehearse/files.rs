@@ -1,5 +1,5 @@
-//! The installer's two files and the little that is changed in a copy of them: device paths, addresses, keys and a mode
-//! in which a pilot flies. And the world that they describe.
+//! The installer's two files, and the few changes in a copy of them (device paths, addresses, keys, a mode in which a
+//! pilot flies); and the world that they describe.
 
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -26,29 +26,29 @@ use crate::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::live::land::AT_SEA;
 use crate::live::serial_lines::assigned;
 
-/// The files as they are shipped.
+/// The files as shipped.
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
 const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");
-/// Certificates of a rehearsal hold so long, days: `alight check` warns of fewer than 30.
+/// Validity of a rehearsal's certificates, days: `alight check` warns of fewer than 30.
 const DAYS: u32 = 60;
-/// The vehicles begin at a full second of the steady clock, at least so long after now, ns.
+/// Shortest time until the vehicles start, at a full second of the steady clock, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
 /// Serial line of the drone's own GNSS receiver.
 const RECEIVER: &str = "tty-receiver";
-/// Address at which the computers find each other.
+/// Address at which the computers reach each other.
 const HOST: &str = "127.0.0.1";
 
-/// A directory of the rehearsal's own; removed in the end unless it is kept.
+/// The rehearsal's own directory; removed at the end unless it is kept.
 pub struct Directory {
     path: PathBuf,
     kept: bool,
 }
 
 impl Directory {
-    /// A new one.
+    /// Creates the directory.
     fn make(keep: Option<&Path>) -> Result<Directory, CliError> {
-        // Not the instance's directory, which is alight-rehearse-NUMBER and emptied at its start.
+        // Not the instance's directory, which is alight-rehearse-NUMBER and is emptied when it starts.
         let own = || std::env::temp_dir().join(format!("alight-rehearsal-{}", std::process::id()));
         let path = keep.map_or_else(own, Path::to_path_buf);
         let mut builder = std::fs::DirBuilder::new();
@@ -65,7 +65,7 @@ impl Directory {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// A file in it.
+    /// Path of a file in it.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
@@ -79,28 +79,27 @@ impl Drop for Directory {
     }
 }
 
-/// Everything that is started.
+/// All that a rehearsal starts.
 pub struct RehearsalPlan {
-    /// The vessel's computer, as it is started.
+    /// Configuration with which the vessel's computer starts.
     pub vessel: VesselComputerConfig,
     pub drone: DroneComputerConfig,
     pub world: SimulatedWorld,
-    /// Names of the certificates; none where the files ask for none.
+    /// Names of the certificates; empty if the files need none.
     pub certificates: Vec<String>,
-    /// Differences of the two files about the same thing.
+    /// Contradictions between the two files.
     pub contradictions: Vec<String>,
-    /// Directory of all of it.
     pub directory: Directory,
 }
 
 impl RehearsalPlan {
-    /// Reads the files, and writes those that are started with.
+    /// Reads the installer's files and writes the changed copies.
     pub fn of(args: &RehearseArgs) -> Result<RehearsalPlan, CliError> {
         let (mut vessel_file, mut drone_file) = (
             table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,
             table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
         );
-        // What the installer wrote is judged before anything is changed in it.
+        // The installer's text is judged before any change.
         let vessel: VesselComputerConfig = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
         let drone: DroneComputerConfig = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
         let connect = autopilot_link(args)?;
@@ -139,7 +138,7 @@ impl RehearsalPlan {
     }
 }
 
-/// Address of the autopilot's MAVLink: a firmware's, or the simulated one's.
+/// Address of the autopilot's MAVLink: that of a firmware or of the simulated one.
 fn autopilot_link(args: &RehearseArgs) -> Result<String, CliError> {
     match &args.autopilot_at {
         Some(url) => {
@@ -150,7 +149,7 @@ fn autopilot_link(args: &RehearseArgs) -> Result<String, CliError> {
     }
 }
 
-/// Inputs, recorder, sensors and instance of the vessel's file.
+/// Changes inputs, recorder, sensors and instance in the vessel's file.
 fn change_vessel(
     file: &mut Table,
     vessel: &VesselComputerConfig,
@@ -174,7 +173,7 @@ fn change_vessel(
     Ok(())
 }
 
-/// Recorder, instance, autopilot, mission and cameras of the drone's file.
+/// Changes recorder, instance, autopilot, mission and cameras in the drone's file.
 fn change_drone(
     file: &mut Table,
     drone: &DroneComputerConfig,
@@ -185,7 +184,7 @@ fn change_drone(
     set_recorder(file, "drone", &drone.recorder, directory);
     set(file, &[], "instance", format!("rehearse-{}", std::process::id()));
     set(file, &["autopilot"], "connect", connect);
-    // The ladder of the first flights begins with a pilot, whom a rehearsal does not have.
+    // The sequence of first flights begins with a pilot, which a rehearsal does not have.
     if drone.drone.mission.mode == LandingMode::Shadow {
         set(file, &["drone", "mission"], "mode", "land");
     }
@@ -200,7 +199,7 @@ fn change_drone(
     }
 }
 
-/// Records into the rehearsal's directory: flights of other starts stay as they are.
+/// Records to the rehearsal's directory, so that other flights stay unchanged.
 fn set_recorder(file: &mut Table, name: &str, recorder: &RecorderConfig, directory: &Directory) {
     if !recorder.directory.is_empty() {
         let flights = directory.file("flights").join(name);
@@ -227,7 +226,7 @@ where
     Ok(config::parse(&text, &name)?)
 }
 
-/// Writes a changed file, and reads it as its program will.
+/// Writes a changed file, and reads it back as its program will.
 fn write<C>(file: &Table, path: &Path) -> Result<C, CliError>
 where
     C: serde::de::DeserializeOwned + config::Check,
@@ -237,7 +236,7 @@ where
     Ok(config::load(path)?)
 }
 
-/// Sets a key of a table within tables; what else stands there was read before, so that they are tables.
+/// Sets a key in nested tables; the file was parsed before, so that its other entries there are tables.
 fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     let mut at = file;
     for name in within {
@@ -248,7 +247,7 @@ fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     at.insert(key.into(), value.into());
 }
 
-/// Endpoint and, where the files ask for them, certificates of both; the names in them.
+/// Sets the endpoint and, if the files need them, the certificates of both computers; returns their names.
 fn radio(
     directory: &Directory,
     (vessel, vessel_file): (&VesselComputerConfig, &mut Table),
@@ -287,31 +286,31 @@ fn radio(
     Ok(names)
 }
 
-/// Name of a sensor's serial line among the rehearsal's files.
+/// Name of a sensor's serial line in the rehearsal's directory.
 fn tty(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     format!("tty-{}", name.chars().map(plain).collect::<String>())
 }
 
-/// The installer's sensors, or, where the file has none yet, a receiver, a compass and an inertial sensor as the file
-/// describes them; each at its line.
+/// The installer's sensors, each on its own line; if the file has none yet, the receiver, compass and inertial sensor
+/// that it shows as examples.
 fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceConfig> {
     let mut sources = vessel.sensor.sources.clone();
     if sources.is_empty() {
         sources = Scenario::default().sensors.sources(vessel.vessel.deck.centre_m);
     }
     for (k, source) in sources.iter_mut().enumerate() {
-        // Two sensors may have one name.
+        // Two sensors may have the same name.
         let line = directory.file(&tty(&format!("{k}-{}", source.name)));
         source.connect = format!("serial://{}:115200", line.display());
     }
     sources
 }
 
-/// Settings that vessel and drone must have alike.
+/// Settings that must be equal on vessel and drone but are not.
 fn contradictions(vessel: &VesselComputerConfig, drone: &DroneComputerConfig) -> Vec<String> {
     let mut all = Vec::new();
-    // Tags are the drone's alone.
+    // Only the drone has tags.
     let tags = drone.drone.tags();
     if vessel.vessel.deck.with_tags(&tags) != drone.drone.deck.with_tags(&tags) {
         all.push("[vessel.deck] and [drone.deck] differ".into());
@@ -378,12 +377,12 @@ fn scenario(
     );
     s.place.among = vec![AT_SEA];
     s.start.warm_up_s = args.warm_up_s();
-    // It is there for `alight check`, before any service is.
+    // The drone is there for `alight check`, before any service runs.
     s.start.hover_s = s.start.warm_up_s.min(60.0);
     if args.autopilot == Some(AutopilotArg::Ardupilot) {
         s.drone.autopilot.firmware = Firmware::ArduCopter;
     }
-    // Both computers are this one: their clock is the steady clock, which the vehicles' stamps continue.
+    // Both computers are this one: their clock is the steady clock, and the vehicles' time stamps continue it.
     s.sensors.clocks.epoch_s = epoch_ns as f64 * 1e-9;
     (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);
     for (source, carries) in sources.iter().zip(assigned(sources)?) {
@@ -429,7 +428,7 @@ mod tests {
         RehearsalPlan::of(&typed(core::iter::once(&"rehearse").chain(arguments)))
     }
 
-    /// Keys of `b` that differ from those of `a`, with the tables that they are in.
+    /// Keys of `b` that differ from those of `a`, with their tables.
     fn changed(a: &Table, b: &Table, within: &str) -> Vec<String> {
         let mut all = Vec::new();
         for (key, value) in b {

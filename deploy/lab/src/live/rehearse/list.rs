@@ -11,7 +11,7 @@ pub const VESSEL: u8 = 8;
 pub const DRONE: u8 = 9;
 pub const LADDER: u8 = 10;
 
-/// Width of the first column, so that the figures are aligned.
+/// Width of the first column, which aligns the values.
 const WHAT: usize = 25;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -30,7 +30,7 @@ pub struct CheckList {
 }
 
 impl CheckList {
-    /// Check list on standard output, or on standard error if a result stands alone on standard output.
+    /// Check list on standard output, or on standard error if standard output holds a result for programs.
     pub fn new(alone: bool) -> CheckList {
         CheckList {
             alone,

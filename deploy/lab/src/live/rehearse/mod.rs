@@ -45,9 +45,9 @@ use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 const POLL: Duration = Duration::from_millis(20);
 /// Limit for the simulated sensors' first data after their world's start, s.
 const WORLD_S: f64 = 20.0;
-/// Limit for link, clocks and sensors to satisfy install.md after the end of the warm-up, s.
+/// Time limit after the warm-up for link, clocks and sensors to meet install.md's conditions, s.
 const KNOWN_S: f64 = 30.0;
-/// Conditions of install.md before a landing: age of the link and error of the clocks, s.
+/// Conditions of install.md before a landing: age of the link, s, and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
 /// Limit for the world's verdict after the landing's time limit, s: it waits for the drone to rest.
@@ -71,7 +71,7 @@ struct Rehearsed<'a> {
 }
 
 pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
-    // The first call installs the handler: a signal from here on ends the rehearsal in order.
+    // The first call installs the handler: from here on a signal ends the rehearsal in order.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -122,7 +122,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(list.ok()))
 }
 
-/// Rehearsal under way. Fields are dropped in order.
+/// Rehearsal in progress. Fields are dropped in order.
 struct Rehearsal<'a> {
     args: &'a RehearseArgs,
     program: PathBuf,
@@ -130,13 +130,13 @@ struct Rehearsal<'a> {
     drone: Option<Service>,
     vessel: Option<Service>,
     world: Service,
-    /// Processes of the vessel, from their first start.
+    /// Observer of the vessel's processes.
     aboard: InstanceFollower,
-    /// The simulated sensors send.
+    /// The simulated sensors send data.
     sensing: bool,
     stop: Arc<AtomicBool>,
     state: State,
-    /// Time since the command, state, and reason for entering it.
+    /// Time since the command, s; state; reason for entering it.
     states: Vec<(f64, &'static str, String)>,
     commanded_ns: i64,
     armed: Option<bool>,
@@ -212,7 +212,7 @@ impl<'a> Rehearsal<'a> {
     fn poll(&mut self, list: &CheckList) -> Result<(), CliError> {
         self.receive_report();
         if !self.world.poll() && !self.has_verdict() {
-            // Its last line may still be on its way.
+            // Its last line may still be in transit.
             pause(10 * POLL);
             self.receive_report();
             if !self.has_verdict() {
