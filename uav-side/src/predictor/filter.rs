@@ -321,7 +321,7 @@ impl Filter {
         }
     }
 
-    /// Records which degrees of freedom were measured in the drone's frame; `used` tells whether a group was accepted.
+    /// Records which degrees of freedom were measured in the drone's frame; `used` states whether a group was accepted.
     fn note(&mut self, o: &DeckObservation, used: impl Fn(usize) -> bool) {
         match o.kind {
             ObservationKind::Estimate => return,

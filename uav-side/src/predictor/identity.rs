@@ -355,7 +355,7 @@ impl Decks {
             deck.judge(o.at, r, variances);
         }
     }
-    /// Verdict on tags assigned to deck `k`; `radio` tells whether the radio is received.
+    /// Verdict on tags assigned to deck `k`; `radio` states whether the radio is received.
     pub(super) fn verdict(&mut self, k: usize, o: &DeckObservation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {

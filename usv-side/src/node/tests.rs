@@ -220,7 +220,7 @@ fn compass_beside_another() {
     let (error, sd) = heading_error(&all[44]);
     assert!(
         (error - 0.5).abs() < 0.05 && sd < 0.05,
-        "{error} +- {sd}: both say so"
+        "{error} +- {sd}: both report it"
     );
 }
 

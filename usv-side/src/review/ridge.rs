@@ -198,7 +198,7 @@ impl Ridge {
 pub struct RefittedRidge {
     began: Time<VesselClock>,
     horizons_s: Vec<f64>,
-    /// Number of the current 10 s interval, and the fit at its start; the fit is None if it failed.
+    /// Number of the current 10 s interval, and the fit at its start; `None` in it: the fit failed.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 

@@ -4,8 +4,8 @@
 //!
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit; the configurations are attachments;
-//! - all other topics: messages of Foxglove's well-known schemas, or our own messages of numbers ([`schema`]) if
-//!   there is none, at display rates ([`views`]).
+//! - all other topics: messages of Foxglove's well-known schemas, or our own messages of numbers ([`schema`]) for
+//!   content without a well-known schema, at display rates ([`views`]).
 
 use std::collections::BTreeMap;
 

@@ -339,7 +339,7 @@ fn simulated_turn(
     motors
 }
 
-/// Accepts PX4's connection if there is none.
+/// Accepts PX4's connection.
 fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
     if stream.is_none()
         && let Ok((new, from)) = door.accept()

@@ -147,7 +147,7 @@ impl Predictor {
         let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
         match elsewhere {
             Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
-            // An old radio position does not tell where the vessel has gone since.
+            // An old radio position does not show where the vessel has gone since.
             Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
         }
     }

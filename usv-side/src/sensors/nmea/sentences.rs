@@ -82,7 +82,7 @@ fn resolution(coordinate: Option<&&str>) -> f64 {
 fn rad(degrees: Option<f32>) -> Option<f64> {
     degrees.map(|d| f64::from(d).to_radians())
 }
-/// Heading, rad, or the reason why there is none.
+/// Heading, rad, or the reason why it is missing.
 fn in_turn(degrees: Option<f32>) -> Result<f64, Why> {
     let degrees = degrees.ok_or(Why::Empty)?;
     match (0.0..=360.0).contains(&degrees) {

@@ -94,7 +94,7 @@ fn needed(sd: f64, dt: f64, size: f64) -> f64 {
 }
 
 struct Steps {
-    /// Resolution, of which all changes are multiples; 0 if there is none.
+    /// Resolution, of which all changes are multiples; 0 without one.
     size: f64,
     /// Median change; 0 without changes.
     typical: f64,
