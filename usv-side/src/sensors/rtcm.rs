@@ -1,4 +1,4 @@
-//! RTCM 3 among the bytes of a source: frames for the drones' receivers, and what a moving base lacks.
+//! RTCM 3 among the bytes of a source: frames for the drones' receivers, and remarks on what a moving base lacks.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,18 +11,18 @@ use alight_shared::topics;
 use super::{Decoded, Remark, SensorDecoder, SourceMeasurement};
 use crate::rtcm_relay::BYTES_PER_S;
 
-/// Frames of one step, at most: as many as their topic holds.
+/// Maximum number of frames per step: the size of their topic's buffer.
 const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
-/// Numbers of messages that are counted, at most.
+/// Maximum number of message numbers that are counted.
 const MAX_NUMBERS: usize = 16;
-/// Newest arrivals of a number, by which its rate is known.
+/// Number of recent arrivals from which the rate of a message number is computed.
 const MAX_ARRIVALS: usize = 16;
-/// A number that was absent for so long does not come any more: no receiver repeats the base's place more seldom.
+/// Absence after which a message number counts as discontinued; no receiver repeats the base's position less often.
 const ABSENT: Span = Span::from_millis(30_000);
-/// Number of the biases of GLONASS's phases.
+/// Message number of the GLONASS phase biases.
 const GLONASS_BIASES: u16 = 1230;
 
-/// The newest arrivals of a number, each with its bytes.
+/// Newest arrivals of a message number, each with its size in bytes.
 #[derive(Clone, Debug, Default)]
 struct Arrivals(VecDeque<(Time<VesselClock>, f64)>);
 
@@ -33,7 +33,7 @@ impl Arrivals {
         }
         self.0.push_back((now, bytes));
     }
-    /// Messages, Hz, and bytes, 1/s; zero after the first.
+    /// Rates of messages, Hz, and bytes, 1/s; zero after the first one.
     fn rates(&self) -> [f64; 2] {
         let Some(((first, _), (newest, _))) = self.0.front().zip(self.0.back()) else {
             return [0.0; 2];
@@ -47,13 +47,14 @@ impl Arrivals {
     }
 }
 
-/// Stations that are distinguished.
+/// Maximum number of stations that are distinguished.
 const MAX_STATIONS: usize = 4;
-/// Largest distance of a base that is on the vessel from her own fix, m, and of her way while the base keeps its place.
+/// Maximum distance between a base on board and the vessel's own fix, m, and maximum distance travelled while the
+/// base's position stays constant.
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
-/// The base's place by 1005 or 1006, since when it is the same, and where the vessel was then.
+/// Position of the base by 1005 or 1006, the time since when it is constant, and the vessel's position at that time.
 #[derive(Clone, Copy, Debug)]
 struct Base {
     place: Datum,
@@ -69,16 +70,16 @@ pub(super) struct RtcmTraffic {
     numbers: BTreeMap<RtcmNumber, Arrivals>,
     /// Newest frame of each station, and its base.
     stations: BTreeMap<u16, (Time<VesselClock>, Option<Base>)>,
-    /// The vessel's place by her own fixes.
+    /// Position of the vessel by its own fixes.
     own: Option<Datum>,
     frames: u64,
-    /// Newest frame, and newest bytes.
+    /// Times of the newest frame and of the newest bytes.
     newest: Option<Time<VesselClock>>,
     now: Time<VesselClock>,
 }
 
 impl RtcmTraffic {
-    /// A receiver whose antenna is here in the vessel's body frame, m.
+    /// Receiver with its antenna at this position in the vessel's body frame, m.
     pub(super) fn new(antenna_m: [f64; 3]) -> Self {
         RtcmTraffic {
             decoder: RtcmDecoder::default(),
@@ -91,13 +92,13 @@ impl RtcmTraffic {
             now: Time::EPOCH,
         }
     }
-    /// The antenna's place counts from the deck's centre, which is here in the vessel's body frame, m.
+    /// Makes the antenna's position relative to the deck's centre, which is given in the vessel's body frame, m.
     pub(super) fn place(&mut self, deck_centre_m: [f64; 3]) {
         let from_deck = self.antenna_m.iter_mut().zip(deck_centre_m);
         from_deck.for_each(|(antenna, centre)| *antenna -= centre);
     }
-    /// Takes bytes and adds their frames, whose headers are not filled in yet; the bytes that are in none. Frames of which there
-    /// is no room are counted in `lost_bytes`.
+    /// Processes bytes, and appends their frames with empty headers. Returns the bytes outside of frames. Frames that
+    /// exceed the capacity are counted in `lost_bytes`.
     pub(super) fn push(
         &mut self,
         now: Time<VesselClock>,
@@ -142,13 +143,14 @@ impl RtcmTraffic {
         self.now = now;
         others
     }
-    /// The vessel's place by a fix of her own.
+    /// Sets the vessel's position from its own fix.
     pub(super) fn fix(&mut self, place: Datum) {
         self.own = Some(place);
         let bases = self.stations.values_mut().filter_map(|(_, base)| base.as_mut());
         bases.for_each(|base| base.own = base.own.or(Some(place)));
     }
-    /// What the base's places and stations contradict: a caster's corrections, a base that stands, two bases.
+    /// Remarks on contradictions of base positions and stations: corrections from a caster, a stationary base, two
+    /// bases.
     fn contradictions(&self) -> Vec<Remark> {
         let comes = |at: Time<VesselClock>| self.now - at <= ABSENT;
         let (mut all, mut stations) = (Vec::new(), Vec::new());
@@ -211,13 +213,13 @@ impl RtcmTraffic {
         }
         all
     }
-    /// Counts the frames in the statistics of a source that has nothing else.
+    /// Adds the frames to the statistics of a source that sends nothing else.
     pub(super) fn count(&self, status: &mut SourceStatus) {
         status.decoded.good = self.frames;
         status.decoded.corrupted = self.decoder.damaged();
         status.newest_s = self.newest.map(Time::secs);
     }
-    /// Messages by their numbers, and what a moving base lacks.
+    /// Message numbers received, and remarks on what a moving base lacks.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         let comes = |a: &Arrivals| a.0.back().is_some_and(|(at, _)| self.now - *at <= ABSENT);
         let coming: Vec<_> = self.numbers.iter().filter(|(_, a)| comes(a)).collect();
@@ -275,7 +277,7 @@ impl RtcmTraffic {
     }
 }
 
-/// A number with its rate.
+/// Text of a message number with its rate.
 fn rate_text(number: RtcmNumber, arrivals: &Arrivals) -> String {
     let [rate_hz, _] = arrivals.rates();
     if rate_hz > 0.0 {
@@ -285,7 +287,7 @@ fn rate_text(number: RtcmNumber, arrivals: &Arrivals) -> String {
     }
 }
 
-/// The decoder of a source that has RTCM alone: it gives no measurements.
+/// Decoder of a source that only sends RTCM: no measurements.
 pub(super) struct NoMeasurements;
 
 impl SensorDecoder for NoMeasurements {

@@ -1,16 +1,16 @@
-//! An inertial sensor that repeats one sample for ever with fresh stamps: a driver whose bus hangs, a frozen register.
+//! Detection of an inertial sensor that repeats one sample with new time stamps: a hung bus, a frozen register.
 
 use alight_shared::msg::ImuSample;
 
-/// So many samples in a row with the same six numbers are no measurement.
+/// Number of consecutive samples with the same six numbers that indicates a stuck sensor.
 ///
-/// A MEMS sensor's white noise per sample is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz and
-/// more). Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ... = 0.76`, into
-/// that of all six with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1 kHz. A
-/// driver that publishes each of the sensor's samples several times over, up to 24 times, passes.
+/// The white noise per sample of a MEMS sensor is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz
+/// and more). Two samples at rest then fall into the same step of one axis with `p <= erf(1.5 / sqrt 2)^2 + ... =
+/// 0.76`, of all six axes with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1
+/// kHz. A driver that publishes each sample up to 24 times passes.
 pub const MAX_REPEATED: u32 = 25;
 
-/// The newest numbers of one sensor, and how often they came in a row.
+/// Newest numbers of one sensor, and number of consecutive repetitions.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RepeatedSamples {
     numbers: [u64; 6],
@@ -18,7 +18,7 @@ pub struct RepeatedSamples {
 }
 
 impl RepeatedSamples {
-    /// Takes a sample; whether its sensor is stuck. Compared bit by bit: nothing is rounded.
+    /// Adds a sample. Returns whether the sensor is stuck. Compared bit by bit, without rounding.
     pub fn is_stuck(&mut self, m: &ImuSample) -> bool {
         let ([p, q, r], [x, y, z]) = (m.gyro, m.accelerometer);
         let numbers = [p, q, r, x, y, z].map(f64::to_bits);
@@ -30,7 +30,7 @@ impl RepeatedSamples {
         self.numbers = numbers;
         self.now()
     }
-    /// Whether it was stuck at its newest sample.
+    /// Whether the sensor was stuck at its newest sample.
     pub fn now(&self) -> bool {
         self.count >= MAX_REPEATED
     }
@@ -40,7 +40,7 @@ impl RepeatedSamples {
 mod tests {
     use super::*;
 
-    /// Uniform in 0 to 1 (splitmix64), so that the test owns its numbers.
+    /// Uniform in 0 to 1 (splitmix64), so that the test is reproducible.
     struct Uniform(u64);
     impl Uniform {
         fn next(&mut self) -> f64 {
@@ -57,7 +57,7 @@ mod tests {
         }
     }
 
-    /// A sample at rest, in steps of `lsb`, whose noise is a third of a step.
+    /// Sample at rest with a resolution of `lsb` and a noise of a third of it.
     fn still(noise: &mut Uniform, lsb: f64) -> ImuSample {
         let mut axis = |mean: f64| ((mean / lsb + noise.normal() / 3.0).round()) * lsb;
         ImuSample {
@@ -84,7 +84,7 @@ mod tests {
         let frozen = still(&mut noise, 1e-3);
         let stuck = (0..200).filter(|_| newest.is_stuck(&frozen)).count();
         assert_eq!(stuck as u32, 200 - (MAX_REPEATED - 1));
-        // One axis is enough.
+        // Motion of one axis is sufficient.
         let mut alive = frozen;
         alive.gyro[1] += 1e-3;
         assert!(!newest.is_stuck(&alive));

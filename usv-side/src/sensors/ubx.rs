@@ -1,7 +1,7 @@
-//! UBX of u-blox: NAV-PVT, or the messages of its parts ([`parts`]), to a fix; NAV-RELPOSNED of a moving base to a heading.
-//! What else comes is named in the source's report. TIM-TP announces the time of the
-//! next pulse. Its edge is not observed, so it gives no measurement a time; it shows whether pulse and fixes use
-//! one time base, on which a computer that takes its clock from the pulse relies.
+//! UBX of u-blox: NAV-PVT, or separate messages with its parts ([`parts`]), to a fix; NAV-RELPOSNED of a moving base to
+//! a heading. Other messages are listed in the source's report. TIM-TP announces the time of the next pulse. Its edge
+//! is not observed, so it dates no measurement. It shows whether pulse and fixes use the same time base, which matters
+//! to a computer that takes its clock from the pulse.
 
 mod parts;
 
@@ -15,13 +15,13 @@ use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use parts::{FixPart, FixParts, FixPlace, FixState, Grade};
 
-/// Longest unfinished message, bytes: above the longest message that is used.
+/// Maximum length of an unfinished message, bytes; longer than any message that is used.
 const MAX_WAITING: usize = 2048;
-/// Bytes given to the parser at a time.
+/// Number of bytes passed to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// An announced pulse comes within its period of 1 s (the receivers' default) after the last fix; a message in
-/// between may be late by as much. UTC and GPS time are whole seconds apart, 18 since 2017.
+/// Maximum time from a fix to an announced pulse, ns: its period of 1 s (the receivers' default), plus the same for a
+/// late message. UTC and GPS time differ by whole seconds, 18 since 2017.
 const PULSE_NS: i64 = 2_000_000_000;
 /// Fraction of a receiver's stated error that changes within a minute (ours).
 const FAST_FRACTION: f64 = 0.3;
@@ -36,25 +36,23 @@ pub struct UbxDecoder {
     account: Account,
 }
 
-/// The content of a message.
 enum Content {
-    /// A measurement, or why the message has none.
+    /// Measurement, or the reason why the message has none.
     Measurement(Result<Measurement, Why>),
-    /// Roll, pitch, and the heading where there is one.
+    /// Roll and pitch, and the heading if available.
     Attitude(AttitudeFix, Option<HeadingFix>),
-    /// A heading of two antennas whose carrier solution is float.
+    /// Two-antenna heading with a float carrier solution.
     Float,
-    /// A part of a fix.
     Part(FixPart),
     Pulse,
 }
 
-/// A standard deviation by what a receiver states of an error, m.
+/// Standard deviation from a receiver's stated error, m.
 fn sd(stated_m: f64) -> f64 {
     (FAST_FRACTION * stated_m).max(0.005)
 }
 
-/// The messages that are read: one of these of a length that the parser does not know is of another generation of receivers.
+/// Supported messages. If the parser does not know the length of one of these, it is from another receiver generation.
 const READ: [&str; 10] = [
     "NAV-PVT",
     "NAV-RELPOSNED",
@@ -68,7 +66,7 @@ const READ: [&str; 10] = [
     "TIM-TP",
 ];
 
-/// Names of messages by class and number; others are named by their numbers.
+/// Message names by class and id; others are named by their numbers.
 const NAMES: [((u8, u8), &str); 30] = [
     ((0x01, 0x01), "NAV-POSECEF"),
     ((0x01, 0x02), "NAV-POSLLH"),
@@ -102,7 +100,6 @@ const NAMES: [((u8, u8), &str); 30] = [
     ((0x0d, 0x03), "TIM-TM2"),
 ];
 
-/// The name of a message.
 fn name(of: (u8, u8)) -> String {
     let known = NAMES.iter().find(|(numbers, _)| *numbers == of);
     known.map_or_else(
@@ -124,7 +121,7 @@ impl UbxDecoder {
         }
     }
 
-    /// Takes the content of a message with its name and its time of week, ms.
+    /// Processes the content of a message with its name and time of week, ms.
     fn take(&mut self, (name, of_week_ms): (&str, u32), content: Content, out: &mut Vec<SourceMeasurement>) {
         let of_week = i64::from(of_week_ms) * 1_000_000;
         if of_week >= WEEK_NS {
@@ -173,7 +170,7 @@ impl UbxDecoder {
             }
         }
     }
-    /// Takes a part of a fix where no whole fixes come.
+    /// Processes a part of a fix, unless whole fixes arrive.
     fn part(&mut self, name: &str, at_ns: i64, part: FixPart, out: &mut Vec<SourceMeasurement>) {
         if self.parts.are_spare(at_ns) {
             return self.leave_out(name, Why::Spare);
@@ -186,7 +183,7 @@ impl UbxDecoder {
         }
         self.parts.take(at_ns, part, &self.mounting, out);
     }
-    /// A whole message of a kind that is read gives nothing.
+    /// Counts a complete message of a supported kind that yields no measurement.
     fn leave_out(&mut self, name: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
@@ -212,7 +209,7 @@ impl SensorDecoder for UbxDecoder {
                             self.account.leave_out(&name, Why::NotRead);
                         }
                     }
-                    // Its checksum is right: of another generation of receivers.
+                    // The checksum is valid, so it is from another receiver generation.
                     Err(ParserError::InvalidPacketLen { packet, .. }) => {
                         self.decoded.corrupted += 1;
                         self.account.leave_out(packet, Why::Length);
@@ -244,12 +241,12 @@ impl SensorDecoder for UbxDecoder {
     }
 }
 
-/// Time from one time of week to another, ns, by the shorter way round the week.
+/// Difference between two times of week, ns, wrapped to half a week.
 fn after(of_week_ns: i64, than_ns: i64) -> i64 {
     (of_week_ns - than_ns + WEEK_NS / 2).rem_euclid(WEEK_NS) - WEEK_NS / 2
 }
 
-/// Time of week, ms, and content of a message of a kind that is used.
+/// Time of week, ms, and content of a supported message.
 fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)> {
     Some(match packet {
         PacketRef::NavPvt(p) => {
@@ -277,7 +274,7 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
             };
             (p.itow(), moving_base(p.flags_raw(), heading))
         }
-        // An accuracy of a right angle is no heading.
+        // An accuracy of 90 degrees means that there is no heading.
         PacketRef::NavAtt(p) => {
             let [roll, pitch, heading] =
                 [p.vehicle_roll(), p.vehicle_pitch(), p.vehicle_heading()].map(f64::to_radians);
@@ -300,13 +297,13 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
     })
 }
 
-/// The heading of a moving base by the flags of NAV-RELPOSNED (interface description of the F9 receivers). A float carrier
-/// solution may be tens of degrees off, and states the accuracy of a fixed one.
+/// Heading of a moving base according to the flags of NAV-RELPOSNED (interface description of the F9 receivers). A
+/// float carrier solution may be wrong by tens of degrees although it states the accuracy of a fixed one.
 fn moving_base(flags: u32, heading: HeadingFix) -> Content {
     /// gnssFixOK, relPosValid, relPosHeadingValid.
     const VALID: u32 = 1 | 1 << 2 | 1 << 8;
     const IS_MOVING: u32 = 1 << 5;
-    // Carrier solution: 0 without, 1 float, 2 fixed; 3 is reserved.
+    // Carrier solution: 0 none, 1 float, 2 fixed; 3 is reserved.
     let why = match (flags >> 3) & 3 {
         _ if flags & VALID != VALID => Why::Invalid,
         _ if flags & IS_MOVING == 0 => Why::FixedBase,
@@ -317,7 +314,7 @@ fn moving_base(flags: u32, heading: HeadingFix) -> Content {
     Content::Measurement(Err(why))
 }
 
-/// Time of week, ms, and content of a message that has a part of a fix.
+/// Time of week, ms, and content of a message with a part of a fix.
 fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
     Some(match packet {
         PacketRef::NavPosLlh(p) => {
@@ -330,7 +327,8 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
             (p.itow(), FixPart::Place(place))
         }
         PacketRef::NavHpPosLlh(p) if !p.flags().invalid_llh() => {
-            // Its rests of the height and its errors are in tenths of a millimetre; they are given in millimetres.
+            // High-precision parts of the height and its errors are in tenths of a millimetre; the parser returns
+            // millimetres.
             let place = FixPlace {
                 datum: Datum::new(
                     p.lat_degrees() + p.lat_hp_degrees(),
@@ -363,7 +361,7 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
     })
 }
 
-/// A place by its Earth-centred coordinates, m, whose stated error is that of all three; None at the Earth's centre.
+/// Position from Earth-centred coordinates, m, whose stated error covers all three axes. None at the Earth's centre.
 fn ecef_place(at: [f64; 3], error_m: f64) -> Option<FixPlace> {
     let datum = Datum::from_ecef(at);
     datum.is_on_earth().then_some(FixPlace {
@@ -374,7 +372,7 @@ fn ecef_place(at: [f64; 3], error_m: f64) -> Option<FixPlace> {
     })
 }
 
-/// The state of a fix by its kind and its flags, whose first is gpsFixOk.
+/// State of a fix from its kind and its flags, the first of which is gpsFixOk.
 fn state(kind: GnssFixType, flags: u8) -> FixState {
     match kind {
         GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning if flags & 1 != 0 => FixState::Whole,

@@ -1,35 +1,34 @@
-//! Messages of a Signal K server, and the meaning of an update's values. Paths, units (SI, radians) and signs: Signal K's
-//! specification 1.7.
+//! Messages of a Signal K server, and interpretation of an update's values. Paths, units (SI, radians) and signs are
+//! from the Signal K specification 1.7.
 
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::sensors::bus::{Content, GnssReport};
 
-/// A message: the greeting of a server, or a delta.
+/// Message: the server's greeting, or a delta.
 #[derive(Debug, Deserialize)]
 pub(super) struct DeltaMessage {
-    /// The server's own vessel, in its greeting.
+    /// Own vessel of the server, in its greeting.
     #[serde(rename = "self")]
     pub(super) own: Option<String>,
-    /// Whose the values are; the server's own vessel where it is missing.
+    /// Vessel of the values; missing for the server's own vessel.
     pub(super) context: Option<String>,
-    /// Each is read alone ([`DeltaUpdate::read`]): one that is of another shape takes none of the others with it.
+    /// Each update is parsed separately ([`DeltaUpdate::read`]), so that a malformed one does not affect the others.
     #[serde(default)]
     pub(super) updates: Vec<Value>,
 }
 
-/// Values of one source at one time.
+/// Values from one source at one time.
 #[derive(Debug, Deserialize)]
 pub(super) struct DeltaUpdate {
-    /// Name of the source.
     #[serde(rename = "$source")]
     source: Option<String>,
-    /// Source in parts, as it was written before there were names.
+    /// Source in parts, as written before sources had names.
     #[serde(rename = "source")]
     parts: Option<Parts>,
     pub(super) timestamp: Option<String>,
-    /// None where descriptions of paths are updated.
+    /// None if the update only describes paths.
     #[serde(default)]
     pub(super) values: Vec<PathValue>,
 }
@@ -37,7 +36,7 @@ pub(super) struct DeltaUpdate {
 #[derive(Debug, Deserialize)]
 struct Parts {
     label: Option<String>,
-    /// Address on NMEA 2000, and talker on NMEA 0183.
+    /// Address on NMEA 2000, or talker on NMEA 0183.
     src: Option<Value>,
     talker: Option<String>,
 }
@@ -50,18 +49,18 @@ pub(super) struct PathValue {
 }
 
 impl PathValue {
-    /// Whether its device has no value at present.
+    /// Whether the device currently has no value.
     pub(super) fn is_missing(&self) -> bool {
         READ.contains(&self.path.as_str()) && self.value.is_null()
     }
 }
 
 impl DeltaUpdate {
-    /// Reads one of a message; None where it has another shape.
+    /// Parses an update of a message. None if it is malformed.
     pub(super) fn read(update: &Value) -> Option<DeltaUpdate> {
         DeltaUpdate::deserialize(update).ok()
     }
-    /// Name of its source; empty where it has none.
+    /// Name of the source; empty if it has none.
     pub(super) fn source(&self) -> String {
         let parts = || {
             let parts = self.parts.as_ref()?;
@@ -77,7 +76,7 @@ impl DeltaUpdate {
     fn number(&self, path: &str) -> Option<f64> {
         self.value(path)?.as_f64()
     }
-    /// Speed over ground (m/s), and course (rad, and whether it is magnetic).
+    /// Speed over ground (m/s), and course, if any (rad, and whether it is magnetic).
     pub(super) fn over_ground(&self) -> (Option<f64>, Option<(f64, bool)>) {
         let course = |path, magnetic| self.number(path).map(|course| (course, magnetic));
         let of_north = course("navigation.courseOverGroundTrue", false);
@@ -85,9 +84,9 @@ impl DeltaUpdate {
         let speed = self.number("navigation.speedOverGround");
         (speed, of_north.or_else(of_magnetic))
     }
-    /// Other contents of the delta, each with its name for messages.
+    /// Other contents of the delta, each with its name for remarks.
     pub(super) fn contents(&self) -> Vec<(&'static str, Content)> {
-        // What goes with others comes before them.
+        // Contents used by others come first.
         let all = [
             (
                 "magneticVariation",
@@ -114,7 +113,7 @@ impl DeltaUpdate {
     }
     fn heading(&self) -> Option<Content> {
         let of_north = self.number("navigation.headingTrue");
-        // A magnetic heading has the compass's deviation in it already.
+        // A magnetic heading already includes the compass's deviation.
         let heading = of_north.or_else(|| self.number("navigation.headingMagnetic"))?;
         Some(Content::Heading {
             heading,
@@ -148,7 +147,7 @@ impl DeltaUpdate {
     }
 }
 
-/// Paths that are read in addition to those of `navigation.gnss`.
+/// Paths read in addition to those of `navigation.gnss`.
 const READ: [&str; 11] = [
     "navigation.position",
     "navigation.speedOverGround",
@@ -163,12 +162,12 @@ const READ: [&str; 11] = [
     "environment.heave",
 ];
 
-/// Whether something of a path is read.
+/// Whether any part of a path is read.
 pub(super) fn is_read(path: &str) -> bool {
     READ.contains(&path) || path.starts_with("navigation.gnss.")
 }
 
-/// Quality as in GGA of its name in Signal K; an unknown name is no fix.
+/// Quality as in GGA from its name in Signal K; an unknown name is not a fix.
 fn quality(name: &str) -> u8 {
     match name.to_ascii_lowercase().as_str() {
         "gnss fix" => 1,

@@ -1,9 +1,9 @@
-//! Deltas of a Signal K server, one a line ([`delta`]), of which [`SensorBus`] makes measurements.
+//! Deltas of a Signal K server, one per line ([`delta`]), converted to measurements by [`SensorBus`].
 //!
-//! An update's time is the server's, when it received the values, or that of the receiver whose sentence had one. So
-//! devices have clocks of their own, one for each kind of measurement; what belongs together is found by the arrival, in a
-//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is ignored: the arrival
-//! counts, unless the update was held up on its way ([`lag`]).
+//! The time of an update is that of the server when it received the values, or that of the receiver whose sentence had
+//! one. Devices therefore have clocks of their own, one per kind of measurement. Related values are matched by arrival,
+//! in a recording by these times. A repeated time (the server truncates GGA's to whole seconds) is ignored: the arrival
+//! is used, unless the update was delayed ([`lag`]).
 
 mod delta;
 mod lag;
@@ -19,23 +19,24 @@ use crate::node::KINDS;
 use delta::{DeltaMessage, DeltaUpdate};
 use lag::Lag;
 
-/// Longest message, bytes.
+/// Maximum message length, bytes.
 pub const MAX_MESSAGE: usize = 256 << 10;
-/// Sources that are distinguished; further ones count as one.
+/// Maximum number of sources that are distinguished; further ones are treated as one.
 const MAX_SOURCES: usize = 64;
 
-/// Times of a kind further apart are of two clocks, ns, unless so many in a row are.
+/// Maximum difference between times of one clock, ns, and number of consecutive times after which the other clock is
+/// used.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
 const MAX_OTHERS: u8 = 10;
-/// 1024 weeks, after which a receiver's week number begins again, s.
+/// Period of a receiver's week number, 1024 weeks, s.
 const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
 
-/// When an update was sent.
+/// Time of an update.
 #[derive(Clone, Copy, Debug)]
 struct When {
-    /// By which it is compared with others, ns.
+    /// Time used for comparison with other updates, ns.
     at_ns: i64,
-    /// By its own clock, ns.
+    /// Time on its own clock, ns.
     stamp_ns: Option<i64>,
 }
 
@@ -46,24 +47,24 @@ pub struct SignalKDecoder {
     decoded: Decoded,
     account: Account,
     bus: SensorBus,
-    /// When the bytes that are pushed arrive, ns; None in a recording.
+    /// Arrival time of the pushed bytes, ns; None in a recording.
     now_ns: Option<i64>,
-    /// The server's own vessel.
+    /// Own vessel of the server.
     own: Option<String>,
     sources: Vec<String>,
-    /// Groups and sources of which something came since the server's greeting; None before one.
+    /// Groups and sources received since the server's greeting; None before the greeting.
     begun: Option<Vec<(usize, u32)>>,
-    /// The newest speed over ground, m/s, its source and time, ns.
+    /// Newest speed over ground, m/s, its source, and its time, ns.
     speed: Option<(f64, u32, i64)>,
-    /// The newest time of each kind, ns.
+    /// Newest time of each kind, ns.
     newest_ns: [Option<i64>; KINDS.len()],
-    /// The newest time of each kind by the clock that counts, and how many came of another in a row.
+    /// Newest time of each kind on the clock in use, and number of consecutive times of another clock.
     clocks: [Option<(i64, u8)>; KINDS.len()],
-    /// A source with two clocks, and by how much they are apart, s.
+    /// A source with two clocks, and their difference, s.
     two_clocks: Option<(u32, f64)>,
     /// Lag of each kind.
     lags: [Lag; KINDS.len()],
-    /// At most one of a kind.
+    /// At most one per kind.
     timeless: Vec<Measurement>,
 }
 
@@ -91,7 +92,7 @@ impl SignalKDecoder {
     }
 
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
-        // A logger's prefix may be before it.
+        // It may follow a logger's prefix.
         let begin = line.iter().position(|b| *b == b'{').unwrap_or_default();
         let json = line.get(begin..).unwrap_or_default();
         let Ok(message) = serde_json::from_slice::<DeltaMessage>(json) else {
@@ -112,7 +113,7 @@ impl SignalKDecoder {
                 let name = value.path.rsplit('.').next().unwrap_or_default();
                 let published = value.path.strip_prefix("notifications.").unwrap_or(&value.path);
                 if published.starts_with("alight.") {
-                    // The server sends back what this vessel's own process publishes to it.
+                    // The server echoes what this vessel's own process publishes.
                 } else if !is_own {
                     self.ignore("AIS");
                 } else if !delta::is_read(&value.path) {
@@ -131,7 +132,7 @@ impl SignalKDecoder {
         self.decoded.ignored += 1;
         self.account.leave_out(name, Why::NotRead);
     }
-    /// Whether values of this context are the server's own vessel's.
+    /// Whether values of this context belong to the server's own vessel.
     fn is_own(&self, context: Option<&str>) -> bool {
         let Some(context) = context else { return true };
         let vessel = context.strip_prefix("vessels.");
@@ -157,7 +158,7 @@ impl SignalKDecoder {
             self.decoded.undated += contents.len() as u64;
             return;
         };
-        // Before the position that it goes with.
+        // Processed before the position to which it belongs.
         let velocity = self.velocity(update, source, at_ns);
         drop(contents.splice(0..0, velocity.map(|v| ("velocity", v))));
         for (name, content) in contents {
@@ -204,7 +205,7 @@ impl SignalKDecoder {
             None => self.decoded.undated += 1,
         }
     }
-    /// Whether a time is of another clock than those of its kind before it: a receiver's date next to the server's.
+    /// Whether a time is from another clock than the earlier ones of its kind: a receiver's date among the server's.
     fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
         let Some(clock) = self.clocks.get_mut(kind) else {
             return false;
@@ -219,7 +220,7 @@ impl SignalKDecoder {
         self.two_clocks = Some((source, apart_ns.saturating_abs() as f64 * 1e-9));
         true
     }
-    /// The newest of a kind that arrived together is of now; those before it were held up.
+    /// Of measurements of a kind that arrive together, the newest one gets the arrival time; the others were delayed.
     fn by_arrival(&mut self, name: &str, m: Measurement) {
         match self.timeless.iter_mut().find(|of| of.kind() == m.kind()) {
             Some(older) => {
@@ -236,13 +237,14 @@ impl SignalKDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// After its greeting a server sends the last it has of each path and source, however old.
+    /// Whether this is a cached value: after its greeting a server sends the last value of each path and source,
+    /// however old.
     fn is_cached(&mut self, group: usize, source: u32) -> bool {
         let key = (group, source);
         let begun = self.begun.as_mut().filter(|b| !b.contains(&key));
         begun.map(|b| b.push(key)).is_some()
     }
-    /// The velocity of an update, whose speed may have come with the update before.
+    /// Velocity of an update; the speed may be in the previous update.
     fn velocity(&mut self, update: &DeltaUpdate, source: u32, at_ns: i64) -> Option<Content> {
         let (speed, course) = update.over_ground();
         if let Some(speed) = speed {
@@ -265,7 +267,7 @@ impl SensorDecoder for SignalKDecoder {
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        // The last line of a file may have no end.
+        // The last line of a file may lack its terminator.
         if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
             self.take(&line, out);
         }

@@ -1,5 +1,5 @@
-//! A fix of messages that each have a part of it, of a receiver without NAV-PVT: NAV-POSLLH or NAV-HPPOSLLH the place,
-//! NAV-VELNED the velocity, NAV-SOL or NAV-STATUS whether there is a fix. Those of one time of week are one fix.
+//! Fix from separate messages of a receiver without NAV-PVT: NAV-POSLLH or NAV-HPPOSLLH for the position, NAV-VELNED
+//! for the velocity, NAV-SOL or NAV-STATUS for the fix state. Messages with the same time of week form one fix.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
@@ -8,13 +8,12 @@ use super::sd;
 use crate::sensors::nmea::partner::Partner;
 use crate::sensors::{Mounting, SourceMeasurement};
 
-/// The parts stand in while whole fixes are silent for this long, ns.
+/// Silence of whole fixes after which the parts are used, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// A place with a greater stated error is no fix, m: the receivers' own mask as it comes (CFG-NAV5). Without a fix they
-/// state kilometres.
+/// Maximum stated error of a position, m: the receivers' default mask (CFG-NAV5). Without a fix they state kilometres.
 const NO_FIX_M: f64 = 100.0;
 
-/// A place and its stated errors, m.
+/// Position and its stated errors, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FixPlace {
     pub(super) datum: Datum,
@@ -23,37 +22,36 @@ pub(super) struct FixPlace {
     pub(super) grade: Grade,
 }
 
-/// A message's place: of several in an epoch the better one counts.
+/// Kind of position message; the best one in an epoch is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Grade {
     /// Earth-centred, with one error for all axes.
     Ecef,
     Geodetic,
-    /// To less than a centimetre.
+    /// With a resolution better than a centimetre.
     Fine,
 }
 
-/// A receiver's own state of its fix.
+/// Fix state reported by the receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FixState {
     NoFix,
-    /// Without a height.
+    /// Fix without a height.
     Flat,
     Whole,
 }
 
-/// A part of a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum FixPart {
     Place(FixPlace),
-    /// North, east, down and the stated error, m/s.
+    /// North, east, down, and the stated error, m/s.
     Velocity([f64; 3], f64),
     State(FixState),
     /// State and place.
     Solution(FixState, FixPlace),
 }
 
-/// The parts of one time.
+/// Parts with the same time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Epoch {
     at_ns: i64,
@@ -63,7 +61,7 @@ struct Epoch {
     given: bool,
 }
 
-/// The parts that came, and which of them belong to each time.
+/// Received parts, and which of them arrive for each time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FixParts {
     epoch: Option<Epoch>,
@@ -71,27 +69,27 @@ pub(super) struct FixParts {
     geodetic: Partner,
     fine: Partner,
     state: Partner,
-    /// An epoch is complete: what comes with each is known.
+    /// One epoch has been completed, so the parts of each are known.
     is_known: bool,
     /// Time of the newest whole fix, ns.
     whole_ns: Option<i64>,
-    /// A place came at all, and a state.
+    /// Whether any position, or any state, was received.
     pub(super) has_place: bool,
     pub(super) has_state: bool,
 }
 
 impl FixParts {
-    /// A whole fix came: parts are spare while it does.
+    /// Records a whole fix; parts are ignored while whole fixes arrive.
     pub(super) fn whole(&mut self, at_ns: i64) {
         self.whole_ns = Some(at_ns);
         self.epoch = None;
     }
-    /// Whole fixes come.
+    /// Whether parts are ignored because whole fixes arrive.
     pub(super) fn are_spare(&self, at_ns: i64) -> bool {
         self.whole_ns
             .is_some_and(|whole| at_ns.abs_diff(whole) <= SILENT_NS.unsigned_abs())
     }
-    /// Takes a part that is not spare.
+    /// Processes a part that is not ignored.
     pub(super) fn take(
         &mut self,
         at_ns: i64,
@@ -129,7 +127,7 @@ impl FixParts {
         }
         self.give(false, mounting, out);
     }
-    /// The epoch is complete.
+    /// Ends the epoch.
     pub(super) fn finish(&mut self, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
         self.give(true, mounting, out);
         let Some(e) = self.epoch.take() else { return };
@@ -141,7 +139,7 @@ impl FixParts {
             self.state.end_epoch(e.at_ns, e.state.is_some());
         }
     }
-    /// Gives the fix once, when all that is due is there, and at the epoch's end without.
+    /// Emits the fix once, when all expected parts have arrived, or at the end of the epoch.
     fn give(&mut self, last: bool, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut().filter(|e| !e.given) else {
             return;
@@ -167,7 +165,7 @@ impl FixParts {
 }
 
 impl Epoch {
-    /// None where its receiver has none.
+    /// None if the receiver has no fix.
     fn fix(&self, place: &FixPlace, mounting: &Mounting) -> Option<GnssFix> {
         if self.state == Some(FixState::NoFix) || place.across_m > NO_FIX_M {
             return None;
