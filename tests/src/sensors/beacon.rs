@@ -1,5 +1,5 @@
-//! A beacon of the vessel: a receiver of its own, whose place and velocity reach the drone late, by a link that is not the
-//! vessel computer's.
+//! A beacon of the vessel: a separate receiver, whose position and velocity reach the drone late, over a link
+//! independent of the vessel's computer.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
@@ -13,7 +13,7 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Its address on the autopilot's link: a tracker of its own system.
+/// Its address on the autopilot's link: a tracker with its own system id.
 pub const BEACON: Address = Address::new(42, 1);
 
 config! {
@@ -40,11 +40,11 @@ config! {
     }
 }
 
-/// The beacon at work.
+/// State of the simulated beacon.
 #[derive(Clone, Debug)]
 pub(super) struct Beacon {
     config: BeaconConfig,
-    /// Origin of the true NED; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
     place: Option<Datum>,
     bias: GaussMarkovError,
     white: Noise,

@@ -1,7 +1,7 @@
 //! Simulated sensors, with noise, bias, latency and failures.
 //!
-//! Each error has its own named random stream, and each is drawn whether or not the measurement is
-//! delivered: two planners that fly differently meet the same errors at the same time.
+//! Each error has its own named random stream and is drawn whether or not the measurement is delivered, so that two
+//! planners that fly differently have the same errors at the same time.
 //!
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
 //! [`sight_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
@@ -105,18 +105,18 @@ pub struct DroneReadings {
     /// Bytes of the drone's own GNSS receiver (UBX).
     pub receiver: Vec<u8>,
     pub tags: Vec<TagPose>,
-    /// Images that were begun, where they take the detections' place.
+    /// Images whose exposure begins, if images replace the detections.
     pub shots: Vec<render::Shot>,
     /// Images of the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
-    /// The light in the belly camera's images, where it is reported.
+    /// Light in the belly camera's images, if it is reported.
     pub light: Option<CameraLight>,
 }
 
 impl DroneReadings {
-    /// Stamps images' detections so much later.
+    /// Adds `by` to the stamps of the images' detections.
     pub fn shift(&mut self, by: Span) {
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
@@ -124,8 +124,8 @@ impl DroneReadings {
     }
 }
 
-/// The vessel's sensors at work. [`VesselSensors::step`] is called once per tick of 10 ms with the truth at
-/// that tick; what it returns has arrived by then, stamped with the time of measurement.
+/// State of the vessel's sensors. [`VesselSensors::step`] is called once per tick of 10 ms with the truth at that tick;
+/// it returns what has arrived by then, stamped with the time of measurement.
 #[derive(Clone, Debug)]
 pub struct VesselSensors {
     imu: imu::VesselImu,
@@ -136,7 +136,7 @@ pub struct VesselSensors {
 }
 
 impl VesselSensors {
-    /// The sensors of this seed, at a place on Earth where it matters.
+    /// The sensors of this seed; `place` is their position on Earth, if it matters.
     pub fn new(
         config: &SensorConfig,
         place: Option<Datum>,
@@ -153,8 +153,8 @@ impl VesselSensors {
                 .map(|c| moving_base::BaseReceiver::new(c, identity, streams)),
         }
     }
-    /// Displacement of the vessel's NED plane by the GNSS bias now, m (truth): positions in the vessel's
-    /// NED are true positions plus this.
+    /// Present displacement of the vessel's NED plane by the GNSS bias, m (truth): positions in the vessel's NED are
+    /// true positions plus this vector.
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
     }
@@ -176,18 +176,18 @@ impl VesselSensors {
     }
 }
 
-/// A drone's deck sensors at work, called like [`VesselSensors`].
+/// State of a drone's deck sensors, used like [`VesselSensors`].
 #[derive(Clone)]
 pub struct DroneSensors {
     beacon: Option<beacon::Beacon>,
     rover: Option<moving_base::MovingBaseRover>,
     mount: CameraMount,
     tag: tag::SimulatedTagDetector,
-    /// This camera's view of another boat's tags.
+    /// Detector of another boat's tags in the same camera.
     other_tag: tag::SimulatedTagDetector,
     other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
-    /// By night, where no image is rendered.
+    /// At night, if no image is rendered.
     light: Option<Outlet<CameraLight, DroneClock>>,
     /// Exposure of the ultraviolet camera, and of the belly camera by day, s.
     exposure_s: f64,
@@ -198,7 +198,6 @@ pub struct DroneSensors {
 }
 
 impl DroneSensors {
-    /// The sensors of this seed.
     pub fn new(
         config: &SensorConfig,
         drone: &DroneGeometry,
@@ -224,7 +223,7 @@ impl DroneSensors {
             other_tag: tag("drone.other_tag"),
             other: None,
             exposure_s: config.tag.exposure_s,
-            // Of images the camera node reports it.
+            // When images are rendered, the camera node reports the light.
             light: (config.night.is_some() && !config.render.on).then(|| {
                 Outlet::new(
                     CAMERA_LIGHT.rate_hz,
@@ -245,15 +244,15 @@ impl DroneSensors {
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }
-    /// Another boat with the vessel's tags is in sight from now on, or none.
+    /// Sets the deck of another boat with the vessel's tags in view, or none.
     pub fn show(&mut self, other: Option<RigidState<Deck>>) {
         self.other = other;
     }
-    /// Whole frames of the moving base reach its receiver at `t`.
+    /// Passes whole frames of the moving base to its receiver at `t`.
     pub fn receive_rtcm(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         self.rover.iter_mut().for_each(|r| r.receive(t, bytes));
     }
-    /// Faults of the drone's receiver from now on.
+    /// Sets the faults of the drone's receiver.
     pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
         self.rover.iter_mut().for_each(|r| r.faults = faults);
     }

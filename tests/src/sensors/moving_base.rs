@@ -1,8 +1,9 @@
-//! Moving base: the vessel's GNSS receiver sends RTCM 3, by which the drone's measures the vector from the vessel's antenna to its
-//! own.
+//! Moving base: the vessel's GNSS receiver sends RTCM 3, from which the drone's receiver computes the vector from the
+//! vessel's antenna to its own.
 //!
-//! Both measure at the same times of GNSS, each an epoch, whose number is in the frames. A place is valid at an epoch of which the
-//! base's place and all observations came, and is ready 80 ms after the last of them; an incomplete epoch gives no place.
+//! Both measure at the same GNSS times, the epochs; the frames contain the epoch's number. A position is valid for an
+//! epoch of which the base's position and all observations arrived, and is ready 80 ms after the last of them; an
+//! incomplete epoch gives no position.
 //!
 //! | solution | becomes | after |
 //! |---|---|---|
@@ -29,9 +30,9 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Messages of an epoch with the bytes of their contents: place of the base, GPS, GLONASS, Galileo and BeiDou; last, of each fifth
-/// epoch alone, the biases of GLONASS.
-/// Source: numbers of u-blox's moving base; sizes of 5 to 8 satellites a system, two signals each.
+/// Messages of an epoch with the sizes of their contents, bytes: position of the base, GPS, GLONASS, Galileo and
+/// BeiDou; last, in each fifth epoch only, the biases of GLONASS. Source: numbers of u-blox's moving base; sizes of 5
+/// to 8 satellites a system, two signals each.
 const MESSAGES: [(u16, usize); 6] = [
     (rtcm::UBLOX, 57),
     (1077, 147),
@@ -40,32 +41,32 @@ const MESSAGES: [(u16, usize); 6] = [
     (1127, 137),
     (1230, 57),
 ];
-/// Bits of the messages without which an epoch is incomplete.
+/// Bits of the messages that make an epoch complete.
 const COMPLETE: u8 = 0b1_1111;
-/// From an epoch to its frames' arrival at the vessel's computer, s: 1 kB over a fast serial line.
+/// Time from an epoch to its frames' arrival at the vessel's computer, s: 1 kB over a fast serial line.
 const BASE_LATENCY_S: f64 = 0.03;
-/// From the last frame of an epoch to its solution at the drone's computer, s.
+/// Time from the last frame of an epoch to its solution at the drone's computer, s.
 const PROCESSING_S: f64 = 0.08;
-/// Epochs that wait for their frames, and solutions under way, at most.
+/// Most epochs that wait for their frames, and most solutions in transit.
 const EPOCHS: usize = 64;
-/// Corrections no older than this let a solution become better, s.
+/// Greatest age of corrections with which a solution can improve, s.
 const FRESH_S: f64 = 2.0;
-/// Without corrections for so long a fix is given up, and everything, s.
+/// Time without corrections after which a fix is lost, and after which there is no solution, s.
 const FIX_LASTS_S: f64 = 5.0;
 const FLOAT_LASTS_S: f64 = 20.0;
-/// First corrections to the first float solution, s.
+/// Time from the first corrections to the first float solution, s.
 const START_S: f64 = 1.0;
-/// Standard deviations of a fix: white, each of north, east, down, and correlated, m.
+/// Standard deviations of a fix, m: white, for each of north, east, down, and correlated.
 const FIXED_SD_M: [f64; 3] = [0.01, 0.01, 0.015];
 const FIXED_SLOW_SD_M: f64 = 0.005;
 /// Standard deviations of float and code solutions, m.
 const FLOAT_SD_M: f64 = 0.3;
 const CODE_SD_M: f64 = 1.5;
-/// Correlation times of a fix's slow error, of float and of code solutions, s.
+/// Correlation times of the slow error of fixes, float and code solutions, s.
 const SLOW_S: f64 = 20.0;
 const FLOAT_S: f64 = 30.0;
 const CODE_S: f64 = 60.0;
-/// Error of a fix by the atmosphere's difference, m for each metre between the antennas.
+/// Error of a fix from the atmosphere's difference, m per metre between the antennas.
 const BASELINE_ERROR: f64 = 1e-6;
 
 config! {
@@ -96,17 +97,15 @@ config! {
 /// Faults of a moving base.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MovingBaseFaults {
-    /// No corrections reach the drone's receiver.
     pub corrections_lost: bool,
-    /// It has no fix.
     pub fix_lost: bool,
-    /// Error of every fix, a false one, m; 0: as far as it is right.
+    /// Error of every fix, m, if all fixes are false; 0: none is.
     pub false_fix_m: f64,
 }
 
 /// Number of the epoch of `t`.
 fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
-    // As its schedule counts.
+    // Rounded as in the schedule.
     (t.secs() * rate_hz + 1e-6).floor().max(0.0) as u32
 }
 
@@ -141,17 +140,17 @@ impl BaseReceiver {
     }
 }
 
-/// Solution of the ambiguities as it changes in time.
+/// State of the ambiguity solution.
 #[derive(Clone, Debug)]
 struct Ambiguities {
     solution: CarrierSolution,
-    /// When it changes next by itself; None: without corrections it has not begun.
+    /// Time of the next change; None: it has not begun, for lack of corrections.
     changes_at: Option<Time<TrueTime>>,
     /// Mean time to a fix, and to its loss, s.
     means_s: [f64; 2],
     times: Noise,
     directions: Noise,
-    /// Direction in which this fix is off where it is a false one.
+    /// Direction of the error of a false fix.
     direction: Vector3<f64>,
 }
 
@@ -167,7 +166,7 @@ impl Ambiguities {
             direction: Vector3::zeros(),
         }
     }
-    /// Goes on to `t`, with corrections so old, s; `fix_lost`: there cannot be a fix.
+    /// Advances to `t`; `age_s`: age of the corrections, s; `fix_lost`: no fix is possible.
     fn step(&mut self, t: Time<TrueTime>, age_s: f64, fix_lost: bool) {
         let fresh = age_s <= FRESH_S;
         let due = self.changes_at.is_some_and(|at| t >= at);
@@ -189,7 +188,7 @@ impl Ambiguities {
             CarrierSolution::Float | CarrierSolution::Fixed => {}
         }
     }
-    /// Begins a float or fixed solution, which lasts an exponential time.
+    /// Enters a float or fixed solution, whose duration is exponentially distributed.
     fn enter(&mut self, t: Time<TrueTime>, solution: CarrierSolution) {
         let [to_fix_s, to_loss_s] = self.means_s;
         let mean_s = if solution == CarrierSolution::Fixed {
@@ -212,7 +211,7 @@ struct Epoch {
     baseline: Vector3<f64>,
     /// Errors of a code, a float and a fixed solution, m.
     errors: [Vector3<f64>; 3],
-    /// Bits of the messages that have come.
+    /// Bits of the messages that have arrived.
     came: u8,
 }
 
@@ -220,7 +219,7 @@ struct Epoch {
 #[derive(Clone, Debug)]
 pub(super) struct MovingBaseRover {
     config: MovingBaseConfig,
-    /// Faults of now.
+    /// Present faults.
     pub(super) faults: MovingBaseFaults,
     /// Antenna in the drone's body frame, m.
     antenna: Vector3<f64>,
@@ -230,14 +229,14 @@ pub(super) struct MovingBaseRover {
     float: GaussMarkovError,
     code: GaussMarkovError,
     epochs: VecDeque<Epoch>,
-    /// The newest epoch that is complete.
+    /// The newest complete epoch.
     newest: Option<(u32, Time<TrueTime>)>,
     ambiguities: Ambiguities,
     line: DelayLine<Vec<u8>>,
 }
 
 impl MovingBaseRover {
-    /// With its antenna there in the drone's body frame, m.
+    /// A receiver with its antenna at this position of the drone's body frame, m.
     pub(super) fn new(config: &MovingBaseConfig, antenna_m: [f64; 3], streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("drone.moving_base.{what}"));
         MovingBaseRover {
@@ -255,7 +254,7 @@ impl MovingBaseRover {
             line: DelayLine::new(2 * EPOCHS),
         }
     }
-    /// Takes whole frames that reach it at `t`.
+    /// Receives whole frames at `t`.
     pub(super) fn receive(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         if self.faults.corrections_lost {
             return;
@@ -274,7 +273,7 @@ impl MovingBaseRover {
                 let epoch = *epoch;
                 self.newest = Some((epoch.number, epoch.at));
                 let place = self.solved(&epoch);
-                // A full line: more under way than a radio holds.
+                // A full delay line: more frames in transit than a radio holds.
                 let _full = self.line.push(t + Span::from_secs(PROCESSING_S), place);
             }
         }
@@ -298,7 +297,7 @@ impl MovingBaseRover {
         let sd_m = sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked));
         ubx::nav_relposned_of_place(epoch.at.nanos(), baseline_m, sd_m, solution)
     }
-    /// Bytes that have arrived by `t`; the receiver measures now where an epoch is due.
+    /// Bytes that have arrived by `t`; the receiver measures if an epoch is due.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -310,7 +309,7 @@ impl MovingBaseRover {
         if let Some(dt) = self.schedule.due(t) {
             let base = Vector3::from(self.config.antenna_m);
             let baseline = drone.at::<DroneBody>(self.antenna).position.0 - deck.at::<Deck>(base).position.0;
-            // All are drawn of each epoch, whatever comes of it.
+            // All errors are drawn in each epoch, whether used or not.
             let white = self.white.normal3();
             let far = white * (BASELINE_ERROR * baseline.norm());
             let fixed = white.component_mul(&Vector3::from(FIXED_SD_M)) + self.slow.step(dt) + far;
@@ -325,7 +324,7 @@ impl MovingBaseRover {
                 errors: errors.map(|e| e * (1.0 + 3.0 * self.config.blocked)),
                 came: 0,
             });
-            // Its own fix, whose time alone is read.
+            // Its own fix, of which only the time is read.
             let stated = StatedErrors {
                 position_m: 1.5,
                 velocity_mps: 0.1,

@@ -68,7 +68,7 @@ fn deck_found_by_its_beacon() {
     assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
 }
 
-/// At thirty metres to the side of its beacon the deck is not found, and the search ends.
+/// Thirty metres to the side of its beacon the deck is not found, and the search ends.
 #[test]
 fn deck_that_is_not_at_its_beacon() {
     let mut scenario = scenario();

@@ -29,7 +29,7 @@ fn reserving() -> NodeConfigs {
     nodes
 }
 
-/// Flies until a drone is in this state, which it must reach.
+/// Flies until a drone is in this state, and asserts that it reaches it.
 #[track_caller]
 fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
     fleet.until(limit_s, |f| f.state(k) == state);

@@ -86,8 +86,7 @@ fn estimate_of_a_slamming_hull() {
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// Prediction at 1 s for a hull that is not carried along by the water's particles, and meets waves steeper than any
-/// sum of the components.
+/// Prediction at 1 s for a hull without wave-following motion, in waves steeper than any sum of the components.
 #[test]
 fn prediction_in_sharp_crests() {
     let mut scenario = at_sea("0.8,5");

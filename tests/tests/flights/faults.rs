@@ -1,5 +1,6 @@
-//! The fault matrix: a process of the drone's computer or all of it killed or frozen, or its cable silent, at every moment of a
-//! landing with one order, over both autopilots. Live, `alight land --fault` draws the same times.
+//! The fault matrix: at every moment of a landing with one order, over both autopilots, a process of the drone's
+//! computer or the whole computer is killed or frozen, or its cable is silent. Live, `alight land --fault` draws the
+//! same times.
 
 use std::path::Path;
 
@@ -19,30 +20,30 @@ use rayon::prelude::*;
 
 use crate::BOTH;
 
-/// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
-/// process that starts again looks for the evidence.
+/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, and a
+/// restarted process collects evidence of the landing.
 const MOTORS_ON_S: f64 = 5.0;
-/// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
+/// Time from the first disarm command for which the autopilot denies it, s: longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;
-/// So long the cable is silent, s.
+/// Duration of the cable's silence, s.
 const CABLE_OUT_S: f64 = 1.0;
-/// The drone never tilts further beyond what was commanded before it touches, deg.
+/// Maximum tilt beyond the commanded tilt before contact, deg.
 const TILT_BEYOND_DEG: f64 = 10.0;
-/// A commanded tilt is forgotten with this time constant, s, as the mission forgets it.
+/// Time constant with which a commanded tilt is forgotten, s, as in the mission.
 const TILT_MEMORY_S: f64 = 0.5;
-/// Farthest from the deck's centre at rest, m.
+/// Maximum distance from the deck's centre at rest, m.
 const REST_ERROR_M: f64 = 1.0;
-/// Holding no lower than this above the deck, m.
+/// Minimum height of a hold above the deck, m.
 const HOLDS_M: f64 = 4.0;
-/// Flown on after the mission gave up, s: it climbs clear of the deck.
+/// Flight time after the mission gave up, s: the drone climbs clear of the deck.
 const CLIMB_S: f64 = 15.0;
-/// Flights of a hundred that end in a contact a little harder than the limit, at most. Of 200 landings of ArduCopter in this sea 2
-/// do without a fault, and 3 with the predictor killed in the descent.
+/// Maximum percentage of flights with a contact slightly above the limit. Of 200 landings of ArduCopter in this sea, 2
+/// have one without a fault, and 3 with the predictor killed in the descent.
 const HARD_PERCENT: usize = 3;
-/// A contact a little harder: at most so much of a limit.
+/// Maximum limit ratio of a contact slightly above the limit.
 const LITTLE_HARD: f64 = 1.2;
 
-/// The autopilot holds as it does while pilot, link or computer is away for longer than it waits.
+/// The fault interrupts pilot, link or computer for longer than the autopilot waits for set-points, so that it holds.
 const fn is_uncommanded(fault: Option<Fault>) -> bool {
     matches!(
         fault,
@@ -53,22 +54,21 @@ const fn is_uncommanded(fault: Option<Fault>) -> bool {
     )
 }
 
-/// The successor of a mission has lost its checkpoint, and does not know of the landing.
+/// A restarted mission has lost its checkpoint, and does not know of the landing.
 fn forgets(fault: &Fault) -> bool {
     fault.kind == FaultKind::MissionKilled && fault.size > 0.0
 }
-/// The autopilot's own hold may take off from a deck that sinks; who comes back then is not pressed back onto it.
+/// The autopilot's own hold may take off from a sinking deck; a drone that continues then is not pressed back onto it.
 fn may_take_off(fault: &Fault) -> bool {
     fault.kind == FaultKind::ComputerKilled && fault.moment == Moment::In(State::Landed)
 }
-/// The landing goes on after this fault.
+/// Whether the landing continues after this fault.
 fn must_land(fault: &Fault) -> bool {
     use FaultKind::{ComputerKilled, MissionKilled, PredictorKilled};
     let resumes = matches!(fault.kind, MissionKilled | PredictorKilled | ComputerKilled);
     resumes && !forgets(fault) && !may_take_off(fault)
 }
 
-/// A landing with one order, and its fault.
 #[derive(Clone, Debug)]
 struct Case {
     firmware: Firmware,
@@ -78,15 +78,15 @@ struct Case {
     deck_motion: Option<DeckMotionConfig>,
 }
 
-/// A landing as it was flown.
+/// Result of a landing.
 #[derive(Debug)]
 struct Flown {
     outcome: Outcome,
-    /// When the fault began and when it ended, s.
+    /// Times at which the fault began and ended, s.
     fault_s: [Option<f64>; 2],
     landed: bool,
     armed: bool,
-    /// High over the deck in a state that stays there.
+    /// The drone holds high over the deck, in a state that stays there.
     holds: bool,
     motors_on_deck_s: f64,
     tilt_beyond_deg: f64,
@@ -100,12 +100,12 @@ impl Case {
             ..Scenario::default()
         };
         let autopilot = &mut scenario.drone.autopilot;
-        // Its failsafe waits as long as is permitted.
+        // Its failsafe waits for the longest permitted time.
         (autopilot.firmware, autopilot.loss_after_s) = (self.firmware, 0.5);
         scenario
     }
-    /// The autopilot denies a disarm at `now_s`, as one whose detector has not found the landing yet: where a fault follows
-    /// the stop of the motors.
+    /// Whether the autopilot denies a disarm at `now_s`, as if its detector had not found the landing yet: when a fault
+    /// follows the stop of the motors.
     fn is_denied(&self, autopilot: &SimulatedAutopilot, now_s: f64) -> bool {
         let first = autopilot
             .commands
@@ -170,17 +170,17 @@ impl Case {
     }
 }
 
-/// The tilt commanded of an autopilot and how far the drone tilts beyond it, rad.
+/// Commanded tilt, and the drone's tilt beyond it, rad.
 #[derive(Default)]
 struct Tilt {
-    /// Maximum commanded recently.
+    /// Maximum recent command.
     commanded: f64,
-    /// Farthest beyond it so far.
+    /// Maximum excess so far.
     beyond: f64,
 }
 
 impl Tilt {
-    /// The drone has this attitude.
+    /// Takes the drone's attitude.
     fn observe(&mut self, autopilot: &SimulatedAutopilot, attitude: &UnitQuaternion<f64>) {
         let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
         let kept = (-TICK.secs() / TILT_MEMORY_S).exp();
@@ -192,8 +192,8 @@ impl Tilt {
 }
 
 impl Flown {
-    /// It rests on the deck, disarmed in time, or is away from it without having touched it; nothing met the water, and
-    /// every contact was soft unless pilot or link stood still: then the autopilot's own hold does as it does.
+    /// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing touched the
+    /// water, and every contact was soft unless pilot or link was frozen, when the autopilot's own hold decides.
     fn is_safe(&self, fault: Option<Fault>) -> bool {
         let o = &self.outcome;
         let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
@@ -207,14 +207,15 @@ impl Flown {
             && (landed || away || holds)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
-    /// Whether its one unsafe contact was a little harder than the limit.
+    /// Whether its one unsafe contact was slightly above the limit.
     fn is_little_hard(&self) -> bool {
         let o = &self.outcome;
         o.outcome == Ending::Hard && o.unsafe_contacts == 1 && o.limit_ratio <= LITTLE_HARD
     }
 }
 
-/// Flies all; none is unsafe, tilts too far, or was over before its fault, and few contacts are a little hard.
+/// Flies all cases and asserts that none is unsafe, tilts too far or ends before its fault, and that few contacts are
+/// slightly above the limit.
 fn assert_all_safe(cases: &[Case]) {
     let flown: Vec<_> = cases.par_iter().map(|case| (case, case.fly())).collect();
     let landed = flown.iter().filter(|(_, f)| f.landed).count();
@@ -227,7 +228,7 @@ fn assert_all_safe(cases: &[Case]) {
     .map(|(c, f)| (c.seed, f.outcome.limit_ratio))
     .collect();
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
-    // For people, with --nocapture.
+    // Output with --nocapture.
     println!(
         "{landed} of {} landed, a little hard: {hard:?}, tilt at most {:.2} deg beyond the command",
         cases.len(),
@@ -263,8 +264,8 @@ const KINDS: [FaultKind; 8] = [
     FaultKind::LinkFrozen,
 ];
 
-/// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots; the whole computer
-/// killed, and a mission whose checkpoint is lost.
+/// Kills and freezes of predictor, mission, pilot and link at each moment, and of the cable, over both autopilots;
+/// kills of the whole computer, and of a mission whose checkpoint is lost.
 #[test]
 fn faults_at_every_moment_over_both_autopilots() {
     let mut all = Vec::new();

@@ -97,7 +97,8 @@ fn tags_lost_for_good_low_over_the_deck() {
         );
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare is blind, too: with the moving base it has a position each quarter of a second, without it none.
+    // The flare has no vision either: with the moving base the drone has a position every quarter of a second, without
+    // it none.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }

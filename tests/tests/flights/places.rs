@@ -1,5 +1,5 @@
-//! Landings at four places on Earth by the bytes of all devices, where no configuration has the origin of a frame: the vessel's at
-//! its first fix, the drone's where its autopilot was switched on, up to 2 km away.
+//! Landings at four places on Earth from the bytes of all devices. No configuration has the origin of a frame: the
+//! vessel's is at its first fix, the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
@@ -8,7 +8,7 @@ use alight_sim::harness::scenario::{NodeConfigs, PlaceConfig, Scenario};
 
 use crate::judged;
 
-/// The scene at the place number `k` of the four seas.
+/// Scene at place number `k` of the four seas.
 fn scene(k: usize) -> Scenario {
     let seas = PlaceConfig::four_seas();
     let place = PlaceConfig {
@@ -21,14 +21,14 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// Event on the way, so long (s) after the mission entered a state.
+/// Event during a flight, at this delay (s) after the mission entered a state.
 struct Event {
     state: State,
     after_s: f64,
     happen: fn(&mut Rig),
 }
 
-/// Ending of a landing.
+/// Outcome of a landing.
 fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     let mut pending = event;
@@ -41,7 +41,7 @@ fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
     outcome
 }
 
-/// Each second one with a restart of the vessel.
+/// Every second landing has a restart of the vessel.
 #[test]
 fn landings_at_four_places() {
     let mut lost = Vec::new();
@@ -92,8 +92,9 @@ fn drifting_barometer_and_steel_below_the_compass() {
     assert!(lost.is_empty(), "{lost:#?}");
 }
 
-/// The vessel's receiver leaves out the geoid's height, so that its deck is 31 m, 55 m or 30 m too low by the radio, or 21 m too
-/// high: no drone flies into the sea, and where the camera sees the deck from a height that is safe under both, it lands.
+/// The vessel's receiver omits the geoid's height, so that its deck by radio is 31 m, 55 m or 30 m too low, or 21 m too
+/// high. No drone flies into the sea; if the camera detects the deck from a height that is safe under both assumptions,
+/// the drone lands.
 #[test]
 fn vessel_height_without_the_geoid() {
     let mut landed_low = 0;
@@ -113,7 +114,7 @@ fn vessel_height_without_the_geoid() {
     assert_eq!(landed_low, 3);
 }
 
-/// The drone's receiver gives no height above the ellipsoid: the geoid's table stands in, 55 m here.
+/// The drone's receiver reports no height above the ellipsoid: the geoid's table replaces it, 55 m here.
 #[test]
 fn drone_without_ellipsoid_height() {
     let mut scenario = scene(2);

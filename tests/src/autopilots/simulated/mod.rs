@@ -1,11 +1,10 @@
-//! The simulated autopilot, with the character of PX4 or of ArduCopter: MAVLink messages in and out, rotor commands
-//! for the true motion of the drone that it flies by its own imperfect estimate. It serves trials, tests and the live
-//! stand-in.
+//! The simulated autopilot, which behaves as PX4 or as ArduCopter: MAVLink messages in and out, and rotor commands from
+//! its own imperfect estimate of the drone's true motion. Trials, tests and live landings use it.
 //!
-//! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
-//! has messages, streams, commands and parameters, [`reference`] set-points, [`flight`] modes, failsafes, position
-//! control and the land detector, [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`spool`] the motors after
-//! arming, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
+//! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and reports.
+//! [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`] modes, failsafes,
+//! position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the inner loops; [`spool`] the
+//! motors after arming; [`estimator`] its sensors; [`alignment`] its start; [`arming`] the arming checks.
 
 mod alignment;
 mod arming;
@@ -49,88 +48,87 @@ pub use modes::{mode_number, own_mission as own_mission_mode};
 
 /// Period of estimator, position control and reports.
 const OUTER: Span = Span::from_millis(10);
-/// Turns of the inner loops in that time.
+/// Steps of the inner loops in that period.
 pub const INNER_PER_OUTER: u32 = 5;
-/// Into the first period the outer loops run: what they report arrives at a computer that works at the beginning of each
-/// period just before, as it does at one that the report wakes.
+/// Phase of the outer loops in the first period: their report arrives just before the next period of a computer that
+/// works at the beginning of each period, as it does at a computer that the report wakes.
 const PHASE: Span = Span::from_millis(6);
-/// A gauge that toggles stays so long on each side, s.
+/// Time for which a toggling gauge stays on each side, s.
 const TOGGLES_S: f64 = 20.0;
-/// Commands kept for a test to look at, at most.
+/// Most commands that are kept for a test.
 const MAX_COMMANDS: usize = 1000;
 
-/// The autopilot; what a test changes is public.
+/// The autopilot; the fields that a test changes are public.
 pub struct SimulatedAutopilot {
-    /// Address of the autopilot.
     pub address: Address,
-    /// Origin of its NED, the height above the sea.
+    /// Origin of its NED, with its height above the sea.
     pub origin: Datum,
-    /// Height of the sea above the ellipsoid, where its receiver gives both heights, m.
+    /// Height of the sea above the ellipsoid, if its receiver reports both heights, m.
     pub geoid_m: Option<f64>,
     /// Whether its receiver reports both heights.
     pub gnss_ellipsoid: bool,
-    /// Distance of the hull's steel, m.
+    /// Distance of the hull's steel, which disturbs the compass, m.
     pub steel_m: f64,
-    /// Origin of the true NED; None: its own is the true one.
+    /// Origin of the true NED; None: its own origin is the true one.
     place: Option<Datum>,
-    /// Parameters; it does not answer for others.
+    /// Parameters; requests for others are not answered.
     pub parameters: BTreeMap<&'static str, f64>,
-    /// Limits of its rangefinder, m.
+    /// Measurement range of its rangefinder, m.
     pub range_limits_m: [f64; 2],
-    /// Newest reading of its rangefinder, and when it was measured.
+    /// Newest reading of its rangefinder, and its time of measurement.
     range: Option<(Time<TrueTime>, RangeSample)>,
-    /// Jumps of its estimate.
+    /// Counter of its estimate's resets.
     pub resets: u8,
-    /// Charge, 0 to 1.
+    /// True charge, 0 to 1.
     pub battery: f64,
-    /// Hover time that a full battery gives, s.
+    /// Hover time with a full battery, s.
     pub endurance_s: f64,
-    /// It has a gauge.
+    /// Whether it has a gauge.
     pub battery_reported: bool,
-    /// Fault: gauge and voltage are those of this charge, or toggle by so much above it.
+    /// Fault: gauge and voltage show the first charge, or toggle between it and one that is higher by the second value.
     pub battery_report: Option<[f64; 2]>,
     /// Fault: sends nothing.
     pub silent: bool,
-    /// Fault: answers every command with this instead of obeying.
+    /// Fault: answers every command with this result instead of executing it.
     pub answer: Option<CommandResult>,
     /// Fault: does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
-    /// Home, its height above the sea; None before it was set by a command.
+    /// Home, with its height above the sea; None before a command has set it.
     pub home: Option<Datum>,
-    /// Fault: messages with these numbers are sent no more.
+    /// Fault: does not send messages with these ids.
     pub muted: Vec<u32>,
-    /// Fault: reports this landed state whatever its detector has.
+    /// Fault: reports this landed state, whatever its detector finds.
     pub landed_report: Option<LandedState>,
     /// Fault: does not report its origin.
     pub no_origin: bool,
-    /// The remote control's channels, us; None: it has no receiver.
+    /// Channels of the remote control, us; None: it has no receiver.
     pub channels: Option<[u16; 18]>,
     /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
     /// Fault: the ground station's heartbeats have ceased.
     pub data_link_lost: bool,
-    /// The newest commands, with their time.
+    /// The newest commands with their times.
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
-    /// Set-points that came.
+    /// Number of received set-points.
     pub set_points: u32,
     pub rejected: u32,
-    /// The newest landing target that its guidance took, m, in the NED of its estimate.
+    /// Newest landing target that its guidance accepted, m, in the NED of its estimate.
     pub target: Option<Vector3<f64>>,
-    /// Landing targets that it dropped.
+    /// Number of landing targets that it rejected.
     pub targets_rejected: u32,
     clock: ClockModel,
-    /// None: its heading is aligned.
+    /// State of the heading alignment; None: the heading is aligned.
     unaligned: Option<Unaligned>,
     estimator: SimulatedEstimator,
     flight: SimulatedFlight,
-    /// Rate at which it was turned when it started, rad/s.
+    /// Rate of its rotation when it started, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
     force: (Vector3<f64>, f64),
     streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
-    /// The mission's state as PX4 has sent it, and when.
+    /// State of its mission as last sent by PX4, with the time.
     reported_mission: Option<(Time<TrueTime>, u8)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
@@ -138,9 +136,9 @@ pub struct SimulatedAutopilot {
 }
 
 impl SimulatedAutopilot {
-    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged. `hover`: the
-    /// collective that hovers, fraction of the nominal maximum. Sensor errors come from streams `drone.*`, its clock from
-    /// `autopilot.clock`.
+    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged. `hover`:
+    /// collective thrust in hover, fraction of the nominal maximum. Sensor errors come from the streams `drone.*`, its
+    /// clock from `autopilot.clock`.
     pub fn new(
         config: &AutopilotConfig,
         navigation: &NavigationConfig,
@@ -207,17 +205,17 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// With a key it signs its bytes, and takes none that are not signed.
+    /// With a key it signs its messages, and accepts only signed ones.
     pub fn set_signing(&mut self, signing: Option<Signing>) {
         self.decoder = Decoder::signed(signing.clone());
         self.encoder = Encoder::signed(signing);
     }
-    /// Sets its mixer up for this frame; as made, for a quadrotor.
+    /// Configures its mixer for this frame; the default is a quadrotor.
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         self.flight.set_frame(drone, frame);
     }
-    /// Begins its NED at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
-    /// ellipsoid, m.
+    /// Sets the origin of its NED to `origin` (height above the ellipsoid), that of the true NED to `place`, and the
+    /// height of the sea above the ellipsoid to `geoid_m`, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
         (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
         self.origin = Datum {
@@ -225,32 +223,31 @@ impl SimulatedAutopilot {
             ..origin
         };
     }
-    /// Its rangefinder measured this at `at`.
+    /// Passes a reading of its rangefinder, measured at `at`.
     pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
         self.range = Some((at, sample));
     }
-    /// It has just been switched on: started before our processes or after them, with a heading that is aligned only once its
-    /// origin is known. Drawn.
+    /// Starts it as just switched on: before our processes or after them, and its heading is aligned only after its
+    /// origin is known. Times are drawn.
     pub fn start(&mut self, streams: &Streams) {
         self.unaligned = Some(Unaligned::drawn(streams, self.now));
     }
-    /// Whether its heading is aligned.
     pub fn is_aligned(&self) -> bool {
         self.unaligned.is_none()
     }
-    /// The autopilot's estimator resets its position, this much further on (m); it counts that or not.
+    /// Resets the position of its estimator by this vector, m; `counted`: its reset counter counts the reset.
     pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// The autopilot's estimator resets its heading, wrong by this much more (rad), and counts that.
+    /// Resets the heading of its estimator with this additional error, rad; its reset counter counts the reset.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
     }
 
-    /// One turn at the drone's true state with the messages that have arrived until then: rotor commands, fractions of
-    /// the nominal maximum; None with the motors off.
+    /// One step at the drone's true state, with the messages that have arrived: rotor commands, fractions of the
+    /// nominal maximum; None with the motors off.
     pub fn step(&mut self, truth: &PlantState, arrived: &[MavlinkMessage]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
@@ -267,17 +264,17 @@ impl SimulatedAutopilot {
         let motors = self.flight.inner(self.estimator.errors(), truth, dt);
         motors.filter(|_| !self.is_empty())
     }
-    /// Whether its battery is empty: nothing turns the motors, whatever it commands.
+    /// Whether its battery is empty: the motors then stop, whatever it commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
     }
-    /// Charge by its gauge and voltage.
+    /// Charge shown by its gauge and voltage.
     fn shown_charge(&self) -> f64 {
         let [charge, toggles_by] = self.battery_report.unwrap_or([self.battery, 0.0]);
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
-    /// A step with the bytes of a wire, both ways.
+    /// A step with bytes of a wire in both directions.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -308,69 +305,69 @@ impl SimulatedAutopilot {
         self.lose_connections();
         let now = self.now;
         if self.unaligned.take_if(|u| u.is_over(now)).is_some() {
-            // PX4 counts it.
+            // PX4 counts the reset.
             self.resets = self.resets.wrapping_add(1);
         }
         self.flight.outer(self.estimator.now(), now, &self.parameters, dt);
         self.report();
     }
 
-    /// Uploads a mission of its own: places in its own NED, m.
+    /// Uploads its own mission: positions in its own NED, m.
     pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
         self.flight.own.upload(items);
     }
-    /// A person moves the switch. True when the mode was entered.
+    /// The pilot moves the mode switch; true when the mode was entered.
     pub fn choose(&mut self, mode: u32) -> bool {
         if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {
             return false;
         }
         self.flight.choose(mode, self.estimator.now(), self.now)
     }
-    /// The mode that was chosen last; the one in force may be a failsafe's.
+    /// The mode that was chosen last; the active one may be a failsafe's.
     pub fn chosen(&self) -> u32 {
         self.flight.chosen()
     }
-    /// The mode in force.
+    /// The active mode.
     pub fn mode(&self) -> u32 {
         self.flight.mode()
     }
-    /// The firmware that it behaves as.
+    /// The firmware that it imitates.
     pub fn firmware(&self) -> Firmware {
         self.flight.firmware()
     }
-    /// Motors may turn.
+    /// Whether the motors may turn.
     pub fn armed(&self) -> bool {
         self.flight.armed()
     }
-    /// A person arms it, or disarms it.
+    /// The pilot arms or disarms it.
     pub fn arm(&mut self, armed: bool) {
         self.flight.arm(armed, self.estimator.now());
     }
-    /// In manual modes a pilot holds it here, its own NED, m.
+    /// Position that the pilot holds in manual modes, its own NED, m.
     pub fn hold_at(&mut self, position: Vector3<f64>) {
         self.flight.hold_at(position);
     }
-    /// Collective thrust commanded now, 0 to 1.
+    /// Present collective thrust command, 0 to 1.
     pub fn thrust(&self) -> f64 {
         self.flight.thrust()
     }
-    /// Attitude that its loops want.
+    /// Attitude reference of its loops.
     pub fn wanted(&self) -> UnitQuaternion<f64> {
         self.flight.wanted()
     }
-    /// Hover thrust as it estimates it.
+    /// Its estimate of the hover thrust.
     pub fn hover_thrust(&self) -> f64 {
         self.flight.hover_thrust()
     }
-    /// Estimate of its position, its own NED, m.
+    /// Its position estimate, its own NED, m.
     pub fn position(&self) -> Vector3<f64> {
         self.estimator.now().position
     }
-    /// Displacement of its NED from the true one as of now: its GNSS error, m.
+    /// Present displacement of its NED from the true one, m: the error of its GNSS.
     pub fn frame_offset(&self) -> Vector3<f64> {
         self.estimator.offset()
     }
-    /// It was switched off and on again in the air.
+    /// Restarts it in the air, as after a loss of power.
     pub fn restart(&mut self) {
         self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
         self.streams = protocol::first_streams();
@@ -379,12 +376,12 @@ impl SimulatedAutopilot {
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
-    /// In another mode than the one that takes set-points, which was chosen: a failsafe's.
+    /// Whether a failsafe has replaced the mode that takes set-points, which was chosen.
     pub fn holds_by_itself(&self) -> bool {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()
     }
-    /// In the mode that takes set-points.
+    /// Whether it is in the mode that takes set-points.
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard
     }

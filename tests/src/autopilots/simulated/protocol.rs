@@ -20,14 +20,14 @@ use super::reference::FlightReference;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
-/// Voltage of its battery of four cells when that is empty, and what a full one has more, V.
+/// Voltage of its empty battery of four cells, and the additional voltage of a full one, V.
 const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
-/// CURRENT_MODE is sent at this period while the mode stays.
+/// Period at which CURRENT_MODE is sent while the mode does not change.
 const MODE_PERIOD: Span = Span::from_millis(500);
-/// A rangefinder's reading is sent no longer than this after its measurement.
+/// Age up to which a rangefinder's reading is sent.
 const RANGE_LASTS: Span = Span::from_millis(100);
-/// PX4 sends MISSION_CURRENT at this period.
+/// Period at which PX4 sends MISSION_CURRENT.
 const MISSION_PERIOD: Span = Span::from_millis(1000);
 /// PX4's parameters that are integers.
 const INTEGERS: [&str; 8] = [
@@ -40,7 +40,8 @@ const INTEGERS: [&str; 8] = [
     "GF_ACTION",
     "COM_ARM_MAG_STR",
 ];
-/// ArduCopter's telemetry gives no stream more often, whatever is requested: 39 to 42 Hz where 100 Hz were, Hz.
+/// Highest rate of ArduCopter's telemetry streams, whatever is requested, Hz: 39 to 42 Hz were measured when 100 Hz
+/// were requested.
 const ARDUCOPTER_HZ: f64 = 40.0;
 /// Maximum value that a set-point may have.
 const MAX_VALUE: f64 = 1e5;
@@ -68,7 +69,7 @@ pub(super) fn first_streams() -> Vec<MessageSchedule> {
     vec![MessageSchedule::new(id::HEARTBEAT, 1.0)]
 }
 
-/// Parameters as a landing needs them, with the configured failsafe.
+/// Parameters that a landing needs, with the configured failsafe.
 pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
     let action = match c.loss_action {
         LossAction::Hold => 5.0,
@@ -81,7 +82,7 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("COM_OBL_RC_ACT", action),
             ("MPC_ACC_UP_MAX", 8.0),
             ("MC_AIRMODE", 0.0),
-            // A lost remote control returns, but not out of OFFBOARD; a lost data link does nothing.
+            // On a lost remote control PX4 returns, except in OFFBOARD; a lost data link has no effect.
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
@@ -107,7 +108,7 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("RTL_ALT_FINAL", 1000.0),
             ("INS_GYR_CAL", 0.0),
             ("EK3_SRC1_YAW", 1.0),
-            // Goes on in GUIDED without remote control.
+            // Continues in GUIDED without remote control.
             ("FS_OPTIONS", 4.0),
         ],
     })
@@ -139,7 +140,8 @@ impl SimulatedAutopilot {
             .metres_per_map_metre(self.firmware().map_radius_m());
         Vector3::new(north, east, 1.0)
     }
-    /// A true position (m) as the firmware reports it: about its origin, on its map of a spherical Earth.
+    /// Position that the firmware reports for a true position (m): relative to its origin, on its map of a spherical
+    /// Earth.
     fn on_map(&self, position: &Vector3<f64>) -> Vector3<f64> {
         let at = self
             .place
@@ -147,7 +149,7 @@ impl SimulatedAutopilot {
         let local = at.map_or(*position, |at| self.ellipsoid_origin().to::<DroneNed>(&at).0);
         local.component_div(&self.map_scale())
     }
-    /// Inverse of the map.
+    /// Inverse of `on_map`.
     fn off_map(&self, reported: &Vector3<f64>) -> Vector3<f64> {
         let local = reported.component_mul(&self.map_scale());
         self.place.map_or(local, |place| {
@@ -235,10 +237,11 @@ impl SimulatedAutopilot {
             _ => {}
         }
     }
-    /// A landing target, by the rule of each firmware. PX4 (`MavlinkReceiver::handle_message_landing_target`): with a valid
-    /// position only MAV_FRAME_LOCAL_NED, else a critical text. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`): only
-    /// MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD, else one text; of a valid position the direction is
-    /// `position / distance`, and without a distance above 0 it is dropped silently.
+    /// Handles a landing target by the rule of each firmware. PX4 (`MavlinkReceiver::handle_message_landing_target`):
+    /// with a valid position it accepts only MAV_FRAME_LOCAL_NED, and otherwise sends a critical text. ArduPilot
+    /// (`AC_PrecLand_MAVLink::handle_msg`): it accepts only MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD, and otherwise
+    /// sends one text; from a valid position it takes the direction `position / distance`, and without a distance above
+    /// 0 it drops the message silently.
     fn take_target(&mut self, t: &LandingTarget) {
         let e = self.estimator.now();
         let (_, _, yaw) = e.attitude.euler_angles();
@@ -271,7 +274,7 @@ impl SimulatedAutopilot {
             .extend(text.map(|(severity, text)| MavlinkMessage::Text { severity, text }));
         self.targets_rejected += u32::from(target.is_none());
         self.target = target.or(self.target);
-        // PX4's Precision Land, ArduCopter's LAND with its precision landing on.
+        // PX4's Precision Land; ArduCopter's LAND with precision landing enabled.
         let guides = match self.firmware() {
             Firmware::Px4 => self.mode() == px4_mode(4, 9),
             Firmware::ArduCopter => self.parameter("PLND_ENABLED") > 0.0,
@@ -297,7 +300,7 @@ impl SimulatedAutopilot {
                     (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
                     | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
-                    // Its heartbeats keep their own rate although it accepts.
+                    // It accepts the request, but its heartbeats keep their own rate.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
@@ -360,8 +363,8 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Remote control and data link, when they are lost: the mode that the firmware's own failsafe enters stays until
-    /// somebody chooses another.
+    /// Reacts to a lost remote control or data link: the mode that the firmware's failsafe enters stays until another
+    /// one is chosen.
     pub(super) fn lose_connections(&mut self) {
         let offboard = self.in_offboard();
         let mode = match self.firmware() {
@@ -418,7 +421,7 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Sends what is due of its streams.
+    /// Sends the streams that are due.
     pub(super) fn report(&mut self) {
         self.report_own_mission();
         for k in 0..self.streams.len() {
@@ -431,7 +434,7 @@ impl SimulatedAutopilot {
                 continue;
             }
             if which == id::CURRENT_MODE {
-                // When it changes, and with the vehicle's state twice a second.
+                // On a change of mode, and twice a second with the vehicle's state.
                 let mode = self.mode();
                 let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
                 if self.reported_mode.is_some_and(recent) {
@@ -519,8 +522,8 @@ impl SimulatedAutopilot {
                     .then_some(EMPTY_V + FULL_V * self.shown_charge()),
                 current_a: None,
             },
-            // PX4's receiver is not there while its signal is lost; ArduCopter's is not healthy, and its failsafe's channels
-            // go on.
+            // While its signal is lost, PX4's receiver counts as absent; ArduCopter's counts as unhealthy, and the
+            // channels continue with the failsafe's values.
             id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
             id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
                 count: 18,

@@ -1,4 +1,4 @@
-//! The devices of a scene: their configuration as an installer writes it, and the bytes of those of the vessel.
+//! Devices of a scene: their configuration as an installer writes it, and the bytes of the vessel's devices.
 
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -10,20 +10,20 @@ use crate::sensors::SensorConfig;
 use crate::sensors::beacon::BEACON;
 use crate::sensors::clocks::ClockModel;
 
-/// Devices of each vessel: receiver, compass, inertial sensor.
+/// Number of each vessel's devices: receiver, compass, inertial sensor.
 pub const DEVICES: usize = 3;
 
 /// Address of the drone's own GNSS receiver in lock-step.
 pub const RECEIVER: &str = "serial:///dev/receiver";
 
-/// A latency as it is at the world's ticks, s.
+/// A latency rounded to the world's ticks, s.
 pub fn in_ticks_s(latency_s: f64) -> f64 {
     (latency_s / TICK.secs() - 1e-6).ceil() * TICK.secs()
 }
 
 impl SensorConfig {
-    /// Configuration of the scene's devices: a receiver (UBX), a compass (NMEA 0183), an inertial sensor (MAVLink), and the port of a
-    /// moving base (RTCM 3) where there is one. `deck_m`: centre of the deck in the vessel's body frame, m.
+    /// Configuration of the scene's devices: a receiver (UBX), a compass (NMEA 0183), an inertial sensor (MAVLink), and
+    /// the port of a moving base (RTCM 3) if there is one. `deck_m`: centre of the deck in the vessel's body frame, m.
     pub fn sources(&self, deck_m: [f64; 3]) -> Vec<SourceConfig> {
         let source = |name: &str, format, latency_s, mount| SourceConfig {
             name: name.into(),
@@ -60,7 +60,8 @@ impl SensorConfig {
 }
 
 impl SensorConfig {
-    /// The drone's link as an installer configures it for the scene's beacon and moving base, whose receiver is at this address.
+    /// The drone's link as an installer configures it for the scene's beacon and moving base; `receiver` is the address
+    /// of the moving base's receiver.
     pub fn wired(&self, link: &AutopilotLinkConfig, receiver: &str) -> AutopilotLinkConfig {
         let mut link = link.clone();
         if self.beacon.is_some() {
@@ -74,18 +75,18 @@ impl SensorConfig {
     }
 }
 
-/// The devices, each at its wire. They run on GNSS time, which is the world's.
+/// The devices, each on its wire. They run on GNSS time, which is the world's.
 #[derive(Clone, Debug)]
 pub struct Boat {
     devices: Vec<BoatSensor>,
-    /// Place of the moving base among the devices.
+    /// Index of the moving base among the devices.
     base: Option<usize>,
     /// Clock of the measurements' stamps.
     clock: ClockModel,
 }
 
 impl Boat {
-    /// Devices of these sources, each with what it carries.
+    /// Devices of these sources, with the measurements that each carries.
     pub fn new(
         sources: &[SourceConfig],
         carries: Vec<Carries>,
@@ -102,7 +103,7 @@ impl Boat {
             clock,
         }
     }
-    /// Bytes of each device for these measurements, and of its moving base.
+    /// Bytes of each device for these measurements, and of the moving base.
     pub fn bytes(&mut self, readings: &Readings, rtcm: &[u8]) -> Vec<Vec<u8>> {
         let own = self.on_own_clock(readings);
         let mut all: Vec<Vec<u8>> = self.devices.iter_mut().map(|d| d.bytes(&own)).collect();
@@ -111,7 +112,7 @@ impl Boat {
         }
         all
     }
-    /// The measurements with times of the devices' own clock.
+    /// The measurements, stamped by the devices' own clock.
     fn on_own_clock(&self, readings: &Readings) -> Readings {
         let mut own = readings.clone();
         let date = |at: &mut Time<VesselClock>| {

@@ -1,5 +1,5 @@
 //! MAVLink 2 frames of a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet serialization";
-//! common.xml for the fields, which lie in the order of their size).
+//! common.xml for the fields, which are ordered by size).
 
 use core::f64::consts::TAU;
 
@@ -8,22 +8,19 @@ use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
 
 use super::{StatedErrors, put};
 
-/// A message: its number and the byte that its definition adds to the checksum (CRC_EXTRA).
+/// A message: its id, and the byte that its definition adds to the checksum (CRC_EXTRA).
 #[derive(Clone, Copy, Debug)]
 pub struct MavlinkId(pub u32, pub u8);
 
-/// A system is there.
 pub const HEARTBEAT: MavlinkId = MavlinkId(0, 50);
-/// Accelerometers and gyroscopes.
 pub const HIGHRES_IMU: MavlinkId = MavlinkId(105, 93);
-/// A receiver's fix.
 pub const GPS_RAW_INT: MavlinkId = MavlinkId(24, 24);
 
-/// The boat's autopilot.
+/// System id of the boat's autopilot.
 const SYSTEM: u8 = 1;
 const AUTOPILOT: u8 = 1;
 
-/// A frame of version 2 without signature.
+/// A MAVLink 2 frame without signature.
 pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> Vec<u8> {
     let from = MavlinkSender {
         system: SYSTEM,
@@ -33,7 +30,7 @@ pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> V
     encode(from, Outgoing::new(id, extra, payload.to_vec()), None)
 }
 
-/// HEARTBEAT: mode of its own, type, autopilot, base mode, status, version.
+/// HEARTBEAT: custom mode, type, autopilot, base mode, status, version.
 pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]) -> [u8; 9] {
     let mut p = [0; 9];
     put(&mut p, 0, &custom_mode.to_le_bytes());
@@ -53,12 +50,13 @@ pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
     for (k, value) in force.into_iter().chain(rates).enumerate() {
         put(&mut p, 8 + 4 * k, &(value as f32).to_le_bytes());
     }
-    // Accelerometers and gyroscopes are new.
+    // Accelerometers and gyroscopes are updated.
     put(&mut p, 60, &0x3f_u16.to_le_bytes());
     p
 }
 
-/// GPS_RAW_INT: a fix in three dimensions, with the height of the sea above the ellipsoid; with the heading of two antennas (rad) and no fix where there is one.
+/// GPS_RAW_INT: a 3-D fix with the height of the sea above the ellipsoid; with a `heading` of two antennas (rad), no
+/// fix.
 pub fn gps_raw_int(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),
@@ -75,7 +73,7 @@ pub fn gps_raw_int(
     put(&mut p, 8, &signed(place.latitude_deg * 1e7));
     put(&mut p, 12, &signed(place.longitude_deg * 1e7));
     put(&mut p, 16, &signed((place.height_m - geoid_m) * 1e3));
-    // Dilutions of the position are unknown.
+    // The dilutions of precision are unknown.
     put(&mut p, 20, &[0xff; 4]);
     put(&mut p, 24, &centi(100.0 * north.hypot(east)));
     put(&mut p, 26, &centi(degrees(east.atan2(north))));
@@ -85,7 +83,7 @@ pub fn gps_raw_int(
     put(&mut p, 34, &unsigned(stated.position_m));
     put(&mut p, 38, &unsigned(stated.position_m));
     put(&mut p, 42, &unsigned(stated.velocity_mps));
-    // 0 is no heading, so that north is 36000.
+    // 0 means no heading, so that north is 36000.
     let yaw = heading.map_or([0; 2], |h| match centi(degrees(h)) {
         [0, 0] => 36_000_u16.to_le_bytes(),
         other => other,

@@ -1,8 +1,9 @@
-//! Bytes of a vessel's sensors on their wires: the measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000,
-//! Signal K, UBX or MAVLink, for the program that a vessel installs.
+//! Encoders of a vessel's sensors: the measurements of [`super::VesselSensors`] as bytes of NMEA 0183, NMEA 2000,
+//! Signal K, UBX or MAVLink, for the program as installed on a vessel.
 //!
-//! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
-//! writer and reader shared would not be found. MAVLink's frames are those of its crate, by a frame that all implementations know.
+//! They are written from the makers' layouts, checksums included, and independently of the decoders of `alight_usv`,
+//! because an error in code that both shared would not be found. A frame that all implementations know shows that the
+//! MAVLink frames equal those of its crate.
 
 pub mod boat;
 pub mod mavlink;
@@ -35,8 +36,8 @@ pub struct Carries {
 }
 
 impl Carries {
-    /// Kinds that each of a vessel's sources carries, by its format: every kind comes from one source, from the one that is
-    /// made for it first. None where no source has a format for inertial samples.
+    /// Kinds that each of a vessel's sources carries, by its format: each kind comes from one source, that whose format
+    /// suits it best. None if no source has a format for inertial samples.
     pub fn assign(sources: &[SourceConfig]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| {
             wanted
@@ -67,13 +68,13 @@ impl Carries {
     }
 }
 
-/// Errors that a receiver states, m and m/s: of the white ones, as the quantities do. A `stated_factor` of 3.5 is one that states its
-/// slow error, too.
+/// Accuracies that a receiver states, m and m/s: of its white errors, as for quantities. A receiver with a
+/// `stated_factor` of 3.5 also states its slow error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StatedErrors {
-    /// Error of the position, each axis.
+    /// Position error, per axis.
     pub position_m: f64,
-    /// Error of the velocity, each axis.
+    /// Velocity error, per axis.
     pub velocity_mps: f64,
 }
 
@@ -94,17 +95,17 @@ pub struct BoatSensor {
     format: Format,
     carries: Carries,
     stated: StatedErrors,
-    /// Sensor from vessel.
+    /// Rotation from vessel to sensor axes.
     turn: Rotation3<f64>,
     heading_offset_rad: f64,
     sequence: u8,
     heartbeat_ns: Option<i64>,
-    /// The receiver's own table.
+    /// The receiver's own geoid table.
     geoid: LocalGeoid,
 }
 
 impl BoatSensor {
-    /// A source that is mounted as `mount` has it.
+    /// A source mounted as in `mount`.
     pub fn new(format: Format, mount: &Mount, carries: Carries, stated: StatedErrors) -> BoatSensor {
         let [roll, pitch, yaw] = mount.mounting_deg.map(f64::to_radians);
         BoatSensor {
@@ -118,7 +119,7 @@ impl BoatSensor {
             geoid: LocalGeoid::default(),
         }
     }
-    /// The bytes of what it measured; its clock is that of the measurements' stamps.
+    /// Bytes of its measurements; its clock is that of their stamps.
     pub fn bytes(&mut self, readings: &Readings) -> Vec<u8> {
         let mut bytes = Vec::new();
         if self.carries.imu {
@@ -136,7 +137,7 @@ impl BoatSensor {
         bytes
     }
 
-    /// A heartbeat of a MAVLink source, where it is due.
+    /// Heartbeat of a MAVLink source, if it is due.
     fn heartbeat(&mut self, at_ns: i64) -> Vec<u8> {
         if self.heartbeat_ns.is_some_and(|t| at_ns - t < HEARTBEAT_NS) {
             return Vec::new();
@@ -161,7 +162,7 @@ impl BoatSensor {
                     utc_ns: at_ns,
                     place: m.datum,
                     geoid_m,
-                    // The dilution that such noise has at quality 1: 0.5 m at a dilution of 1.
+                    // The dilution of this noise at quality 1: 0.5 m at a dilution of 1.
                     hdop: m.position_sd[0] / 0.5,
                     satellites: 12,
                 };
@@ -171,7 +172,7 @@ impl BoatSensor {
             Format::N2k => {
                 self.sequence = (self.sequence + 1) % 8;
                 let velocity = n2k::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
-                // The dilution as above.
+                // The same dilution.
                 let fix = n2k::gnss(at_ns, m.datum, m.position_sd[0] / 0.5, self.sequence);
                 [velocity, fix].concat()
             }
@@ -197,7 +198,7 @@ impl BoatSensor {
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
             Format::Rtcm => Vec::new(),
             Format::Mavlink => {
-                // Two antennas of one receiver: without a fix of its own in this message.
+                // Two antennas of one receiver: this message has no fix.
                 let (nowhere, still) = (Default::default(), [0.0; 3]);
                 let payload = mavlink::gps_raw_int(at_ns, (nowhere, 0.0), still, &self.stated, Some(shown));
                 self.frame(mavlink::GPS_RAW_INT, &payload)
@@ -211,7 +212,7 @@ impl BoatSensor {
     }
 }
 
-/// Writes `bytes` at their place in a message of fixed layout.
+/// Writes `bytes` at their offset in a message of fixed layout.
 fn put(payload: &mut [u8], at: usize, bytes: &[u8]) {
     for (place, byte) in payload.iter_mut().skip(at).zip(bytes) {
         *place = *byte;

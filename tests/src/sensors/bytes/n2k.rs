@@ -2,12 +2,12 @@
 
 use alight_shared::geodesy::Datum;
 
-/// The gateway's address of the device that speaks.
+/// The device's address on the gateway's bus.
 const SOURCE: u32 = 35;
-/// Priorities of its messages.
+/// Priority of its messages.
 const PRIORITY: u32 = 2;
 
-/// A line of a frame.
+/// Line of one frame.
 fn line(at_ns: i64, pgn: u32, data: &[u8]) -> Vec<u8> {
     let id = PRIORITY << 26 | pgn << 8 | SOURCE;
     let ms = at_ns.div_euclid(1_000_000).rem_euclid(86_400_000);
@@ -19,23 +19,23 @@ fn line(at_ns: i64, pgn: u32, data: &[u8]) -> Vec<u8> {
     )
     .into_bytes()
 }
-/// An angle in steps of 0.1 mrad, 0 to a turn.
+/// An angle in units of 0.1 mrad, from 0 to a full turn.
 fn angle(rad: f64) -> [u8; 2] {
     ((rad.rem_euclid(core::f64::consts::TAU) * 1e4).round() as u16).to_le_bytes()
 }
 
-/// 127250: a heading from the north, rad.
+/// 127250: true heading, rad.
 pub fn heading(at_ns: i64, heading: f64) -> Vec<u8> {
     let [a, b] = angle(heading);
     line(at_ns, 127_250, &[0xff, a, b, 0xff, 0x7f, 0xff, 0x7f, 0xfc])
 }
-/// 129026: course and speed over ground, of the velocity to north and east, m/s.
+/// 129026: course and speed over ground, from the velocity to north and east, m/s.
 pub fn velocity(at_ns: i64, [north, east]: [f64; 2]) -> Vec<u8> {
     let [a, b] = angle(east.atan2(north));
     let [c, d] = ((north.hypot(east) * 100.0).round() as u16).to_le_bytes();
     line(at_ns, 129_026, &[0xff, 0xfc, a, b, c, d, 0xff, 0xff])
 }
-/// 127251: a rate of turn, rad/s.
+/// 127251: rate of turn, rad/s.
 pub fn rate_of_turn(at_ns: i64, rate: f64) -> Vec<u8> {
     let [a, b, c, d] = ((rate * 32e6).round() as i32).to_le_bytes();
     line(at_ns, 127_251, &[0xff, a, b, c, d, 0xff, 0xff, 0xff])
@@ -50,12 +50,12 @@ pub fn attitude(at_ns: i64, tilt: [f64; 2]) -> Vec<u8> {
     let [[a, b], [c, d]] = tilt.map(|x| ((x * 1e4).round() as i16).to_le_bytes());
     line(at_ns, 127_257, &[0xff, 0xff, 0x7f, c, d, a, b, 0xff])
 }
-/// 129025: a position without a height.
+/// 129025: position without a height.
 pub fn position(at_ns: i64, place: Datum) -> Vec<u8> {
     let place = [place.latitude_deg, place.longitude_deg].map(|d| ((d * 1e7).round() as i32).to_le_bytes());
     line(at_ns, 129_025, &place.concat())
 }
-/// Frames of a message that is longer than one.
+/// Frames of a message that does not fit into one.
 fn frames(at_ns: i64, pgn: u32, message: &[u8], sequence: u8) -> Vec<u8> {
     let head = sequence << 5;
     let (first, rest) = message.split_at(6);
@@ -75,7 +75,7 @@ pub fn rates(at_ns: i64, rates: [f64; 3], sequence: u8) -> Vec<u8> {
     message.extend([0, 0]);
     frames(at_ns, 130_842, &message, sequence)
 }
-/// 129029: a fix of quality 1 with its dilution, in seven frames.
+/// 129029: fix of quality 1 with its dilution, in seven frames.
 pub fn gnss(at_ns: i64, place: Datum, hdop: f64, sequence: u8) -> Vec<u8> {
     let wide = |x: f64, steps: f64| ((x * steps).round() as i64).to_le_bytes();
     let day_ns = at_ns.rem_euclid(86_400_000_000_000);

@@ -8,12 +8,13 @@ use alight_shared::geodesy::Datum;
 /// Knots per m/s, and km/h per m/s.
 const KNOTS: f64 = 3600.0 / 1852.0;
 const KMH: f64 = 3.6;
-/// Digits of minutes and of metres: as receivers show them, and in their mode of high precision.
+/// Decimals of minutes and of metres in the usual mode of receivers.
 pub const USUAL: [usize; 2] = [5, 1];
-/// Digits in their mode of high precision.
+/// Decimals in their high-precision mode.
 pub const FINE: [usize; 2] = [7, 3];
 
-/// `$`, the body, `*`, the exclusive or of the body's bytes in two hexadecimal digits, carriage return and line feed.
+/// Sentence of a body: `$`, the body, `*`, the exclusive or of the body's bytes in two hexadecimal digits, carriage
+/// return and line feed.
 pub fn sentence(body: &str) -> Vec<u8> {
     let mut sum = 0_u8;
     for byte in body.bytes() {
@@ -22,7 +23,7 @@ pub fn sentence(body: &str) -> Vec<u8> {
     format!("${body}*{sum:02X}\r\n").into_bytes()
 }
 
-/// `hhmmss.ss` of a time since midnight, ns.
+/// Time since midnight, ns, as `hhmmss.ss`.
 fn time_of_day(utc_ns: i64) -> String {
     let hundredths = utc_ns.rem_euclid(86_400_000_000_000) / 10_000_000;
     let (seconds, hundredths) = (hundredths / 100, hundredths % 100);
@@ -36,7 +37,7 @@ fn time_of_day(utc_ns: i64) -> String {
 
 /// Degrees in `width` digits, minutes with `digits` decimals, and the letter of the hemisphere.
 fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]) -> String {
-    // In units of the last digit, so that no minute is rounded to 60.
+    // In units of the last digit, so that minutes are never rounded to 60.
     let unit = 10_f64.powi(digits as i32);
     let all = (degrees.abs() * 60.0 * unit).round();
     let whole = (all / (60.0 * unit)).floor();
@@ -48,9 +49,9 @@ fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]
 /// A position with its time.
 #[derive(Clone, Copy, Debug)]
 pub struct Gga {
-    /// Since midnight, ns.
+    /// Time since midnight, ns.
     pub utc_ns: i64,
-    /// Height above the ellipsoid, m.
+    /// Position, with the height above the ellipsoid.
     pub place: Datum,
     /// Height of the sea above the ellipsoid, m.
     pub geoid_m: f64,
@@ -61,7 +62,7 @@ pub struct Gga {
 }
 
 impl Gga {
-    /// Sentence of a fix without corrections (quality 1), with so many digits of minutes and of metres.
+    /// Sentence of a fix without corrections (quality 1), with these decimals of minutes and of metres.
     pub fn sentence(&self, [minutes, metres]: [usize; 2]) -> Vec<u8> {
         let Gga {
             place,
@@ -80,7 +81,7 @@ impl Gga {
     }
 }
 
-/// Course and speed over ground of a velocity to north and east, m/s.
+/// Course and speed over ground, from the velocity to north and east, m/s.
 pub fn vtg([north, east]: [f64; 2]) -> Vec<u8> {
     let course = east.atan2(north).rem_euclid(TAU).to_degrees();
     let speed = north.hypot(east);
@@ -91,7 +92,7 @@ pub fn vtg([north, east]: [f64; 2]) -> Vec<u8> {
     ))
 }
 
-/// The time since midnight, ns, and day, month and year where the sensor knows them.
+/// Time since midnight, ns, and day, month and year if the sensor knows them.
 pub fn zda(utc_ns: i64, date: Option<[u16; 3]>) -> Vec<u8> {
     let date = date.map_or(",,".into(), |[day, month, year]| {
         format!("{day:02},{month:02},{year}")

@@ -1,5 +1,5 @@
-//! Recordings of real boats turned back into what their networks carried, NMEA 2000 and Signal K: measurements and
-//! estimates by them are those by the recordings' own columns.
+//! Recordings of real boats, converted back to their networks' messages, NMEA 2000 and Signal K: the decoded
+//! measurements, and the estimates from them, equal those from the recordings' columns.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use super::{n2k, signalk};
 
 /// Time between two steps of the estimator.
 const TICK: Span = Span::from_millis(10);
-/// A velocity goes with a position of about its time, ns.
+/// Greatest time between a velocity and its position, ns.
 const PAIR_NS: i64 = 300_000_000;
 
-/// Writer of a network's measurement of this time, ns, and number.
+/// Encoder of a network: time, ns; measurement; sequence number.
 type Writer = fn(i64, &Measurement, u8) -> Vec<u8>;
 
 fn is_place(g: &GnssFix) -> bool {
@@ -66,13 +66,13 @@ fn signalk_bytes(at_ns: i64, m: &Measurement, _number: u8) -> Vec<u8> {
     }
 }
 
-/// The newest of something that is at most as old as what belongs to a measurement may be.
+/// The newest value, if its age relative to a measurement is permitted.
 fn paired<T>(newest: Option<(i64, T)>, at_ns: i64) -> Option<T> {
     newest.filter(|(then, _)| at_ns - then <= PAIR_NS).map(|(_, x)| x)
 }
 
-/// The recording's measurements as a network has them: velocity, heave and rates are of their own time, and go with what
-/// follows.
+/// The recording's measurements as a network sends them: velocity, heave and rates have their own times, and belong to
+/// the next position or attitude.
 fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)> {
     let (mut velocity, mut heave, mut rates) = (None, None, None);
     let mut all = Vec::new();
@@ -108,7 +108,7 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
     all
 }
 
-/// Measurements that the vessel's decoder makes of the recording on this network.
+/// Measurements that the vessel's decoder returns for the recording on this network.
 fn received(
     mut decoder: impl SensorDecoder,
     columns: &[Measurement],
@@ -128,7 +128,7 @@ fn received(
     out.into_iter().map(|m| (m.at_ns, m.measurement)).collect()
 }
 
-/// Whether two measurements differ by no more than half a step of the fields: 0.1 mrad, 1 cm, 1 cm/s, 1e-7 deg.
+/// Whether two measurements differ by at most half a unit of the fields: 0.1 mrad, 1 cm, 1 cm/s, 1e-7 deg.
 fn same(a: &Measurement, b: &Measurement) -> bool {
     let near = |a: f64, b: f64, step: f64| (a - b).abs() <= 0.51 * step;
     match (a, b) {
@@ -151,14 +151,14 @@ fn same(a: &Measurement, b: &Measurement) -> bool {
             near(a.datum.latitude_deg, b.datum.latitude_deg, 1e-7)
                 && near(a.datum.longitude_deg, b.datum.longitude_deg, 1e-7)
                 && has_velocity(a) == has_velocity(b)
-                // In its speed, and across it in its course.
+                // Along the velocity by its speed's unit, and across it by its course's.
                 && (0..2).all(|k| near(a.velocity[k], b.velocity[k], 0.01 + 1e-4 * speed))
         }
         _ => false,
     }
 }
 
-/// The estimates by measurements that arrive at once.
+/// Estimates from measurements that arrive without delay.
 fn estimates(all: &[(i64, Measurement)]) -> Vec<VesselEstimate<VesselClock>> {
     let headed = |(k, (at_ns, m)): (u32, &(i64, Measurement))| {
         m.headed(0, Header::new(1, 0, 1, k, Time::from_nanos(*at_ns)))
@@ -178,7 +178,7 @@ fn estimates(all: &[(i64, Measurement)]) -> Vec<VesselEstimate<VesselClock>> {
     found
 }
 
-/// Root mean square differences of heave (m), of roll, pitch and yaw (deg) and of the place (m) between two runs.
+/// Root mean square differences of heave (m), of roll, pitch and yaw (deg) and of the position (m) between two runs.
 fn apart(a: &[VesselEstimate<VesselClock>], b: &[VesselEstimate<VesselClock>]) -> [f64; 5] {
     assert_eq!(a.len(), b.len());
     let mut squares = [0.0_f64; 5];
@@ -195,7 +195,7 @@ fn apart(a: &[VesselEstimate<VesselClock>], b: &[VesselEstimate<VesselClock>]) -
 #[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_as_frames_and_deltas() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/underway");
-    // One has no place: nothing is estimated, and its measurements are compared.
+    // One recording has no position: there are no estimates, and its measurements are compared.
     for (name, has_place) in [("figure-of-eight.csv", true), ("tight-circles.csv", false)] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         let columns = alight_usv::log::read(&bytes, name, &Mount::default())
@@ -238,7 +238,7 @@ fn recorded_boats_as_frames_and_deltas() {
     }
 }
 
-/// The heading alone gives its rate of turn.
+/// The rate of turn comes from the heading alone.
 #[test]
 fn rate_of_turn_on_both_networks() {
     let mounting = Mounting::new(&Mount::default());

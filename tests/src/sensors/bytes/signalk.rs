@@ -1,8 +1,8 @@
-//! Deltas of a Signal K server, one a line. Paths and units: Signal K's specification.
+//! Deltas of a Signal K server, one per line. Paths and units: Signal K's specification.
 
 use alight_shared::geodesy::Datum;
 
-/// A delta of the server's own vessel.
+/// A delta for the server's own vessel.
 fn delta(at_ns: i64, values: &[(&str, String)]) -> Vec<u8> {
     let values: Vec<String> = values
         .iter()
@@ -15,7 +15,7 @@ fn delta(at_ns: i64, values: &[(&str, String)]) -> Vec<u8> {
     )
     .into_bytes()
 }
-/// ISO 8601 of a time since 1970, in ms.
+/// ISO 8601 text, in ms, of a time since 1970.
 fn stamp(at_ns: i64) -> String {
     let ms = at_ns.div_euclid(1_000_000);
     let (mut day, ms) = (ms.div_euclid(86_400_000), ms.rem_euclid(86_400_000));
@@ -58,12 +58,12 @@ fn place(place: Datum) -> String {
     format!("{{\"latitude\":{latitude},\"longitude\":{longitude}}}")
 }
 
-/// A heading from the north, rad.
+/// True heading, rad.
 pub fn heading(at_ns: i64, heading: f64) -> Vec<u8> {
     let heading = heading.rem_euclid(core::f64::consts::TAU);
     delta(at_ns, &[("navigation.headingTrue", heading.to_string())])
 }
-/// A rate of turn, rad/s.
+/// Rate of turn, rad/s.
 pub fn rate_of_turn(at_ns: i64, rate: f64) -> Vec<u8> {
     delta(at_ns, &[("navigation.rateOfTurn", rate.to_string())])
 }
@@ -76,7 +76,7 @@ pub fn attitude(at_ns: i64, [roll, pitch]: [f64; 2]) -> Vec<u8> {
     let value = format!("{{\"roll\":{roll},\"pitch\":{pitch},\"yaw\":null}}");
     delta(at_ns, &[("navigation.attitude", value)])
 }
-/// Course and speed over ground, of the velocity to north and east, m/s.
+/// Course and speed over ground, from the velocity to north and east, m/s.
 pub fn velocity(at_ns: i64, [north, east]: [f64; 2]) -> Vec<u8> {
     let course = east.atan2(north).rem_euclid(core::f64::consts::TAU);
     let values = [
@@ -85,11 +85,11 @@ pub fn velocity(at_ns: i64, [north, east]: [f64; 2]) -> Vec<u8> {
     ];
     delta(at_ns, &values)
 }
-/// A position without a height.
+/// Position without a height.
 pub fn position(at_ns: i64, at: Datum) -> Vec<u8> {
     delta(at_ns, &[("navigation.position", place(at))])
 }
-/// A fix of quality 1 with its dilution, and its height above the sea, which lies `geoid_m` above the ellipsoid.
+/// Fix of quality 1 with its dilution, and its height above the sea, which is `geoid_m` above the ellipsoid.
 pub fn gnss(at_ns: i64, (at, geoid_m): (Datum, f64), hdop: f64) -> Vec<u8> {
     let values = [
         ("navigation.position", place(at)),

@@ -8,14 +8,14 @@ use alight_shared::msg::CarrierSolution;
 
 use super::{StatedErrors, put};
 
-/// Class of navigation results, and messages in it.
+/// Class of navigation results, and its messages.
 const NAV: u8 = 0x01;
 const PVT: u8 = 0x07;
 const RELPOSNED: u8 = 0x3c;
 const WEEK_MS: i64 = 7 * 86_400_000;
 
-/// Sync, class, message, length, payload, and the two sums over everything between sync and them (RFC 1145 with
-/// 8 bits).
+/// A message: sync, class, id, length, payload, and the two checksums over all between sync and checksums (RFC 1145
+/// with 8 bits).
 pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
     let length = (payload.len() as u16).to_le_bytes();
     let mut bytes = vec![0xb5, 0x62, class, id, length[0], length[1]];
@@ -29,7 +29,7 @@ pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The time of week, ms.
+/// Time of week, ms.
 fn of_week(at_ns: i64) -> [u8; 4] {
     ((at_ns / 1_000_000).rem_euclid(WEEK_MS) as u32).to_le_bytes()
 }
@@ -42,8 +42,8 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid, and the sea's there; velocity to north, east,
-/// down, m/s.
+/// NAV-PVT of a 3-D fix: position with its height above the ellipsoid and above the sea; velocity to north, east, down,
+/// m/s.
 pub fn nav_pvt(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),
@@ -54,7 +54,7 @@ pub fn nav_pvt(
     let (speed, course) = (north.hypot(east), east.atan2(north).to_degrees());
     let mut p = [0_u8; 92];
     put(&mut p, 0, &of_week(at_ns));
-    // A fix in three dimensions that is valid (gnssFixOK), of 12 satellites; no date is valid.
+    // A valid 3-D fix (gnssFixOK) from 12 satellites; no date is valid.
     put(&mut p, 20, &[3, 1, 0, 12]);
     put(&mut p, 24, &signed(place.longitude_deg, 1e-7));
     put(&mut p, 28, &signed(place.latitude_deg, 1e-7));
@@ -68,14 +68,14 @@ pub fn nav_pvt(
     put(&mut p, 60, &signed(speed, 1e-3));
     put(&mut p, 64, &signed(course.rem_euclid(360.0), 1e-5));
     put(&mut p, 68, &unsigned(stated.velocity_mps, 1e-3));
-    // Of the course: unknown, as a receiver at rest shows it.
+    // Accuracy of the course: unknown, as for a receiver at rest.
     put(&mut p, 72, &unsigned(180.0, 1e-5));
     put(&mut p, 76, &120_u16.to_le_bytes());
     message(NAV, PVT, &p)
 }
 
-/// NAV-RELPOSNED of a drone's receiver whose base moves: the vector from the base's antenna to its own, NED, m, and the standard
-/// deviation of each component, m.
+/// NAV-RELPOSNED of a drone's receiver with a moving base: vector from the base's antenna to its own, NED, m, and the
+/// standard deviation of each component, m.
 pub fn nav_relposned_of_place(
     at_ns: i64,
     place_m: [f64; 3],
@@ -91,7 +91,7 @@ pub fn nav_relposned_of_place(
     put(&mut p, 0, &[1]);
     put(&mut p, 4, &of_week(at_ns));
     for (k, (metres, sd)) in place_m.into_iter().zip(sd_m).enumerate() {
-        // Centimetres, and what is left in 0.1 mm.
+        // Centimetres, and the remainder in 0.1 mm.
         let cm = (100.0 * metres).trunc();
         put(&mut p, 8 + 4 * k, &(cm as i32).to_le_bytes());
         put(
@@ -106,8 +106,7 @@ pub fn nav_relposned_of_place(
     message(NAV, RELPOSNED, &p)
 }
 
-/// NAV-RELPOSNED of a moving base that is 1 m from its rover: the heading of the line between them and its standard
-/// deviation, rad.
+/// NAV-RELPOSNED of a rover 1 m from its moving base: heading of the line between them and its standard deviation, rad.
 pub fn nav_relposned(at_ns: i64, heading: f64, sd: f64) -> Vec<u8> {
     let heading = heading.rem_euclid(TAU);
     let (east, north) = heading.sin_cos();

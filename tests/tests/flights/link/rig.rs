@@ -1,5 +1,5 @@
-//! The link's node and the simulated autopilot on one clock, above a deck at rest, with what a pilot, a mission and a
-//! predictor send it.
+//! Test rig of the link's node and the simulated autopilot on one clock, above a deck at rest, with the inputs of a
+//! pilot, a mission and a predictor.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -29,17 +29,17 @@ use nalgebra::Vector3;
 
 /// Boot id of the first link.
 const BOOT: u32 = 7;
-/// A step of the link, of so many turns of the autopilot.
+/// Period of the link, several steps of the autopilot.
 pub const STEP: Span = Span::from_millis(5);
 const TURNS: u32 = 2;
 
-/// The thrust that hovers.
+/// Thrust in hover.
 pub fn hover() -> f64 {
     let g = DroneGeometry::default();
     g.mass_kg * GRAVITY / g.max_thrust_n
 }
 
-/// No noise, and no errors of mass and thrust.
+/// A configuration without noise and without errors of mass and thrust.
 fn quiet(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     (c.airframe.mass_error, c.airframe.thrust_error) = (0.0, 0.0);
@@ -54,9 +54,9 @@ pub type PilotControl = fn(&DroneState) -> SetPoint;
 
 pub struct LinkRig {
     pub linked: LinkedAutopilot,
-    /// None: its process is dead.
+    /// The link; None: its process is dead.
     pub link: Option<AutopilotLink>,
-    /// Checkpoint that its supervisor keeps of it.
+    /// Checkpoint of the link, kept by its supervisor.
     pub kept: LinkCheckpoint,
     make: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
@@ -66,53 +66,53 @@ pub struct LinkRig {
     pub on_deck: bool,
     pub pilot: Option<PilotControl>,
     pub mission: State,
-    /// When that state was entered.
+    /// Time at which that state was entered.
     since: Time<DroneClock>,
     published: State,
-    /// The mission publishes nothing any more.
+    /// The mission publishes nothing.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
-    /// The charge that the mission counts.
+    /// Charge that the mission uses.
     pub counted: Option<f64>,
-    /// The newest abort that the mission was given.
+    /// The newest abort that the mission received.
     pub abort: Option<[u32; 2]>,
-    /// The newest other order, which it shows while it waits for the drone to fly.
+    /// The newest other order, which the mission reports while it waits for the drone to fly.
     order: Option<[u32; 2]>,
-    /// A forecast of the deck is there.
+    /// Whether a forecast of the deck exists.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
     pub odometry: Vec<(f64, DroneState)>,
     pub ranges: Vec<RangeSample>,
     pub texts: Vec<String>,
-    /// Set-points sent by the link: when, and which.
+    /// Set-points sent by the link, with their times.
     pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
-    /// It has to turn back to the vessel.
+    /// The drone has to turn back to the vessel.
     pub turns_back: bool,
-    /// Texts to a ground station: severity, text.
+    /// Texts to a ground station, with their severity.
     pub notes: Vec<(u8, String)>,
-    /// Named values: when, name and value.
+    /// Named values: time, name and value.
     pub values: Vec<(f64, String, f64)>,
-    /// Heartbeats of the companion: when, its address, heartbeat.
+    /// Heartbeats of the companion: time, address, heartbeat.
     pub heartbeats: Vec<(f64, Address, Heartbeat)>,
     /// Commands to the mission.
     pub orders: Vec<Command>,
     /// Answers to commands.
     pub answers: Vec<(u16, CommandResult)>,
-    /// Who was answered.
+    /// Recipients of the answers.
     pub answered: Vec<Address>,
-    /// Parameters of the companion: name and value.
+    /// Parameters of the companion.
     pub parameters: Vec<(String, f32)>,
-    /// Settings of the mission by stations.
+    /// Settings of the mission from ground stations.
     pub settings: Vec<SettingsOrder>,
-    /// The mission's settings, which may be changed.
+    /// The mission's settings, which a test may change.
     pub mission_settings: MissionSettings,
     pub settable: bool,
-    /// Messages about the deck.
+    /// Number of messages about the deck.
     pub deck_messages: usize,
-    /// The deck's centre from below the drone, north and east, m.
+    /// Position of the deck's centre relative to the point below the drone, north and east, m.
     pub deck_offset: [f64; 2],
     /// Landing targets sent by the link.
     pub targets: Vec<LandingTarget>,
@@ -123,7 +123,7 @@ pub struct LinkRig {
     newest: Option<DroneState>,
 }
 
-/// A pilot that holds where the drone is.
+/// A pilot that holds the drone at its position.
 pub fn hold(d: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Trajectory,
@@ -162,7 +162,7 @@ impl LinkRig {
     pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
         LinkRig::at(firmware, height_m, 0.0, config)
     }
-    /// With this heading.
+    /// A rig with this heading.
     pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
         let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
@@ -226,13 +226,13 @@ impl LinkRig {
             newest: None,
         }
     }
-    /// Ready, in our mode, flying under our command.
+    /// A rig that is ready, in our mode, and commands the drone.
     pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let mut p = LinkRig::new(firmware, height_m, config);
         p.take_command();
         p
     }
-    /// A person gives the mode once the link is ready.
+    /// The pilot gives the mode once the link is ready.
     pub fn take_command(&mut self) {
         self.run(5.0);
         self.give_the_mode();
@@ -240,29 +240,29 @@ impl LinkRig {
         self.assert_commanding();
     }
 
-    /// The link's process is dead for so long, s; then a new one begins.
+    /// Kills the link's process for this time, s, and starts a new one.
     pub fn restart_link(&mut self, away_s: f64) {
         self.link = None;
         self.run(away_s);
         self.boot += 1;
         self.link = Some((self.make)(self.boot));
     }
-    /// A person chooses the mode that takes set-points.
+    /// The pilot chooses the mode that takes set-points.
     pub fn give_the_mode(&mut self) {
         let accepted = self.choose(AutopilotMode::Offboard);
         assert!(accepted, "the mode was denied: {}", self.authority());
     }
-    /// A person chooses a mode; true when it was entered.
+    /// The pilot chooses a mode; true when it was entered.
     pub fn choose(&mut self, mode: AutopilotMode) -> bool {
         let a = &mut self.linked.autopilot;
         a.choose(mode_number(a.firmware(), mode))
     }
-    /// The autopilot's mode in force.
+    /// The autopilot's active mode.
     pub fn mode(&self) -> AutopilotMode {
         let a = &self.linked.autopilot;
         a.firmware().mode(a.mode())
     }
-    /// True place and attitude of the drone.
+    /// True state of the drone.
     pub fn truth(&self) -> RigidState<alight_shared::frames::DroneBody> {
         self.drone.truth()
     }
@@ -274,15 +274,14 @@ impl LinkRig {
     pub fn assert_commanding(&self) {
         assert!(self.authority().commands(), "{}", self.authority());
     }
-    /// Since when no set-point was sent, s.
+    /// Time of the last set-point, s.
     pub fn silent_since(&self) -> f64 {
         self.sent.last().expect("set-points").0
     }
-    /// Frames of its odometry so far.
+    /// Resets of its odometry's frame so far.
     pub fn frames(&self) -> u8 {
         self.odometry.last().map_or(0, |(_, o)| o.frames)
     }
-    /// The newest state that the link reports.
     pub fn state(&self) -> &AutopilotState {
         self.states.last().expect("states")
     }
@@ -365,7 +364,7 @@ impl LinkRig {
     }
 
     fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
-        // Below the drone or so, wherever it is.
+        // Approximately below the drone, at any position.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
         let [north, east] = self.deck_offset;
         DeckForecast {
@@ -420,7 +419,7 @@ impl LinkRig {
     pub fn sent_since(&self, t_s: f64) -> usize {
         self.sent.iter().filter(|(t, _)| *t > t_s).count()
     }
-    /// Commands of one number sent so far.
+    /// Commands with this number sent so far.
     pub fn commands_of(&self, command: u16) -> Vec<CommandLong> {
         self.commands
             .iter()
@@ -428,12 +427,12 @@ impl LinkRig {
             .filter(|c| c.command == command)
             .collect()
     }
-    /// Gives the autopilot a message.
+    /// Passes a message to the autopilot.
     pub fn give(&mut self, m: &MavlinkMessage) {
         let truth = self.drone.plant_state(Time::from_secs(self.t_s));
         self.linked.autopilot.step(&truth, core::slice::from_ref(m));
     }
-    /// A message of somebody else on the same wire.
+    /// Sends a message of another participant on the same wire.
     pub fn inject(&mut self, from: Address, m: &MavlinkMessage) {
         self.linked.up.send(Time::from_secs(self.t_s), from, m);
     }
