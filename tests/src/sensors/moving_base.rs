@@ -49,7 +49,7 @@ const BASE_LATENCY_S: f64 = 0.03;
 const PROCESSING_S: f64 = 0.08;
 /// Most epochs that wait for their frames, and most solutions in transit.
 const EPOCHS: usize = 64;
-/// Greatest age of corrections with which a solution can improve, s.
+/// Maximum age of corrections with which a solution can improve, s.
 const FRESH_S: f64 = 2.0;
 /// Time without corrections after which a fix is lost, and after which there is no solution, s.
 const FIX_LASTS_S: f64 = 5.0;

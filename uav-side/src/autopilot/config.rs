@@ -191,6 +191,7 @@ config! {
         pub reserve: f64 = 0.1, in 0.0..=0.9;
         /// Time for which the charge must be below the reserve, s.
         pub for_s: f64 = 3.0, in 0.1..=60.0;
+        /// Command to the autopilot at the reserve.
         pub diversion: Diversion = Diversion::Return;
         /// Maximum number of commands.
         pub tries: u32 = 3, in 1.0..=20.0;

@@ -41,7 +41,7 @@ impl Lateness {
         }
         self.last_ns = Some(now_ns);
     }
-    /// Metrics of late steps; empty if no step was late.
+    /// Metrics of delayed steps; empty if no step was delayed.
     pub fn metrics(&self) -> Vec<Metric> {
         let [(a, m), (b, n)] = self.windows;
         if m + n == 0 {

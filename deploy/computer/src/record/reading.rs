@@ -18,9 +18,9 @@ use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
 use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
-/// Greatest size of a file, and of all its steps together, bytes.
+/// Maximum size of a file, and of all its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
-/// Greatest size of a file's beginning, configurations included, bytes.
+/// Maximum size of a file's beginning, configurations included, bytes.
 const MAX_BEGINNING_BYTES: u64 = 1 << 20;
 
 /// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that some damaged

@@ -16,7 +16,7 @@ use super::{n2k, signalk};
 
 /// Time between two steps of the estimator.
 const TICK: Span = Span::from_millis(10);
-/// Greatest time between a velocity and its position, ns.
+/// Maximum time between a velocity and its position, ns.
 const PAIR_NS: i64 = 300_000_000;
 
 /// Encoder of a network: time, ns; measurement; sequence number.

@@ -12,8 +12,7 @@ use alight_shared::time::{Time, VesselClock};
 use super::bus::{SensorBus, name_text};
 use super::clock::DAY_NS;
 use super::config::MAX_ADDRESS;
-use super::nmea::account::{Account, Why};
-use super::nmea::foreign::JSON;
+use super::nmea::account::{Account, JSON, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 

@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 
 use crate::sensors::Remark;
 
+/// Remedy of JSON in place of a format's lines.
+pub(in crate::sensors) const JSON: &str =
+    "record or send the plain format in place of JSON (candump -L; analyzer without -json)";
 /// Maximum number of sentence addresses that are distinguished.
 const MAX_ADDRESSES: usize = 48;
 /// Maximum number of addresses in a remark.

@@ -1,13 +1,11 @@
 //! Detection of lines and bytes of other formats among sentences, so that the crew sees what the source sends.
 
-use super::account::Why;
+use super::account::{JSON, Why};
 use super::shape::has_angles;
 use crate::sensors::n2k::is_line;
 
 const N2K: &str = "set format = \"n2k\" for this source";
 const SIGNAL_K: &str = "set format = \"signalk\" for this source";
-pub(in crate::sensors) const JSON: &str =
-    "record or send the plain format in place of JSON (candump -L; analyzer without -json)";
 pub(super) const UBX: &str =
     "set format = \"ubx\" for this source, or switch UBX off at this port of the receiver";
 /// Length of TSS1, which starts with a colon.

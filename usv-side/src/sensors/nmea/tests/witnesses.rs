@@ -124,7 +124,7 @@ fn variation_of_zero_next_to_another() {
 }
 
 #[test]
-fn decimal_commas_negative_headings_and_qualities_by_their_names() {
+fn decimal_commas_negative_headings_and_qualities() {
     let zda = "GPZDA,T,01,01,2026,00,00";
     for (body, what) in [
         (

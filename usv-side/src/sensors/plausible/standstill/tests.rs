@@ -8,7 +8,7 @@ use proptest::prelude::*;
 struct Boat {
     amplitude_m: f64,
     period_s: f64,
-    /// Of angles (rad), and of heave and height (m).
+    /// Resolution of angles, rad, and of heave and height, m.
     steps: [f64; 2],
     /// Channel that stands still from this time on, s.
     frozen: Option<(Channel, f64)>,
