@@ -231,7 +231,7 @@ impl SimulatedDroneComputer {
         let Ok(kept) = Republisher::join(&bus, Keeper::default());
         let Ok(observer) = Observer::join(&bus);
         let mut rows = DroneRows {
-            // It has run since before this flight.
+            // The process was already running before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),
             ..DroneRows::default()
         };

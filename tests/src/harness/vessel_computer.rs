@@ -1,4 +1,5 @@
-//! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at their edge.
+//! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at
+//! their edge.
 
 use core::mem::swap;
 

@@ -33,7 +33,7 @@ pub(super) struct EllipsoidHeights {
     doubtful: Option<(f64, f64)>,
     /// Number of separations of exactly zero that were ignored.
     zeros: u64,
-    /// Newest stated separation, number of changes to a clearly different one, and that one, m.
+    /// Newest stated separation (m), number of changes to a clearly different value, and that value, m.
     newest_m: Option<f64>,
     changes: u32,
     apart: Option<(f64, f64)>,

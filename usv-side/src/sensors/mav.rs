@@ -77,7 +77,7 @@ fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
 }
 
 impl MavlinkDecoder {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),

@@ -149,7 +149,7 @@ impl Untimed {
 }
 
 impl NmeaDecoder {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),

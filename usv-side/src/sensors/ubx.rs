@@ -109,7 +109,7 @@ fn name(of: (u8, u8)) -> String {
 }
 
 impl UbxDecoder {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         UbxDecoder {
             mounting: mounting.clone(),

@@ -104,7 +104,7 @@ impl<T: Plain> Newest<T> {
 /// The newest message of every topic.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Begin of the reception, on the observer's clock, ns.
+    /// Start of the reception on the observer's clock, ns.
     pub since_ns: i64,
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     pub mission: Newest<MissionState>,

@@ -125,7 +125,7 @@ pub const ORDERS: [(FaultKind, CommandKind); 3] = [
 /// A fault of a process, or an order, in progress.
 pub struct LiveFault {
     timer: FaultTimer,
-    /// Begin of the phase or contact, time since the start, s.
+    /// Start of the phase or time of the contact, since the start of the landing, s.
     moment_s: Option<f64>,
     /// Time of the fault on the steady clock, ns, and the process id, until messages of the process arrive again.
     met: Option<(i64, u32)>,

@@ -31,9 +31,9 @@ use crate::live::config::AutopilotKind;
 
 /// Timeout of one read.
 const READ: Duration = Duration::from_millis(2);
-/// Time limit for PX4's answer to a sample, ns; without one in time, none may come before the next sample, because its
-/// rate loop may have begun to run at every second one. Its own set-points and odometry age meanwhile. Measured: waits
-/// of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
+/// Time limit for PX4's answer to a sample, ns. An answer that is not there by then comes with the next sample at the
+/// earliest, because its rate loop may have begun to run at every second sample. Its own set-points and odometry age
+/// meanwhile. Measured: waits of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;

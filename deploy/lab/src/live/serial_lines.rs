@@ -82,7 +82,7 @@ fn connect(path: &Path) -> io::Result<File> {
         .to_str()
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
     let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    // The kernel reports an end that was closed, but takes one that was never opened for open.
+    // The kernel reports an end that was closed, but reports one that was never opened as open.
     drop(
         OpenOptions::new()
             .read(true)

@@ -376,7 +376,7 @@ impl SimulatedAutopilot {
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
-    /// Whether a failsafe has replaced the mode that takes set-points, which was chosen.
+    /// Whether a failsafe's mode is active although the mode that takes set-points was chosen.
     pub fn holds_by_itself(&self) -> bool {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()

@@ -32,7 +32,7 @@ const DESCENDS_S: f64 = 30.0;
 
 /// Charge that a drone waiting in our mode receives above the level at which its operator has to decide.
 const RUNS_LOW: f64 = 0.01;
-/// Maximum time after that until it is on the deck, s.
+/// Maximum time from that charge until the drone is on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,11 +1,11 @@
-//! Schedule of a flight's faults: begin and end of each, and the active faults.
+//! Schedule of a flight's faults: start and end of each, and the active faults.
 
 use super::effects::Effect;
 use super::fault::Fault;
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 
-/// Begin or end of a fault.
+/// Start or end of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultTurn {
     Begins,
@@ -16,7 +16,7 @@ pub enum FaultTurn {
 #[derive(Clone, Copy, Debug)]
 pub struct FaultTimer {
     pub fault: Fault,
-    /// Time of its begin, s.
+    /// Time at which it began, s.
     pub began_s: Option<f64>,
     pub over: bool,
 }
@@ -52,14 +52,14 @@ impl FaultTimer {
 /// A fault of a flight in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
-    /// At its begin, an abort or take-over stopped an operation.
+    /// When it began, an abort or take-over stopped an operation.
     pub(super) stops: bool,
     /// Charge left when the fault hit the battery, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
 impl Scheduled {
-    /// Begins or ends the fault if that is due. `begins` is called at its begin; true: it gave the order itself.
+    /// Begins or ends the fault if that is due. `begins` is called when it begins; true if it gave the order itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let fault = self.timer.fault;
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {

@@ -151,7 +151,7 @@ fn same(a: &Measurement, b: &Measurement) -> bool {
             near(a.datum.latitude_deg, b.datum.latitude_deg, 1e-7)
                 && near(a.datum.longitude_deg, b.datum.longitude_deg, 1e-7)
                 && has_velocity(a) == has_velocity(b)
-                // Along the velocity by its speed's unit, and across it by its course's.
+                // Along the velocity within the unit of speed, and across it within that of course.
                 && (0..2).all(|k| near(a.velocity[k], b.velocity[k], 0.01 + 1e-4 * speed))
         }
         _ => false,

@@ -58,7 +58,7 @@ fn gps(us: u64) -> m::MavMessage {
         ..m::GPS_RAW_INT_DATA::DEFAULT
     })
 }
-/// A second of a boat's Pixhawk.
+/// One second of data from a boat's Pixhawk.
 fn second(from_ms: u32) -> Vec<u8> {
     let mut out = frame(255, &boat());
     for k in 0..50_u32 {
@@ -100,7 +100,7 @@ fn mavlink_kinds_of_measurement() {
     ) else {
         panic!("kinds");
     };
-    // Its forward is the vessel's starboard.
+    // The sensor's forward axis is the vessel's starboard.
     assert!(
         (i.gyro[1] - 0.1).abs() < 1e-6 && (i.accelerometer[2] + 9.8).abs() < 1e-6,
         "{i:?}"
@@ -110,7 +110,7 @@ fn mavlink_kinds_of_measurement() {
     assert!((h.heading + core::f64::consts::FRAC_PI_2).abs() < 1e-6, "{h:?}");
     assert!((g.velocity[1] - 2.0).abs() < 1e-6 && g.velocity_sd[2] == NOT_MEASURED_SD);
     assert_eq!(g.lever_arm, Some([0.0, 0.0, -2.0]));
-    // Its receiver gives 210 m above the sea only; the geoid lies 45.25 m above the ellipsoid there.
+    // The receiver only sends 210 m above the sea; the geoid is 45.25 m above the ellipsoid there.
     assert!((g.datum.height_m - 255.25).abs() < 0.01, "{g:?}");
     assert!((1.0..4.0).contains(&g.height_spread), "{g:?}");
     assert!(d.remarks()[0].text.contains("EGM96 45.2 m"), "{:?}", d.remarks());
@@ -170,7 +170,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         let (all, d) = decode(&[&frame(0, &boat())[..], bytes].concat(), 91, Mount::default());
         (fixtures::count(&all, 3), d.decoded().left_out, d)
     };
-    // Before it is aligned, and then.
+    // Before alignment, and afterwards.
     let (used, left_out, d) = of(&[status(2), tilts(0, 10), status(0x3f), tilts(400, 5)].concat());
     assert_eq!((used, left_out), (5, 10));
     let text = "left out: 10 ATTITUDE_QUATERNION (marked as invalid)";
@@ -179,7 +179,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         "{:?}",
         d.remarks()
     );
-    // A report that never comes again, and one that is good.
+    // A bad report that is never followed by another, and a good one.
     assert_eq!(
         of(&[status(0), tilts(0, 260)].concat()).0,
         260 - usize::from(UNFIT)
@@ -229,7 +229,7 @@ fn mavlink_stream_requests() {
     );
 }
 
-/// Half a second of a drone's autopilot, system 1: rolled by 20 deg, a kilometre to the north.
+/// Half a second of data from a drone's autopilot, system 1: rolled by 20 deg, one kilometre to the north.
 fn drone(with_heartbeat: bool) -> Vec<u8> {
     let m::MavMessage::GPS_RAW_INT(own) = gps(600_000_000) else {
         panic!("GPS_RAW_INT");
@@ -258,7 +258,7 @@ fn drone(with_heartbeat: bool) -> Vec<u8> {
 fn mavlink_of_two_systems() {
     let gcs = frame_of(255, 190, 0, &heartbeat(m::MavType::MAV_TYPE_GCS));
     let companion = frame_of(7, 191, 0, &attitude(77, 1.0));
-    // The drone is received first, also before its heartbeat.
+    // The drone is received first, even before its heartbeat.
     let bytes = [
         drone(false),
         drone(true),
@@ -289,7 +289,7 @@ fn mavlink_of_two_systems() {
     ] {
         assert!(text.contains(part), "{text}");
     }
-    // Who asks, asks the boat.
+    // Requests are addressed to the boat.
     let mut d = d;
     let asked = d.request().unwrap();
     assert!(asked.len() > 100);
@@ -306,10 +306,10 @@ fn mavlink_without_a_boat() {
     );
     assert!(remark.remedy.as_ref().is_some_and(|r| r.contains("system = N")));
     assert!(d.request().unwrap().len() < 30, "a stranger is asked for nothing");
-    // By its number it is the vessel's.
+    // Selected by number, it is the vessel.
     let named = MavlinkDecoder::new(&Mounting::default()).of_system(1);
     assert_eq!(fixtures::decode(named, &drone(true), 91).0.len(), 20 + 20 + 2);
-    // A sensor that sends no heartbeats is taken after a while.
+    // A sensor without heartbeats is accepted after a while.
     let silent: Vec<u8> = (0..150)
         .flat_map(|k| frame(k, &imu(u64::from(k) * 1000)))
         .collect();
@@ -321,7 +321,7 @@ fn mavlink_heights_above_the_ellipsoid() {
     let m::MavMessage::GPS_RAW_INT(own) = gps(1_000_000) else {
         panic!("GPS_RAW_INT");
     };
-    // The dialect knows no extension fields: the payload up to `alt_ellipsoid`, and the frame's checksum (X.25, extra 24).
+    // The dialect has no extension fields: payload up to `alt_ellipsoid`, and checksum of the frame (X.25, extra 24).
     let with = |time_usec: u64, alt_ellipsoid: i32| {
         let whole = frame(
             1,
@@ -340,7 +340,7 @@ fn mavlink_heights_above_the_ellipsoid() {
         bytes.extend(crc.to_le_bytes());
         bytes
     };
-    // Given; and then a zero, which is one where the receiver gives them.
+    // Provided; afterwards zero is a valid height, because the receiver provides heights.
     let bytes = [frame(0, &boat()), with(1, 254_000), with(2, 0)].concat();
     let fixes = fixtures::fixes(&decode(&bytes, 91, Mount::default()).0);
     assert_eq!(fixes.len(), 2);

@@ -54,7 +54,7 @@ pub(super) fn is_line(text: &str) -> bool {
 }
 
 impl N2kDecoder {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         N2kDecoder {
             lines: LineBuffer::new(MAX_LINE),

@@ -4,7 +4,7 @@ use crate::sensors::Mount;
 use alight_shared::msg::NOT_MEASURED_SD;
 use proptest::prelude::*;
 
-/// Frames as Yacht Devices' gateways show them, from the device `source`.
+/// Frames from the device `source` in the format of Yacht Devices' gateways.
 fn raw(at_s: f64, pgn: u32, source: u8, data: &[u8]) -> String {
     let id = 3 << 26 | pgn << 8 | u32::from(source);
     let line = |data: &[u8]| {
@@ -59,7 +59,7 @@ fn decode(text: &str) -> (Vec<SourceMeasurement>, N2kDecoder) {
 
 #[test]
 fn n2k_position_velocity_and_height() {
-    // The sea lies 45 m above the ellipsoid here.
+    // The sea is 45 m above the ellipsoid here.
     let text = [
         position(10.0, 50.0),
         gnss(10.05, 50.0, 48.0, 2),
@@ -73,7 +73,7 @@ fn n2k_position_velocity_and_height() {
     assert_eq!((fixes.len(), d.decoded().corrupted), (3, 0), "{all:?}");
     let measured = |sd: f64| sd < NOT_MEASURED_SD;
     assert!(!measured(fixes[0].position_sd[2]) && !measured(fixes[0].velocity_sd[0]));
-    // The height goes once, with the next quick position; the velocity with each.
+    // The height is used once, with the next quick position; the velocity with each one.
     assert!(measured(fixes[1].position_sd[2]) && !measured(fixes[2].position_sd[2]));
     assert!((fixes[1].datum.height_m - 48.0).abs() < 1e-3 && fixes[1].height_spread == 0.0);
     assert!((fixes[2].velocity[1] - 3.0).abs() < 1e-3 && measured(fixes[2].velocity_sd[0]));
@@ -105,7 +105,7 @@ fn n2k_headings_of_two_devices() {
         heading(1.3, 6, 2.0, 0),
         raw(1.35, 127_251, 5, &[0, 0x00, 0x40, 0x06, 0x00, 0xff, 0xff, 0xff]),
         heading(1.4, 5, 1.0, 1),
-        // The first is silent: the second is taken.
+        // The first device is silent, so the second is used.
         heading(4.0, 6, 2.0, 0),
     ]
     .concat();
@@ -118,7 +118,7 @@ fn n2k_headings_of_two_devices() {
     assert_eq!(headings, [1030.0, 1030.0, 2000.0]);
     assert!(of(&all[1]).rate.is_some_and(|r| (r - 0.0128).abs() < 1e-6) && of(&all[2]).rate.is_none());
     assert!(of(&all[0]).heading_sd > of(&all[2]).heading_sd);
-    // Magnetic before the variation was known, and the second device.
+    // A magnetic heading before the variation was known, and the second device.
     assert_eq!(d.decoded().left_out, 2, "{:?}", d.remarks());
 }
 
@@ -169,7 +169,7 @@ fn n2k_message_with_a_missing_frame() {
         "{:?}",
         d.decoded()
     );
-    // No fix, and one that is simulated.
+    // No fix, and a simulated one.
     let (all, d) = decode(&[gnss(1.0, 50.0, 48.0, 0), gnss(5.0, 50.0, 48.0, 8)].concat());
     assert_eq!((all.len(), d.decoded().left_out), (0, 2));
 }
@@ -177,13 +177,13 @@ fn n2k_message_with_a_missing_frame() {
 #[test]
 fn n2k_log_with_a_date_and_a_night_between() {
     let line = |at: &str| format!("{at},3,127257,17,255,8,00,ff,7f,52,00,21,fe,ff");
-    // The last line has no end, and is whole.
+    // The last line has no terminator, but is complete.
     let text = [line("2016-04-09T16:41:09.078Z"), line("2016-04-10T08:00:00.078Z")].join("\n");
     let (mut all, mut d) = decode(&text);
     d.finish(&mut all);
     let hours = (all[1].at_ns - all[0].at_ns) as f64 / 3.6e12;
     assert!((hours - 15.314).abs() < 1e-3 && d.decoded().good == 2, "{hours}");
-    // One that is cut off gives nothing, and a message without its last frame is counted.
+    // A truncated message yields nothing, and a message without its last frame is counted.
     let whole = gnss(1.0, 50.0, 48.0, 1);
     for cut in [whole.len() - 12, whole.len() - 40] {
         let (mut all, mut d) = decode(&whole[..cut]);
@@ -216,7 +216,7 @@ fn n2k_device_chosen_by_the_name_that_it_claimed() {
         raw(1.1, 60_928, 6, &name),
         heading(1.2, 6, 2.0, 0),
         heading(1.3, 5, 1.0, 0),
-        // A device without an address, and a claim that is cut off.
+        // A device without an address, and a truncated claim.
         raw(1.4, 60_928, 254, &name),
         raw(1.5, 60_928, 7, &name[..4]),
     ]
@@ -233,7 +233,7 @@ fn n2k_device_chosen_by_the_name_that_it_claimed() {
 
 #[test]
 fn n2k_what_a_device_marks_itself() {
-    // A heading whose reference is in error, and a fix with caution.
+    // A heading with an invalid reference, and a fix with caution.
     let mut cautious = vec![0; 7];
     for (x, step) in [(50.0, 1e-16), (14.5, 1e-16), (48.0, 1e-6)] {
         cautious.extend(((x / step) as i64).to_le_bytes());

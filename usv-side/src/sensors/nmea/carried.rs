@@ -123,7 +123,7 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub(super) fn new(mounting: &Mounting) -> Self {
         Carried {
             decoder: N2kDecoder::new(mounting),

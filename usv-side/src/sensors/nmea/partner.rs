@@ -39,7 +39,7 @@ impl Partner {
             return true;
         };
         let since = at_ns.saturating_sub(newest);
-        // An earlier epoch follows when the clock was set back.
+        // An earlier time means that the clock was set back.
         since <= 0 || since.saturating_add(STAMP_NS) >= period
     }
     /// Records a complete epoch at `at_ns`, with or without the part.

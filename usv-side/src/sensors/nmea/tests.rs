@@ -60,7 +60,7 @@ fn nmea_epoch() {
     else {
         panic!("kinds");
     };
-    // The ellipsoid lies 45 m below the geoid's 210 m.
+    // The ellipsoid is 45 m below the geoid, the antenna 210 m above it.
     let place = [g.datum.latitude_deg, g.datum.longitude_deg, g.datum.height_m];
     assert!(
         place
@@ -99,7 +99,7 @@ fn nmea_without_time() {
     ];
     let (all, counts) = decode(&text.concat(), Mount::default());
     assert_eq!((all.len(), counts.undated, counts.corrupted), (1, 2, 2));
-    // Where sentences without a time lead, they belong to the next time.
+    // If sentences without a time lead, they belong to the next time.
     let lead = Mount {
         untimed_lead: true,
         ..Mount::default()
@@ -150,7 +150,7 @@ fn nmea_sentence_with_the_time_of_its_epoch() {
 fn nmea_sentences_after_damage() {
     let good = stream(1);
     let zda = sentence("GPZDA,120001.00,20,05,2026,00,00");
-    // A wrong letter, a sentence cut by another, one without a checksum, one without an end.
+    // A wrong character, a sentence interrupted by another, one without a checksum, one without a terminator.
     let bad = [
         zda.replace("2026", "2025"),
         zda[..20].to_owned(),
@@ -164,7 +164,7 @@ fn nmea_sentences_after_damage() {
     assert_eq!(count(&all, 3), 1);
 }
 
-/// Ten epochs at 1 Hz of these sentences, `T` being the time, and the decoder then.
+/// Ten epochs at 1 Hz of these sentences, where `T` is replaced by the time. Returns the measurements and the decoder.
 fn epochs(sentences: &[&str]) -> (Vec<SourceMeasurement>, NmeaDecoder) {
     let mut d = decoder(Mount::default());
     let mut out = Vec::new();
@@ -196,7 +196,7 @@ fn nmea_height_without_a_separation() {
         );
     }
     assert!(remark(&d, "by EGM96 45.2 m").remedy.is_some());
-    // Exactly zero 45 m from the geoid is a default.
+    // Exactly zero, 45 m off the geoid, is a default.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,0.0,M,,")]);
     let heights = crate::fixtures::fixes(&all);
     assert!(
@@ -211,7 +211,7 @@ fn nmea_height_without_a_separation() {
         .remedy
         .is_some()
     );
-    // Two receivers in turn.
+    // Two receivers alternate.
     let gga = |separation: f64| format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,{separation},M,,");
     let (_, d) = epochs(&[&gga(45.0), &gga(37.5)]);
     assert!(
@@ -219,7 +219,7 @@ fn nmea_height_without_a_separation() {
             .remedy
             .is_some()
     );
-    // Stated, it is the receiver's, whose table may be another.
+    // A stated separation is the receiver's, whose table may differ.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,47.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -227,7 +227,7 @@ fn nmea_height_without_a_separation() {
             .all(|g| g.datum.height_m == 50.0 && g.height_spread == 0.0)
     );
     assert!(remark(&d, "by the receiver").remedy.is_none());
-    // Zero stated 45 m off the geoid: taken, and uncertain by as much.
+    // Zero stated 45 m off the geoid: used, with an uncertainty of the same size.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,48.0,M,0.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -235,7 +235,7 @@ fn nmea_height_without_a_separation() {
             .all(|g| g.datum.height_m == 48.0 && (g.height_spread - 45.25).abs() < 0.1)
     );
     assert!(remark(&d, "0.0 m above").remedy.is_some());
-    // No altitude at all is no height of zero.
+    // A missing altitude is not a height of zero.
     let (all, _) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,,M,,M,,")]);
     assert!(
         self::fixes(&all)
@@ -255,7 +255,7 @@ fn nmea_position_of_each_sentence() {
     ] {
         let (all, d) = epochs(&[&body]);
         let fixes = fixes(&all);
-        // One without a height waits for an epoch in which a better one might come.
+        // A position without a height waits for an epoch in which a better one may arrive.
         assert_eq!(fixes.len(), if height.is_some() { 10 } else { 9 }, "{body}");
         for g in fixes {
             assert!(
@@ -271,7 +271,7 @@ fn nmea_position_of_each_sentence() {
             assert!(remark(&d, "height: none of 9 fixes has one").remedy.is_some());
         }
     }
-    // Next to GGA, which has the height, RMC and GLL make no fix of their own, in any order.
+    // If GGA provides the height, RMC and GLL produce no separate fix, in any order.
     let (gga, rmc) = (
         format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
         format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,,A"),
@@ -379,11 +379,11 @@ fn nmea_attitudes_of_each_sentence() {
                 (roll - 2.0).abs() < 1e-4 && (pitch + 1.0).abs() < 1e-4,
                 "{body}: {a:?}"
             );
-            // Seatex counts heave down.
+            // Seatex counts heave positive down.
             assert_eq!(a.heave, body.starts_with("PSXN").then_some(-0.25), "{body}");
         }
     }
-    // Two antennas show one angle: the other's zero is no measurement.
+    // Two antennas measure one angle; the zero of the other is not a measurement.
     let (all, _) = epochs(&["GNHPR,T,210.00,-1.00,000.00,4,30,0.0,0999"]);
     assert!(all.iter().all(|m| m.measurement.kind() == 2) && all.len() == 10);
 }
@@ -436,7 +436,7 @@ fn nmea_heading_from_magnetic_north() {
     );
     let (all, d) = of(&[zda, "HCHDG,100.0,,,,"]);
     assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
-    // Next to one from true north it is a spare.
+    // With a true heading available, it is ignored.
     let (all, _) = of(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),
@@ -444,11 +444,11 @@ fn nmea_heading_from_magnetic_north() {
     );
 }
 
-/// Times, s, and measurements.
+/// Measurements with their times, s.
 type Timed = Vec<(f64, Measurement)>;
 
-/// Sentences in bursts as they arrive: time of arrival (s) and body. Measurements with their time (s) after noon, and
-/// those dated by their arrival.
+/// Decodes sentences in bursts: time of arrival (s) and body. Returns measurements with their time (s) after noon,
+/// those dated by arrival, and the decoder.
 fn live(bursts: &[(f64, String)]) -> (Timed, Timed, NmeaDecoder) {
     let mut d = decoder(Mount::default());
     let (mut all, mut timeless) = (Vec::new(), Vec::new());
@@ -468,7 +468,7 @@ fn live(bursts: &[(f64, String)]) -> (Timed, Timed, NmeaDecoder) {
 
 #[test]
 fn nmea_heading_before_and_velocity_after_the_time() {
-    // A compass at 2 Hz on a slow line: HDT, GGA, VTG 60 ms apart. Its heading and its speed are ten times the time.
+    // A compass at 2 Hz on a slow line: HDT, GGA, VTG 60 ms apart. Heading and speed are ten times the time.
     let mut bursts = Vec::new();
     for k in 0..40 {
         let t = 0.5 * f64::from(k);
@@ -504,7 +504,7 @@ fn nmea_heading_before_and_velocity_after_the_time() {
 
 #[test]
 fn nmea_compass_faster_than_the_receiver() {
-    // HDT at 10 Hz with GGA at 1 Hz, and then without it: the arrival is its time.
+    // HDT at 10 Hz with GGA at 1 Hz, then without it: the arrival is the time.
     let mut bursts = Vec::new();
     for k in 0..200 {
         let t = 0.1 * f64::from(k);
@@ -556,7 +556,7 @@ proptest! {
         prop_assert_eq!(counts.good + counts.corrupted + counts.ignored, 3);
         for m in all {
             prop_assert!(m.at_ns.abs() < 2 * DAY_NS);
-            // Implausible numbers are rejected where measurements are admitted; NaN never leaves the decoder.
+            // Implausible numbers are rejected on admission; the decoder never outputs NaN.
             if let Measurement::Gnss(g) = m.measurement {
                 prop_assert!(g.datum.latitude_deg.abs() <= 90.0 && g.velocity.iter().all(|v| v.is_finite()));
             }

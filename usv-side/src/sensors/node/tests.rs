@@ -10,7 +10,7 @@ fn node(sources: usize) -> SensorNode {
     };
     SensorNode::new(&config, 1, 9)
 }
-/// Sentences of a motion sensor and a receiver at step `k` of 100 ms.
+/// Sentences of a motion sensor and a receiver at step `k` (100 ms).
 fn messages(k: i64) -> String {
     let (s, tenth) = (k / 10, k % 10);
     let t = format!("12{:02}{:02}.{tenth}0", s / 60, s % 60);
@@ -37,7 +37,7 @@ fn sensor_node_with_two_sources() {
     let mut n = node(2);
     let (mut imu, mut times) = (0, Vec::new());
     for k in 0..50 {
-        // The second arrives 30 ms later, at times more.
+        // The second sentence arrives 30 ms later, sometimes more.
         let late = Span::from_millis(30 + 20 * (k % 3));
         let first = step(&mut n, at(k), &[messages(k).as_bytes(), &[]]);
         let second = step(&mut n, at(k) + late, &[&[], messages(k).as_bytes()]);
@@ -82,7 +82,7 @@ fn sensor_node_byte_limit() {
 
 #[test]
 fn sensor_node_across_a_leap_second() {
-    // The receiver's UTC falls back by 1 s at 60 s: its new offset is found within a second, with a remark.
+    // The receiver's UTC steps back by 1 s at 60 s. The new offset is found within a second and reported.
     let mut n = node(1);
     let mut late = Vec::new();
     for k in 0..900 {
@@ -110,7 +110,7 @@ fn sensor_node_across_a_leap_second() {
 
 #[test]
 fn sensor_node_with_fixes_that_come_late() {
-    // Every second fix arrives a second after its time; the first is dated by its arrival.
+    // Every second fix arrives one second after its time; the first is dated by its arrival.
     let mut n = node(1);
     for k in 0..60_i64 {
         let gga = |k: i64| {
@@ -170,7 +170,7 @@ fn sensor_node_of_a_server_with_two_clocks() {
         ) + "\n"
     };
     for k in 0..100_i64 {
-        // The receiver's own time is an hour off the server's.
+        // The receiver's time differs from the server's by an hour.
         let of_day = |hour: i64| format!("2026-05-20T{hour:02}:00:{:02}.{}Z", k / 10, k % 10);
         let place = delta(
             of_day(11),
@@ -219,7 +219,7 @@ fn sensor_node_with_a_heave_that_stands_too_high() {
     );
 }
 
-/// A node whose one source, of this format, is a moving base.
+/// A node with one source of this format, which is a moving base.
 fn base_node(format: Format) -> SensorNode {
     let mount = Mount {
         antenna_m: Some([1.0, 2.0, -3.0]),
@@ -234,7 +234,7 @@ fn base_node(format: Format) -> SensorNode {
     let sources = vec![source];
     SensorNode::new(&SourcesConfig { sources }, 1, 9).with_deck([-4.0, 0.0, -1.0])
 }
-/// The output after these bytes.
+/// Output for these bytes.
 fn pushed(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[u8]) -> SensorsOut {
     let input = SensorsIn {
         bytes: vec![bytes.to_vec()],
@@ -242,7 +242,7 @@ fn pushed(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[u8]) -> SensorsOu
     };
     n.step(now, &input)
 }
-/// Frames at step `k`, every tenth with a damaged one.
+/// RTCM frames of step `k`, every tenth step with a damaged one.
 fn epoch(k: i64) -> Vec<Vec<u8>> {
     let mut damaged = rtcm_frame(1087, 90);
     damaged[40] ^= 1;
@@ -256,7 +256,7 @@ fn frames_of_a_base_among_sentences() {
     let mut n = base_node(Format::Nmea);
     let (mut attitudes, mut frames, mut before) = (0, Vec::new(), Vec::new());
     for k in 0..100_i64 {
-        // No end of line stands between a frame and a sentence; the last bytes of a step come in the next.
+        // No line end separates a frame from a sentence; the last bytes of a step arrive in the next step.
         let mut bytes = [before, epoch(k).concat(), messages(k).into_bytes()].concat();
         before = bytes.split_off(bytes.len() - (k % 7) as usize);
         let out = pushed(&mut n, at(k), &bytes);
@@ -270,7 +270,7 @@ fn frames_of_a_base_among_sentences() {
             .map(|f| &*f.bytes)
             .eq(whole.iter().map(Vec::as_slice))
     );
-    // A damaged frame costs no sentence.
+    // A damaged frame does not affect any sentence.
     assert_eq!(attitudes, 100);
     let (first, last) = (frames[0].header, frames[299].header);
     assert_eq!(
@@ -313,7 +313,7 @@ fn frames_of_a_base_that_lacks_its_place() {
         "{texts:?}"
     );
     assert_eq!(texts[2..], ["RTCM: 1087 1.0 Hz"]);
-    // The place came, and not again.
+    // The position was received once and not again.
     pushed(&mut n, at(50), &rtcm_frame(4072, 40));
     assert_eq!(n.remarks()[0][1].text, "RTCM: 1087 1.0 Hz, 4072.0 once");
     for k in 6..40 {
@@ -327,7 +327,7 @@ fn frames_of_one_step_are_bounded() {
     let mut n = base_node(Format::Ubx);
     let out = pushed(&mut n, at(0), &rtcm_frame(1077, 94).repeat(50));
     assert_eq!((out.rtcm.len(), n.status()[0].lost_bytes), (32, 1800));
-    // Without the key nothing is passed on.
+    // Without the key nothing is forwarded.
     assert!(pushed(&mut node(1), at(0), &rtcm_frame(1077, 94)).rtcm.is_empty());
 }
 
@@ -352,7 +352,7 @@ proptest! {
     }
 }
 
-/// Fate of a message on its way.
+/// What happens to a message in transit.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Repeated,
@@ -420,7 +420,7 @@ proptest! {
     }
 }
 
-/// Bits of values with their widths, filled up to bytes.
+/// Packs values with these widths in bits into bytes.
 fn bits(values: &[(i64, u32)]) -> Vec<u8> {
     let each = values
         .iter()
@@ -434,7 +434,7 @@ fn bits(values: &[(i64, u32)]) -> Vec<u8> {
         })
         .collect()
 }
-/// 1005 of a station at a place.
+/// Message 1005 of a station at a position.
 fn base_at(station: i64, [x, y, z]: [f64; 3]) -> Vec<u8> {
     let [x, y, z] = [x, y, z].map(|v| (v * 1e4).round() as i64);
     let head = [(1005, 12), (station, 12), (0, 6), (0b1110, 4)];
@@ -444,7 +444,7 @@ fn base_at(station: i64, [x, y, z]: [f64; 3]) -> Vec<u8> {
 
 #[test]
 fn bases_that_are_not_on_the_vessel() {
-    // ECEF of 50 N 14.5 E, 255 m, on the vessel's sentences; she drives north by 2 m/s.
+    // ECEF position of 50 N 14.5 E, 255 m, as in the vessel's sentences. The vessel moves north at 2 m/s.
     let here = [3_977_177.6, 1_028_568.1, 4_862_984.4];
     let observations =
         |station: i64| alight_shared::rtcm::frame(&bits(&[(1077, 12), (station, 12), (0, 600)]));
@@ -515,7 +515,7 @@ fn bases_that_are_not_on_the_vessel() {
 
 #[test]
 fn frozen_attitude_next_to_another_sources_heights() {
-    // The driver of the first source repeats its last attitude from 20 s on; the second's RTK height moves.
+    // From 20 s on, the driver of the first source repeats its last attitude; the RTK height of the second one changes.
     let mut n = node(2);
     let mut newest = 0;
     for k in 0..600 {

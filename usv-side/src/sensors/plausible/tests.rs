@@ -2,14 +2,14 @@ use super::*;
 use alight_shared::msg::{Header, ImuSample};
 use core::f64::consts::TAU;
 
-/// A wave of amplitude 1 and this period, s.
+/// Wave of amplitude 1 and this period, s.
 fn wave(t: f64, period_s: f64) -> f64 {
     (TAU * t / period_s).sin()
 }
 fn header(t: f64) -> Header<VesselClock> {
     Header::new(1, 0, 1, 0, Time::from_secs(t))
 }
-/// A rocking boat at 10 Hz: its attitude at `t` with its rates.
+/// Attitude with rates of a rocking boat at `t`, at 10 Hz.
 fn rocking(t: f64) -> AttitudeFix {
     let (roll, pitch) = (0.105 * wave(t, 4.0), 0.044 * wave(t, 3.3));
     let rates = [
@@ -26,7 +26,7 @@ fn rocking(t: f64) -> AttitudeFix {
         ..AttitudeFix::default()
     }
 }
-/// Measurements at 10 Hz for so many seconds.
+/// Measurements at 10 Hz over this many seconds.
 fn series<M: Into<Measurement>>(seconds: u32, of: impl Fn(f64) -> M) -> Vec<Measurement> {
     let at = (0..10 * seconds).map(|k| 0.1 * f64::from(k));
     at.map(|t| of(t).into()).collect()
@@ -45,7 +45,7 @@ fn fixes(all: &[Measurement]) -> Vec<GnssFix> {
     };
     all.iter().filter_map(fix).collect()
 }
-/// Good measurements pass unchanged and without a remark.
+/// Checks that valid measurements pass unchanged and without a remark.
 fn is_inert(all: &[Measurement], what: &str) {
     let (kept, remarks) = sift(all.to_vec());
     assert!(remarks.is_empty(), "{what}: {remarks:?}");
@@ -209,7 +209,7 @@ fn yaw_rate_against_the_heading() {
     );
 }
 
-/// A boat at 3 m/s northwards, whose receiver measures this velocity and this height.
+/// Fix of a boat moving north at 3 m/s, whose receiver measures this velocity and this height.
 fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
     GnssFix {
         header: header(t),
@@ -225,7 +225,7 @@ fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
 fn velocity_that_is_not_that_of_the_position() {
     let north = [3.0, 0.0, 0.0];
     is_inert(&series(200, |t| sailing(t, north, 2.0)), "velocity");
-    // A position that repeats is left out, and shows nothing of its velocity.
+    // A repeated position is removed, and gives no information on the velocity.
     let stuck = |t: f64| GnssFix {
         position: [0.0; 3],
         ..sailing(t, north, 2.0)

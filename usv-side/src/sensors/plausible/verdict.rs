@@ -86,7 +86,7 @@ impl ChannelState {
         self.taken += 1;
         self.left_out += u64::from(!believed);
     }
-    /// Counts earlier values that are left out afterwards.
+    /// Counts earlier values that are rejected in retrospect.
     pub(super) fn retract(&mut self, count: u64) {
         self.left_out += count;
     }

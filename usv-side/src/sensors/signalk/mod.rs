@@ -69,7 +69,7 @@ pub struct SignalKDecoder {
 }
 
 impl SignalKDecoder {
-    /// For a source with this mounting.
+    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         let mut bus = SensorBus::new(mounting);
         bus.name(MAX_SOURCES as u32, ["others", ""]);

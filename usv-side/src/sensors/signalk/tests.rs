@@ -7,7 +7,7 @@ use proptest::prelude::*;
 const HELLO: &str = r#"{"name":"signalk-server","version":"2.8.0","self":"vessels.urn:mrn:imo:mmsi:230099999","roles":["master"]}
 "#;
 
-/// A delta of `source`, so many seconds after noon.
+/// A delta of `source`, this many seconds after noon.
 fn delta(at_s: f64, source: &str, values: &[(&str, &str)]) -> String {
     let values: Vec<String> = values
         .iter()
@@ -29,7 +29,7 @@ const PLACE: (&str, &str) = ("navigation.position", r#"{"latitude":50.0,"longitu
 fn signalk_greeting_cached_values_and_other_vessels() {
     let other = delta(2.0, "ais", &[PLACE]).replace("230099999", "211000001");
     let place = |at_s| delta(at_s, "gps.GP", &[PLACE]);
-    // Before the greeting it is not known whose number a vessel's is.
+    // Before the greeting, the server's own vessel is unknown.
     let before = place(0.5) + HELLO + &place(1.0) + &other + &place(2.0);
     let text = before + HELLO + &place(3.0) + &place(4.0);
     let (all, d) = decode(&text);
@@ -58,7 +58,7 @@ fn signalk_position_with_velocity_and_height() {
     let text = [
         delta(1.0, "gps.GP", &[speed, course]),
         delta(1.1, "gps.GP", &receiver),
-        // The two in updates of their own, and another device's speed between.
+        // Speed and course in separate updates, with another device's speed in between.
         delta(2.0, "gps.GP", &[speed]),
         delta(2.05, "gps.GP", &[course]),
         delta(2.1, "gps.GP", &[PLACE]),
@@ -77,7 +77,7 @@ fn signalk_position_with_velocity_and_height() {
         assert!((fix.velocity[1] - 3.0).abs() < 1e-6 && fix.velocity_sd[0] < NOT_MEASURED_SD);
     }
     assert!(fixes[2].velocity_sd[0] >= NOT_MEASURED_SD && fixes[2].position_sd[2] >= NOT_MEASURED_SD);
-    // No fix, one that is simulated, and unknown terms.
+    // No fix, a simulated one, and unknown terms.
     for term in ["no GPS", "Simulator mode", "splendid"] {
         let text = own(delta(
             1.0,
@@ -134,7 +134,7 @@ fn signalk_heading_attitude_and_what_is_null() {
     assert!(
         matches!(second.measurement, Measurement::Attitude(a) if (a.tilt[0] + 0.1).abs() < 1e-9 && (a.tilt[1] - 0.1).abs() < 1e-9 && a.heave == Some(-0.5))
     );
-    // Magnetic before the variation was known, the second device, and a heading that is null.
+    // A magnetic heading before the variation was known, the second device, and a heading that is null.
     let counts = d.decoded();
     assert_eq!(
         (counts.left_out, counts.ignored, counts.corrupted),
@@ -158,7 +158,7 @@ fn signalk_without_stamps_and_overlong() {
     let deep = format!("{}\n", "{\"updates\":[".repeat(500));
     d.push((long + &deep + "not JSON\n").as_bytes(), &mut out);
     assert_eq!(d.decoded().corrupted, 3);
-    // Sources without number.
+    // Sources without a number.
     for k in 0..1000 {
         d.push(
             delta(1.0, &format!("s{k}"), &[PLACE])
@@ -199,7 +199,7 @@ fn signalk_burst_after_the_network_stood_still() {
         d.push(place(k).as_bytes(), &mut out);
         assert_eq!(d.timeless().len(), usize::from(k % 5 != 0), "{k}");
     }
-    // Five seconds at once, of which the last fifth second is now.
+    // Five seconds of updates at once; only the last one is current.
     out.clear();
     d.arrive(Time::from_secs(108.8));
     let burst: String = (20..45).map(place).collect();
@@ -211,7 +211,7 @@ fn signalk_burst_after_the_network_stood_still() {
         "{newest:?}"
     );
     assert!(d.remarks().iter().any(|r| r.text.contains("held up")));
-    // One that comes late, alone.
+    // A single late update.
     d.arrive(Time::from_secs(111.0));
     d.push((place(45) + &place(46)).as_bytes(), &mut out);
     assert_eq!((out.len(), d.timeless().len()), (6, 0));
@@ -247,7 +247,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
         turned(1.2, "can0.5", "1.0"),
         own(delta(1.3, "gps.GP", &cautious)),
         own(delta(1.4, "gps.GP", &[("navigation.position", "null")])),
-        // The chosen one is silent.
+        // The selected device is silent.
         turned(8.0, "can0.5", "1.0"),
     ]
     .concat();
@@ -316,7 +316,7 @@ proptest! {
     }
 }
 
-/// The server sends back what `alight signalk` publishes to it: no sensor's value, and none that is left out.
+/// The server echoes what `alight signalk` publishes: it is neither used as a sensor value nor counted as unused.
 #[test]
 fn signalk_values_of_this_program() {
     let own = [

@@ -47,7 +47,7 @@ pub(super) enum FixPart {
     /// North, east, down, and the stated error, m/s.
     Velocity([f64; 3], f64),
     State(FixState),
-    /// State and place.
+    /// Fix state and position.
     Solution(FixState, FixPlace),
 }
 

@@ -33,7 +33,7 @@ fn pulse(tow_ms: u32) -> Vec<u8> {
     put(&mut p, 0, &tow_ms.to_le_bytes());
     message(0x0d, 1, &p)
 }
-/// NAV-RELPOSNED to the east of a moving base that is fixed.
+/// NAV-RELPOSNED east of a moving base with a fixed solution.
 fn relative(tow_ms: u32, valid: bool) -> Vec<u8> {
     relative_with(tow_ms, 0b11_0111 | u32::from(valid) << 8)
 }
@@ -92,13 +92,13 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
     let remark = remark.unwrap_or_else(|| panic!("{remarks:?}"));
     assert_eq!(remark.text, "moving base: float in 143 of 150 headings: left out");
     assert!(remark.remedy.is_some());
-    // A short while at the start is no fault.
+    // A short time at the start is not a fault.
     let bytes: Vec<u8> = (140..180)
         .flat_map(|k| relative_with(200 * k, flags(k)))
         .collect();
     let (all, d) = decode(&bytes, 64);
     assert_eq!((all.len(), d.remarks()[0].remedy.is_none()), (37, true));
-    // No fix, no relative place, no heading, no carrier solution, and both bits of it; a base ashore.
+    // No fix, no relative position, no heading, no carrier solution, both of its bits set; a base ashore.
     for (flag, why) in [
         (1, "marked as invalid"),
         (1 << 2, "marked as invalid"),
@@ -115,7 +115,7 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
 
 #[test]
 fn ubx_fix_by_each_of_its_flags() {
-    // Kind, flags, flags3 with invalidLlh first.
+    // Kind, flags, and flags3 with invalidLlh first.
     for (kind, flags, flags3, is_one) in [
         (3, 1, 0, true),
         (4, 1, 0, true),
@@ -143,7 +143,7 @@ fn ubx_receiver_with_the_solution_in_parts() {
         put(&mut sol, 0, &tow_ms.to_le_bytes());
         (sol[10], sol[11]) = (kind, u8::from(kind > 0));
         let all = parts(tow_ms, 3, false);
-        // NAV-POSLLH and NAV-VELNED, without NAV-STATUS between them.
+        // NAV-POSLLH and NAV-VELNED, without the NAV-STATUS in between.
         let (place, rest) = all.split_at(8 + 28);
         [&message(1, 6, &sol)[..], place, &rest[8 + 16..]].concat()
     };
@@ -161,7 +161,7 @@ fn ubx_receiver_with_the_solution_in_parts() {
     );
 }
 
-/// NAV-POSLLH, NAV-STATUS with this kind of fix, NAV-VELNED and, where it is `fine`, NAV-HPPOSLLH, as a receiver sends them.
+/// NAV-POSLLH, NAV-STATUS with this kind of fix, NAV-VELNED and, if `fine`, NAV-HPPOSLLH, in a receiver's order.
 fn parts(tow_ms: u32, fix: u8, fine: bool) -> Vec<u8> {
     let mut place = [0; 28];
     put(&mut place, 0, &tow_ms.to_le_bytes());
@@ -204,7 +204,7 @@ fn ubx_receiver_without_whole_fixes() {
     for fine in [false, true] {
         let bytes: Vec<u8> = (0..20).flat_map(|k| parts(200 * k, 3, fine)).collect();
         let (all, d) = decode(&bytes, 7);
-        // The first shows what comes with each.
+        // The first epoch shows which parts arrive in each.
         assert_eq!(all.len(), 19, "{fine}: {:?}", d.decoded());
         for (k, m) in (1..).zip(&all) {
             assert_eq!(m.at_ns, 200_000_000 * k);
@@ -236,7 +236,8 @@ fn ubx_parts_without_a_fix_and_with_a_whole_one() {
     assert!(all.is_empty());
     let reports = |d: &UbxDecoder, part: &str| d.remarks().iter().any(|r| r.text.contains(part));
     assert!(reports(&d, "20 NAV-STATUS (no fix)"), "{:?}", d.remarks());
-    // NAV-PVT has it all; once it is silent for 2 s, the parts stand in. Their first time shows what comes with each.
+    // NAV-PVT is complete; once it is silent for 2 s, the parts are used. Their first epoch shows which parts arrive in
+    // each.
     let part = |k: u32| {
         [
             parts(200 * k, 3, false),
@@ -283,7 +284,7 @@ fn ubx_messages_that_are_not_read() {
 #[test]
 fn ubx_pulse_of_another_time_base() {
     let before_any_fix = pulse(77_000);
-    // The next second; the one that just passed, late; the next one of UTC, 18 s behind; a new week.
+    // The next second; the one that just passed, late; the next one in UTC, 18 s behind; a new week.
     let bytes = [
         before_any_fix,
         pvt(20_200),
@@ -379,7 +380,7 @@ fn ubx_place_in_earth_centred_coordinates() {
         let apart_m = g.datum.distance_m(&Datum::new(50.0, 14.5, 255.0));
         assert!(apart_m < 0.02 && (g.position_sd[0] - 0.9).abs() < 1e-9, "{g:?}");
     }
-    // One in degrees of the same time is better.
+    // A message in degrees for the same time is better.
     let bytes: Vec<u8> = (0..20)
         .flat_map(|k| [sol(k), parts(200 * k, 3, false)].concat())
         .collect();

@@ -126,7 +126,7 @@ fn lock(root: &Path, path: &Path) -> io::Result<File> {
     Ok(directory)
 }
 
-/// A time (UTC) as 20261125T181500Z.
+/// Text of a time (UTC), for example 20261125T181500Z.
 fn stamp(t: OffsetDateTime) -> String {
     let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
     let (hour, minute, second) = t.to_hms();

@@ -1,4 +1,4 @@
-//! Flags of a sender's own quality.
+//! Quality flags of the sender.
 
 use super::*;
 
@@ -9,7 +9,7 @@ fn nmea_fix_that_is_none() {
         ("7", "A,M", "simulated or set by hand"),
         ("8", "V,S", "simulated or set by hand"),
         ("8", "A,S", "simulated or set by hand"),
-        // Of the standard before 2.3, which knows no mode.
+        // From versions of the standard before 2.3, which have no mode.
         ("8", "A", "simulated or set by hand"),
     ] {
         let (status, mode) = rmc.split_once(',').unwrap_or((rmc, ""));

@@ -1,9 +1,10 @@
-//! Devices of one stream that contradict each other, and what the stream has between its sentences.
+//! Contradicting devices in one stream, and foreign content between sentences.
 
 use super::*;
 use crate::sensors::config::BusDevices;
 
-/// Seconds at 10 Hz: GGA and RMC once a second and these sentences each time, live; the decoder, and its headings, tilts (deg).
+/// Live stream of this many seconds at 10 Hz: GGA and RMC once per second, and these sentences each time. Returns the
+/// decoder, headings and tilts (deg).
 fn boat(seconds: u32, mount: Mount, each: impl Fn(f64) -> Vec<String>) -> (NmeaDecoder, Vec<f64>, Vec<f64>) {
     let mut d = decoder(mount);
     let (mut headings, mut rolls) = (Vec::new(), Vec::new());
@@ -171,7 +172,7 @@ fn decimal_commas_negative_headings_and_qualities() {
     }
     let sbas = format!("GPGGA,T,{PLACE},9,12,0.8,3.0,M,45.0,M,,");
     assert!(fixes(&epochs(&[&sbas]).0).len() >= 9);
-    // What is at its end empty, and a name that is, are none too many.
+    // Empty fields at the end, and a name that is empty, do not count as surplus.
     let (all, _) = epochs(&[
         zda,
         "HEHDT,42.9,T,,",
@@ -194,7 +195,7 @@ fn other_formats_among_sentences() {
         lines
             .iter()
             .for_each(|line| d.push(format!("{line}\r\n").as_bytes(), &mut out));
-        // A message of UBX whose payload has the begin and the end of sentences.
+        // A UBX message whose payload contains the start and end of sentences.
         let ubx = [&[0xb5, 0x62, 1, 7, 12, 0][..], b"$GP\r\n$GNTXT,", &[1, 2]].concat();
         d.push(
             &[&ubx[..], sentence("GNTXT,01,01,02,ANT").as_bytes()].concat(),
@@ -216,7 +217,7 @@ fn other_formats_among_sentences() {
         );
     }
     assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
-    // Such a sender has the port, so that it is named; a wind sensor has not.
+    // Such a sender is admitted so that it is reported; a wind sensor is not.
     let speaks = crate::sensors::Format::Nmea.speaks();
     assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
     assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
@@ -224,7 +225,7 @@ fn other_formats_among_sentences() {
 
 #[test]
 fn instrument_with_a_clock_in_local_time() {
-    // Of the three sentences that come each second the two that agree count, whichever comes first.
+    // Of the three sentences per second, the two that agree are used, in any order.
     for order in [[0, 1, 2], [2, 0, 1]] {
         let (mut d, mut out) = (decoder(Mount::default()), Vec::new());
         for k in 0..60 {
