@@ -116,7 +116,7 @@ struct Controls {
     pressed: bool,
 }
 
-/// Firmware on its pad, with good sensors: the stand-in that feeds it has its own errors.
+/// Firmware on its pad, with good sensors, because the stand-in firmware around it has errors of its own.
 fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
     let c = AutopilotConfig {
         firmware,

@@ -317,7 +317,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     success
 }
 
-/// Asserts a successful landing in one of two flights: busy computers are not hard real time.
+/// Asserts a successful landing in one of two flights: a busy computer does not keep hard real time.
 fn land(firmware: Firmware, variable: &str) {
     // One after the other: they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());

@@ -365,7 +365,7 @@ struct CameraEdge<D> {
     over: bool,
     /// They are recorded whole.
     keeps_images: bool,
-    /// The source broke so often.
+    /// Number of times that the source broke.
     opened: u32,
     light: LightRecord,
     /// Time from exposure to detection, s.

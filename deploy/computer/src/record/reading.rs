@@ -18,9 +18,9 @@ use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
 use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
-/// Greatest size of a file, and of all its steps together, bytes.
+/// Maximum size of a file, and of all its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
-/// Greatest size of a file's beginning, configurations included, bytes.
+/// Maximum size of a file's beginning, configurations included, bytes.
 const MAX_BEGINNING_BYTES: u64 = 1 << 20;
 
 /// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that some damaged
@@ -102,7 +102,7 @@ impl LogBeginning {
             false => Ok(self),
         }
     }
-    /// Reads the beginning from the file's bytes, or from its first bytes if it goes on.
+    /// Reads the beginning from `file`: all bytes of the file, or its first bytes if `goes_on`.
     fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<LogBeginning, CliError> {
         let origin = path.display();
         let mut found = LogBeginning {

@@ -54,7 +54,7 @@ impl VesselRadio {
     pub fn counts(&self) -> RadioCounts {
         self.port.radio.counts()
     }
-    /// Whether the session can be trusted after the process stood still for `gap_s`.
+    /// Whether the session is still valid after the process did not run for `gap_s`, s.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }

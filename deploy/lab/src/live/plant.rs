@@ -37,7 +37,7 @@ const READ: Duration = Duration::from_millis(2);
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// Most successful reads in one slice.
+/// Maximum number of successful reads in one slice.
 const MAX_READS: u32 = 64;
 
 /// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
@@ -434,7 +434,7 @@ mod tests {
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 
-    /// Most slices before a test gives up.
+    /// Maximum number of slices before a test gives up.
     const MAX: i64 = 2000;
 
     fn sensed(k: i64) -> PlantState {

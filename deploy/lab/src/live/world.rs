@@ -98,7 +98,7 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
-    /// Greatest delay of a tick of the simulated world, s.
+    /// Maximum delay of a tick of the simulated world, s.
     pub latest_tick_s: f64,
 }
 

@@ -30,7 +30,7 @@ use crate::view::picture::Picture;
 
 /// Messages queued for a viewer with Foxglove; then the oldest are dropped.
 const BACKLOG: usize = 512;
-/// Limit for the answer to an order of the page.
+/// Time limit for answering an order that the page gives.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before checking again a viewer that has not read the last picture.
 const STALL_PAUSE: Duration = Duration::from_millis(100);
@@ -44,7 +44,7 @@ pub struct Served {
     pub may_order: bool,
 }
 
-/// Order of the page, to be answered with its result as a text.
+/// Order that the page gives; the answer is a text with the result.
 pub struct PageOrder {
     /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,

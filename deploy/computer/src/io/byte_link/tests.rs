@@ -257,7 +257,7 @@ async fn link_that_opens_and_breaks_at_once() {
     for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
-        // The last one sends something first.
+        // The last connection sends something before it is dropped.
         if round == 3 {
             other.try_write(b"hello").unwrap();
             assert_eq!(read_at_least(&mut link, 5).await, b"hello");

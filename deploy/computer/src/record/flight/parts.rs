@@ -86,7 +86,7 @@ impl PartWriter {
             Ok(part)
         });
         if begun.is_err() {
-            // An incomplete beginning is no part.
+            // A file with an incomplete beginning is not a part.
             let _none = std::fs::remove_file(path);
         }
         begun

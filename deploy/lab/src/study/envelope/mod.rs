@@ -178,8 +178,8 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only these are independent
-/// of each other.
+/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only the landings of one
+/// cell are independent of each other.
 fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
     let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
