@@ -240,7 +240,7 @@ impl uav::RowVisitor for Beginning<'_> {
         let (log, boot) = (self.log, self.start.header.boot);
         let computer: DroneComputerConfig = self.start.config()?;
         let (nodes, own) = (computer.nodes(), &computer.drone);
-        // The first start in a simulated world waits for no predecessor's checkpoint.
+        // The first start in a simulated world does not wait for a predecessor's checkpoint.
         let succeeds = log.is_live() || log.find(&self.start.header.process) != Some(self.start);
         let mut other: Option<Box<dyn Any>> = None;
         if N::KIND == ProcessKind::Mission && !succeeds {

@@ -352,7 +352,8 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // A replay that catches a panic prints this; for input that the decoder rejects it names the step.
+        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the step
+        // instead.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"

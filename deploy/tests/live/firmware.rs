@@ -112,7 +112,7 @@ struct Controls {
     pad: Vector3<f64>,
     taken_off: bool,
     slice: Option<Time<TrueTime>>,
-    /// Set-points have pressed the drone down.
+    /// Set-points have pressed the drone onto the deck.
     pressed: bool,
 }
 

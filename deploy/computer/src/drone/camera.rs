@@ -359,11 +359,11 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
 struct CameraEdge<D> {
     source: Source,
     name: String,
-    /// Received images, the number of the newest, and whether there are no more.
+    /// Received images, the number of the newest, and whether the source has ended.
     input: CameraIn,
     number: u64,
     over: bool,
-    /// They are recorded whole.
+    /// The images are recorded whole, not as hashes.
     keeps_images: bool,
     /// Number of times that the source broke.
     opened: u32,

@@ -23,7 +23,7 @@ use crate::process::args::ProcessArgs;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::record::flight::recorder::NodeRecorder;
 
-/// A row between two steps, for its process.
+/// State of a row between two steps, as its process sees it.
 pub struct NodeView<'a, N: Wired> {
     pub node: &'a N,
     pub now: Time<N::Clock>,

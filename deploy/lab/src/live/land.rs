@@ -66,7 +66,7 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
-    // Firmware and the devices' bytes need a position on Earth.
+    // An external firmware and simulated devices need a position on Earth.
     let among = &mut scene.scenario.place.among;
     if args.flown_by() != AutopilotKind::Internal || among.is_empty() {
         *among = vec![AT_SEA];

@@ -306,8 +306,8 @@ fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// A slice of the simulated autopilot; returns its motor commands. `links`: the companion's, and the ground station's
-/// if there is one.
+/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the ground
+/// station's if there is one.
 fn simulated_turn(
     (socket, station): (&UdpSocket, Option<&UdpSocket>),
     autopilot: &mut SimulatedAutopilot,

@@ -68,7 +68,7 @@ impl TooSlow {
     /// set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// The end of the world because of a tick that is `late_s` late at `t_s`, if it has to end. A delay in the warm-up,
+    /// Report of a tick that is `late_s` late at `t_s`, if the delay has to end the simulation. A delay in the warm-up,
     /// such as while a firmware connects, does no harm.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
@@ -301,7 +301,7 @@ impl<'a> LiveWorld<'a> {
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Only the camera, and the rangefinder that a firmware's plant lacks.
+            // Only the camera's data are sent, and those of the rangefinder, which a firmware's plant lacks.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,

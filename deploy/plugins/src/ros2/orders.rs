@@ -91,8 +91,8 @@ impl<C: Caller> Orders<C> {
             }
         }
     }
-    /// Answers the clients once the mission's newest state shows that it took the order, or when the time is over.
-    /// Returns the command to send to the mission.
+    /// Answers the clients once the mission's newest state shows that it took the order, or when the time limit has
+    /// passed. Returns the command to send to the mission.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
         let now = Time::from_nanos(now_ns);

@@ -103,7 +103,8 @@ async fn serial_port_open_in_another_program() {
     let why = second.last_error().unwrap();
     assert!(why.contains("another program has this port open"), "{why}");
     assert_eq!(second.opened(), 0);
-    // It is taken over once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but root.
+    // The second link opens the port once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but
+    // root.
     drop(first);
     if !rustix::process::geteuid().is_root() {
         return;
