@@ -487,7 +487,7 @@ fn study_of_paired_planners() {
     let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
-    // Nor are those of another study.
+    // Rows of another study are not mixed with these either.
     let o = alight(format!("study wind --trials 1 --out {}", out.display()));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
 }

@@ -80,7 +80,8 @@ impl Link {
                     *stream = door.accept().ok().map(|(s, _)| s);
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
-                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes 39 ms.
+                        // Set as in ArduPilot, because otherwise odometry waits for acknowledgements, sometimes for 39
+                        // ms.
                         s.set_nodelay(true).unwrap();
                     });
                 }

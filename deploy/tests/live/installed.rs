@@ -454,7 +454,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     assert!(errors.contains("the drone is armed"), "{errors}");
     all.assert_others_rejected();
     radio_path.silence(true);
-    // Each waits 12 s in vain for an answer.
+    // Each command waits 12 s in vain for an answer.
     let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
     let landing = std::thread::spawn(|| run("drone", land));
     std::thread::sleep(Duration::from_secs(2));

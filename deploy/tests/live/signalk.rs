@@ -41,7 +41,7 @@ fn signalk_client_across_a_restart_of_the_server() {
     let mut program = Running(child);
     for _ in 0..2 {
         let mut socket = client(&listener);
-        // Neither an answer nor an order results.
+        // The program neither answers this request nor takes it as an order.
         let put =
             r#"{"requestId":"1","context":"vessels.self","put":{"path":"alight.deck.closed","value":true}}"#;
         socket.send(Message::text(put)).unwrap();

@@ -204,8 +204,8 @@ impl<D: Detector> CameraEdge<D> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
-                    // The only copy: the node's input outlives the slot in shared memory. Alight's publisher sends no
-                    // image of another size than in its header.
+                    // The image is copied only here, because the node's input outlives the slot in shared memory.
+                    // Alight's publisher sends no image of another size than in its header.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
                         self.input.frames.push(CameraFrame { at, image: grey });

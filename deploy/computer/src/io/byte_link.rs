@@ -67,8 +67,8 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// One of several links. An unknown name of another computer is no error, so that the other links continue; it is
-    /// looked up until it is known.
+    /// One of several links. An unknown name of another computer is not an error, so that the other links continue; the
+    /// name is looked up until it is known.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
             LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {

@@ -510,7 +510,7 @@ mod tests {
                 let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
-                    // As after a lost answer.
+                    // The packet is repeated, as after a lost answer.
                     socket.send(&packet).unwrap();
                     let mut buffer = [0; 1024];
                     socket.recv(&mut buffer).unwrap();

@@ -177,7 +177,7 @@ impl RenderThread {
             if result.send(Ok(())).is_err() {
                 return;
             }
-            // Ends when the world drops the sending end.
+            // The thread ends when the world drops the sending end.
             while let Ok(shot) = waiting.recv() {
                 let delivered = !sink.too_late(&shot) && sink.take(&shot, size, &mut renderer);
                 lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);

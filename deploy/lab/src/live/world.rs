@@ -64,8 +64,8 @@ pub struct TooSlow {
 }
 
 impl TooSlow {
-    /// Delay that ends the world, s: every link of the system has timed out by then; an autopilot waits 0.5 to 1 s for
-    /// set-points.
+    /// Delay at which the simulation is stopped, s: after it every link of the system has timed out; an autopilot waits
+    /// 0.5 to 1 s for set-points.
     const BEHIND_S: f64 = 1.0;
 
     /// Report of a tick that is `late_s` late at `t_s`, if the delay has to end the simulation. A delay in the warm-up,
@@ -126,8 +126,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // No motion is due any more. Leaving the shared memory waits by yielding, which at real-time priority would occupy
-    // a processor.
+    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority that
+    // would occupy a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)

@@ -301,7 +301,7 @@ fn file(content: &'static str, body: &'static str) -> Response {
     (headers(content), body).into_response()
 }
 
-/// Pictures from the newest on, as events.
+/// Sends the newest picture and all later ones as server-sent events.
 async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<ViewerPeer>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
@@ -317,7 +317,7 @@ async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Vie
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }
 
-/// Newest picture, once.
+/// Sends the newest picture once.
 async fn state(State(shared): State<Shared>) -> Response {
     let newest = shared.pictures.borrow().clone();
     let json = newest

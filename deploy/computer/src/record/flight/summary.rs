@@ -16,7 +16,7 @@ const MAX_PHASES: usize = 200;
 /// Maximum size of the file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A state and its entry.
+/// A state, and the time and reason of its entry.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PhaseEntry {
     /// Time since the flight began, s.
