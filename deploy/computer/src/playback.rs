@@ -54,13 +54,14 @@ pub type StartViewer<'a> =
 pub struct NodeReplay {
     pub node: String,
     pub steps: u64,
-    /// A recording's time of the first step whose output differs, s.
+    /// Time in a recording of the first step whose output differs, s.
     pub differs_at_s: Option<f64>,
     /// Number of that step, from 0.
     pub differs_at_step: Option<u64>,
 }
 
-/// Law of a recorded planner that the drone does not carry, built from the recording.
+/// Builds the law of a recorded planner that the drone's program does not include, from the recording's text and the
+/// settings.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
 /// The starts of a log that observers see: those of rows, in the order of the data flow.
@@ -239,7 +240,7 @@ impl uav::RowVisitor for Beginning<'_> {
         let (log, boot) = (self.log, self.start.header.boot);
         let computer: DroneComputerConfig = self.start.config()?;
         let (nodes, own) = (computer.nodes(), &computer.drone);
-        // The first start in a simulated world waits for no predecessor's checkpoint.
+        // The first start in a simulated world does not wait for a predecessor's checkpoint.
         let succeeds = log.is_live() || log.find(&self.start.header.process) != Some(self.start);
         let mut other: Option<Box<dyn Any>> = None;
         if N::KIND == ProcessKind::Mission && !succeeds {
@@ -311,7 +312,7 @@ impl<N: Wired> Replayed for ReplayedNode<N> {
     }
 }
 
-/// Its steps are not shown: the supervisor is no row.
+/// The supervisor's steps are not shown, because it is not a row.
 impl Replayed for SupervisorNode {
     fn step(
         &mut self,
@@ -419,7 +420,7 @@ mod tests {
             "{}",
             why(3)
         );
-        // A recording does not hold the key.
+        // A recording does not contain the signing key.
         let secret: Vec<u8> = (0..32)
             .map(|k| u8::from_str_radix(&KEY[2 * k..2 * k + 2], 16).unwrap())
             .collect();

@@ -117,7 +117,7 @@ pub fn commanded_drone(
     let name = instance.unwrap_or(SIMULATED);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
-        // An order to a wrong number is not taken; an abort is tried.
+        // Without the configuration an order might have the wrong drone's number and is rejected; an abort is tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
             "the configuration of the processes {name} is not found: name it with --config"
         ))),

@@ -66,7 +66,7 @@ pub fn note(alone: bool, text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
-/// Field: an object's fields, or a value.
+/// Value of a field: the fields of an inner object, or a plain value.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Field {

@@ -72,7 +72,7 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
     ]
 }
 
-/// Outcome of one trial; with `mode = "match"` the reason of a successful match, which is no landing.
+/// Outcome of one trial; with `mode = "match"` the reason of a successful match, which is not a landing.
 pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
     // A landing that did not begin has few of these metrics.

@@ -64,7 +64,7 @@ impl BeliefPlot {
         let (Some(drone), Some(forecast)) = (&self.drone, &o.forecast) else {
             return;
         };
-        // Ticks are whole; their sum in binary digits is not.
+        // The tolerance covers the rounding of times in floating point.
         if t_s >= next_s - 1e-6 {
             let point = point(t_s, now, drone, forecast, self.feet_below_m);
             self.trace.points.extend(point);

@@ -168,7 +168,7 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
     Ok(())
 }
 
-/// Sets wind, stay on the deck, and outage and start of the mission by the flags.
+/// Sets wind, time on the deck, radio outage and start of the mission from the flags.
 fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
     match args.wind {
         None => {}

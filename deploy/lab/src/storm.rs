@@ -35,7 +35,7 @@ pub struct StormArgs {
     /// Number of storms.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     trials: u32,
-    /// Duration to fly for instead, s.
+    /// Fly for this duration instead, s.
     #[arg(long = "for", value_name = "TIME", conflicts_with = "trials", value_parser = seconds(1..=604_800))]
     seconds: Option<u32>,
     /// First seed.
@@ -87,7 +87,7 @@ struct Summary {
     waits: usize,
     crashed: usize,
     violations: BTreeMap<StormRule, usize>,
-    /// Number of faults that began; of their kinds, and of pairs of kind and state, those begun and all.
+    /// Number of faults that began; for kinds, and for pairs of kind and state, the number that began and the total.
     faults_begun: usize,
     kinds_begun: usize,
     kinds: usize,

@@ -65,7 +65,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     Ok((seed0..end).collect())
 }
 
-/// Flies `count` landings and sums up.
+/// Flies `count` landings and prints a summary.
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     // The first call installs the handler: a signal from here on ends the study with the landings flown so far.

@@ -136,7 +136,7 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let wanted = content(query);
     let common = |e: &Explained| content(&e.text).intersection(&wanted).count();
     let most = all.iter().map(common).max().unwrap_or_default();
-    // A match of fewer than two thirds of the terms is chance.
+    // A match of fewer than two thirds of the terms is a coincidence.
     if most == 0 || 3 * most < 2 * wanted.len() {
         return Vec::new();
     }

@@ -1,4 +1,4 @@
-//! Plug-ins of the program, which no landing uses and only the command line names. Each is a feature.
+//! Plug-ins of the program. No landing uses them; only the command line refers to them. Each is a feature.
 
 #[cfg(feature = "calibrate")]
 pub mod calibrate;

@@ -419,7 +419,7 @@ fn study_shards_and_resumption() {
     let o = alight(format!("study merge --json --out {all} {one} {two}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     assert_eq!(json(&o)[0]["position_error_m"], at_once[0]["position_error_m"]);
-    // The directory of a shard holds a part; without --shard the rest is flown, and nothing twice.
+    // The directory of a shard has a part of the trials; without --shard the rest is flown, and no trial twice.
     assert_eq!(study(&one, "")[0]["tilt_error_deg"], at_once[0]["tilt_error_deg"]);
     let rows = std::fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + 3);
@@ -487,7 +487,7 @@ fn study_of_paired_planners() {
     let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
-    // Nor are those of another study.
+    // Rows of another study are not mixed with these either.
     let o = alight(format!("study wind --trials 1 --out {}", out.display()));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
 }

@@ -333,13 +333,13 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     Ok(())
 }
 
-/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged bytes). Here
-/// the nodes get them.
+/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged bytes). This
+/// test passes them to the nodes.
 #[test]
 fn corrupted_steps_of_a_recording() {
     let reached = AtomicU32::new(0);
     let config = ProptestConfig {
-        // Failures are printed; the runner knows no file to keep them in.
+        // Failures are printed, because the runner has no file to store them in.
         failure_persistence: None,
         ..runs()
     };
@@ -352,7 +352,8 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // A replay that catches a panic prints this; for input that the decoder rejects it names the step.
+        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the step
+        // instead.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"
@@ -364,7 +365,7 @@ fn corrupted_steps_of_a_recording() {
     let reached = reached.into_inner();
     println!("{reached} of {cases} recordings were decoded to the end: the nodes got all their wrong bytes");
     done.unwrap();
-    // Half of them do.
+    // Usually half of the recordings are decoded to the end.
     assert!(8 * reached >= cases, "only {reached} of {cases} reached a node");
 }
 

@@ -292,7 +292,7 @@ fn deck_calibration_of_a_recording() {
         output.contains("roll   not observable") && output.contains("GNSS antenna"),
         "{output}"
     );
-    // Nor does a weight recorded in waves make it observable.
+    // A weight recorded in waves does not make the hull observable either.
     let loaded = format!("calibrate vessel {recording} --loaded-log {recording} --weight");
     let vessel = alight(format!("{loaded} 60,1.4,0.9"));
     let output = stdout(&vessel);

@@ -122,7 +122,7 @@ fn container_copies_what_there_is() {
         let first = line.split(' ').next().unwrap_or_default();
         assert!(known.contains(&first), "{line}");
     }
-    // Images are named without a registry: the machine's is used.
+    // Images are named without a registry, so the machine's own default is used.
     let images = instructions(&text, "ARG");
     assert_eq!(images.len(), instructions(&text, "FROM").len());
     for image in images.iter().flatten() {

@@ -152,7 +152,7 @@ fn intruders_among_admitted_peers() {
     );
     let intruders = intruders(&address, &directory);
     let [mut friend, mut second, mut back] = [0; 3];
-    // Two hundred exchanges of the peers give the intruders as much time.
+    // The intruders have as much time as two hundred exchanges of the admitted peers take.
     for _ in 0..4000 {
         vessel.send(0, b"estimate".to_vec());
         drone.send(0, b"friend".to_vec());

@@ -84,7 +84,7 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
 }
 
-/// A restarted writer is read on; a restarted or late reader gets the messages sent afterwards.
+/// Messages of a restarted writer are read, too; a restarted or late reader gets the messages sent afterwards.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     writer.send(&range(3, 90));
@@ -118,7 +118,7 @@ fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     assert!(wake.woke() && !wake.woke());
 }
 
-/// A message older than its topic's limit can be read, but is no fresh input.
+/// A message older than its topic's limit can be read, but does not count as a fresh input.
 fn stale<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     let limit = SetPoint::TOPIC.stale_after;

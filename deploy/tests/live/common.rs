@@ -11,7 +11,7 @@ use alight_lab::live::service::Service;
 use alight_transport::radio::{Publication, TlsConfig, Urgency};
 use serde_json::Value;
 
-/// Number of test threads that use this computer, and whether one has it alone.
+/// Number of test threads that use this computer, and whether one of them uses it exclusively.
 static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());
 
 thread_local! {
@@ -24,7 +24,8 @@ struct Use {
 }
 
 impl Use {
-    /// Waits for the use. A thread that waits to be alone does not block others, which may need another use first.
+    /// Waits until this thread may use the computer. A thread that waits for exclusive use does not block others, which
+    /// may have to use it again first.
     fn begin(alone: bool) -> Use {
         let (users, changed) = &USERS;
         let free = |(users, taken): &mut (usize, bool)| *taken || alone && *users > 0;

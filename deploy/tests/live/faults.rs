@@ -129,7 +129,7 @@ fn abort_to_the_successor_of_a_killed_mission() {
     );
     let (flown, out) = std::thread::scope(|scope| {
         let flown = scope.spawn(|| fly(&name, &flight));
-        // Started before the fault: a command takes longer than the fault may wait.
+        // The command is started before the fault, because it takes longer than the fault may wait.
         let first = pid(&status_when(&name, |s| pid(s, "mission").is_some()), "mission");
         status_when(&name, |s| pid(s, "mission").is_some_and(|new| Some(new) != first));
         let config = directory(&name).join("drone.toml");

@@ -80,7 +80,8 @@ impl Link {
                     *stream = door.accept().ok().map(|(s, _)| s);
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
-                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes 39 ms.
+                        // Set as in ArduPilot, because otherwise odometry waits for acknowledgements, sometimes for 39
+                        // ms.
                         s.set_nodelay(true).unwrap();
                     });
                 }
@@ -112,11 +113,11 @@ struct Controls {
     pad: Vector3<f64>,
     taken_off: bool,
     slice: Option<Time<TrueTime>>,
-    /// Set-points have pressed the drone down.
+    /// Set-points have pressed the drone onto the deck.
     pressed: bool,
 }
 
-/// Firmware on its pad, with good sensors: the stand-in that feeds it has its own errors.
+/// Firmware on its pad, with good sensors, because the stand-in firmware around it has errors of its own.
 fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
     let c = AutopilotConfig {
         firmware,

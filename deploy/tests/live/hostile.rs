@@ -28,7 +28,7 @@ const KEYS: [&str; 7] = [
     "alight/drone-1/status",
 ];
 
-/// Endless numbers from a seed (a linear congruence; their quality does not matter).
+/// Pseudo-random numbers from a seed (a linear congruential generator; their quality does not matter).
 struct Dice(u64);
 
 impl Dice {

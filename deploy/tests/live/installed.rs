@@ -139,7 +139,7 @@ impl Installed {
         let sensors = toml::Value::try_from(sensors).expect("TOML");
         table(&mut vessel, "sensor").insert("sources".into(), sensors.clone());
         drone.insert("instance".into(), instance.clone().into());
-        // The shipped file begins with a pilot, whom the simulated vehicles do not have.
+        // In the shipped file the mission waits for a pilot first, but the simulated vehicles have none.
         table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
         // Destination of the simulated autopilot's MAVLink.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
@@ -454,7 +454,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     assert!(errors.contains("the drone is armed"), "{errors}");
     all.assert_others_rejected();
     radio_path.silence(true);
-    // Each waits 12 s in vain for an answer.
+    // Each command waits 12 s in vain for an answer.
     let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
     let landing = std::thread::spawn(|| run("drone", land));
     std::thread::sleep(Duration::from_secs(2));

@@ -194,7 +194,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     let listed = printed(&run(format!("flights {} --json", log.display())));
     assert!(listed.contains("\"outcome\":\"landed\""), "{listed}");
     let text = replay(&log);
-    // Without the truth, which a real flight does not have.
+    // The truth is left out, because a real flight does not have it.
     let merged = log.with_extension("flight.mcap");
     replay_to(&log, &merged);
     replay(&merged);

@@ -1,4 +1,5 @@
-//! Watchdog of the radio, and an order among states. No test asserts a time; timeouts only end hanging tests.
+//! Watchdog of the radio, and delivery of an order among many states. No test asserts a time; timeouts only end hanging
+//! tests.
 
 use std::time::Duration;
 

@@ -135,7 +135,7 @@ impl Person {
             [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
         );
     }
-    /// Next action of the pilot, once a heartbeat.
+    /// Next action of the pilot; called at each heartbeat.
     fn act(&mut self) {
         self.send(&MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: 8,
@@ -240,7 +240,7 @@ fn ports() -> u16 {
         .expect("free ports")
 }
 
-/// Flies once; whether the landing was a success.
+/// Flies once; returns whether the landing succeeded.
 fn flight(firmware: Firmware, program: &Path) -> bool {
     let name = format!("own-{}-{}", firmware as u8, std::process::id());
     let directory = std::env::temp_dir().join(&name);
@@ -317,7 +317,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     success
 }
 
-/// Asserts a successful landing in one of two flights: busy computers are not hard real time.
+/// Asserts a successful landing in one of two flights: a busy computer does not keep hard real time.
 fn land(firmware: Firmware, variable: &str) {
     // One after the other: they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());

@@ -186,7 +186,7 @@ fn kill(vessel: &Vessel, rounds: u64) -> Vec<f64> {
             "{flight}"
         );
         let path = PathBuf::from(flight["path"].as_str().expect("a path"));
-        // As it is, and repaired.
+        // Replays the flight as the kill left it, and repaired.
         for _ in 0..2 {
             let out = run(format!("replay {}", path.display()));
             assert!(
@@ -248,7 +248,7 @@ fn killed_recording() {
     let path = ended["path"].as_str().expect("a path");
     let out = run(format!("replay {path} --json"));
     assert!(out.status.success(), "{}", errors(&out));
-    // The directory of all flights is no flight.
+    // The directory of all flights is not itself a flight.
     let all = vessel.directory.join("flights");
     let out = run(format!("replay {}", all.display()));
     assert_eq!(out.status.code(), Some(2));

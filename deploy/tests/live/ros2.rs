@@ -195,7 +195,7 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let ((success, text), _) = call(client, &land, &attachment).expect("answered");
     assert!(success && text.starts_with("drone 1: "), "{text}");
     let ((success, text), answered) = call(client, &abort, &attachment).expect("answered");
-    // The landing had begun or not.
+    // The landing may or may not have begun.
     assert!(success && text.contains("operator's command"), "{text}");
     let own = |a: &[u8]| (a[..8].to_vec(), a[16..].to_vec());
     assert_eq!(own(&answered), own(&attachment));

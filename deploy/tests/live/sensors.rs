@@ -16,7 +16,7 @@ fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
     format!("${body}*{sum:02X}\r\n")
 }
-/// Memory of a vessel without its other processes, and `alight sensors` with these sources in it.
+/// Shared memory of a vessel without its other processes; only `alight sensors` runs, with these sources.
 pub struct Sensors {
     program: Running,
     pub memory: Memory,

@@ -19,7 +19,7 @@ fn server() -> (TcpListener, String) {
     let url = format!("ws://{}", listener.local_addr().unwrap());
     (listener, url)
 }
-/// Next client, greeted.
+/// Accepts the next client and sends it the server's greeting.
 fn client(listener: &TcpListener) -> WebSocket<TcpStream> {
     let (stream, _) = listener.accept().unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -41,7 +41,7 @@ fn signalk_client_across_a_restart_of_the_server() {
     let mut program = Running(child);
     for _ in 0..2 {
         let mut socket = client(&listener);
-        // Neither an answer nor an order results.
+        // The program neither answers this request nor takes it as an order.
         let put =
             r#"{"requestId":"1","context":"vessels.self","put":{"path":"alight.deck.closed","value":true}}"#;
         socket.send(Message::text(put)).unwrap();
@@ -58,7 +58,7 @@ fn signalk_client_across_a_restart_of_the_server() {
                 .find(|v| v["path"] == path)
                 .map(|v| v["value"].clone())
         };
-        // Nothing runs: every connection is sent everything.
+        // No process runs: every connection receives all values.
         assert_eq!(of("alight.drones.1.running"), Some(false.into()), "{delta}");
         assert_eq!(
             of("notifications.alight.drones.1.processes").unwrap()["state"],

@@ -106,7 +106,7 @@ fn flight_with_a_camera_that_cannot_be_started() {
     let _none = std::fs::remove_dir_all(&directory);
     std::fs::create_dir_all(&directory).expect("made");
     let file = |name: &str| directory.join(name);
-    // Copy of the program, which can lose its permission to be executed; without one not even root may.
+    // Copy of the program whose execute permission can be removed: without that, not even root can run it.
     let program = file("alight");
     std::fs::copy(env!("CARGO_BIN_EXE_alight"), &program).expect("copied");
     let permit = |mode| {

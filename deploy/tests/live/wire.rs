@@ -239,7 +239,7 @@ fn answer_on_the_key_of_another_vessel() {
 fn router_that_comes_late_and_starts_again() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let config = through(&endpoint, TlsConfig::default());
-    // Neither waits for a missing router.
+    // Neither side waits for a missing router.
     let (mut vessel, mut drone) = (vessel(&config), drone(&config));
     vessel.hold(0, vec![0; 10]);
     vessel.send(0, vec![0; 10]);

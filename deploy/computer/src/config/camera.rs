@@ -50,7 +50,7 @@ impl CameraSource {
     pub fn fixed_gain(&self) -> Option<f64> {
         (self.gain >= 0).then_some(self.gain as f64)
     }
-    /// Source of the simulated camera if `on`, otherwise of no camera.
+    /// Image source for the simulated camera if `on`, otherwise for no camera.
     pub fn of_simulation(on: bool) -> CameraSource {
         CameraSource {
             source: if on { SIMULATION.into() } else { String::new() },

@@ -44,7 +44,7 @@ const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=I
 
 impl LinkUrl {
     /// Address of an autopilot. An address that listens to every computer of a network has to name the autopilot's
-    /// address, because otherwise the first sender would be flown.
+    /// address, because otherwise the first sender would count as the autopilot.
     pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "and the first that sends would be taken for the autopilot: write udpin://127.0.0.1:PORT for one on this \

@@ -126,7 +126,7 @@ fn dotted(at: &str, key: &str) -> String {
     [at, key].join(if at.is_empty() { "" } else { "." })
 }
 
-/// Keys of a text with their positions in it, in order. Text that is not TOML has none; its reader reports why.
+/// Keys of a text with their positions in it, in order. A text that is not TOML has none; its parser reports the error.
 fn keys(text: &str) -> Vec<(usize, String)> {
     fn collect(table: &DeTable<'_>, at: &str, all: &mut Vec<(usize, String)>) {
         for (name, value) in table {
@@ -342,7 +342,7 @@ mod tests {
             e.contains("line 2: clock.offset_s belongs to the simulated world"),
             "{e}"
         );
-        // The text's reader reports a syntax error.
+        // The parser of the text reports a syntax error.
         let e = parse::<DroneComputerConfig>("[drone", "drone.toml")
             .unwrap_err()
             .to_string();

@@ -216,7 +216,7 @@ mod tests {
         assert_eq!(check(0.017, 320.0), Ok(()));
         let e = check(0.018, 320.0).unwrap_err();
         assert!(e.contains("`camera.exposure_s` is 0.018"), "{e}");
-        // The default with any usual lens.
+        // The default exposure is accepted with any usual lens.
         assert!(
             [200.0, 600.0, 1500.0, 4000.0]
                 .iter()

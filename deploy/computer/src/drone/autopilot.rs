@@ -55,8 +55,8 @@ impl Speakers {
             rejected: Arc::default(),
         }
     }
-    /// Accepts datagrams of the autopilot with this system number, or of any for 0. The accepted sender is the one that
-    /// is flown.
+    /// Accepts datagrams of the autopilot with this system number, or of any for 0. The first accepted sender counts as
+    /// the autopilot.
     pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
         let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
         Arc::new(move |datagram| {
@@ -249,7 +249,7 @@ impl Edge<AutopilotLink> for MavlinkEdge {
         out: &mut AutopilotOut,
         ports: &mut AutopilotPorts<B>,
     ) -> bool {
-        // The link comes first: set-points wait for nothing.
+        // The link comes first, because set-points must not wait.
         let frames = out
             .messages
             .iter()

@@ -91,7 +91,7 @@ impl Edge<Bridge> for RadioEdge {
 impl ProcessEdge<Bridge> for RadioEdge {
     fn stepped(&mut self, at: &NodeView<'_, Bridge>, step: &RowStep<Bridge>) {
         let out = &step.out;
-        // Before the clocks agree an answer could not be dated.
+        // Until the clocks agree, the time of an answer could not be converted.
         if at.node.offset(step.at).is_some() {
             self.port.radio.ask();
         }

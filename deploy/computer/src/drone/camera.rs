@@ -204,8 +204,8 @@ impl<D: Detector> CameraEdge<D> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
-                    // The only copy: the node's input outlives the slot in shared memory. Alight's publisher sends no
-                    // image of another size than in its header.
+                    // The image is copied only here, because the node's input outlives the slot in shared memory.
+                    // Alight's publisher sends no image of another size than in its header.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
                         self.input.frames.push(CameraFrame { at, image: grey });
@@ -359,13 +359,13 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
 struct CameraEdge<D> {
     source: Source,
     name: String,
-    /// Received images, the number of the newest, and whether there are no more.
+    /// Received images, the number of the newest, and whether the source has ended.
     input: CameraIn,
     number: u64,
     over: bool,
-    /// They are recorded whole.
+    /// The images are recorded whole, not as hashes.
     keeps_images: bool,
-    /// The source broke so often.
+    /// Number of times that the source broke.
     opened: u32,
     light: LightRecord,
     /// Time from exposure to detection, s.

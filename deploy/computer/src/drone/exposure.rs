@@ -34,7 +34,8 @@ pub struct ExposureControl {
 }
 
 impl ExposureControl {
-    /// Takes exposure and gain over from the device's automatic. The error is a sentence about the device.
+    /// Starts from the exposure and gain that the device's automatic control has set. The error is a sentence about the
+    /// device.
     pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
             .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;

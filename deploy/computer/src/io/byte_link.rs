@@ -67,8 +67,8 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// One of several links. An unknown name of another computer is no error, so that the other links continue; it is
-    /// looked up until it is known.
+    /// One of several links. An unknown name of another computer is not an error, so that the other links continue; the
+    /// name is looked up until it is known.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
             LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
@@ -158,7 +158,7 @@ impl ByteLink {
             }
         }
     }
-    /// Takes received bytes; false if the open end has changed.
+    /// Handles the result of a read: passes the peer's bytes to `take`; false after any other event.
     fn received(
         &mut self,
         received: io::Result<LinkReceived>,
@@ -190,7 +190,7 @@ impl ByteLink {
                 self.last_error = Some(format!("{}: a connection of {by} is rejected", self.url));
                 false
             }
-            // Response to sent data: no listener there yet.
+            // Response to sent data when nothing listens at the destination yet.
             Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
             Err(e) => {
                 self.failed(&e);

@@ -11,7 +11,7 @@ use crate::exit::{CliError, Doing};
 use crate::io::wall::wall_ns;
 
 const MAX_BYTES: u64 = 1024;
-/// Time from 1970 to 2015, 10 us.
+/// Time from 1970 to 2015, in units of 10 us.
 const FROM_1970: i64 = 142_007_040_000_000;
 const DIGITS: usize = 64;
 

@@ -75,7 +75,7 @@ pub fn remove(path: &Path) -> io::Result<()> {
 pub struct Holds {
     pub what: &'static str,
     pub lost: &'static str,
-    /// An older file misleads the next start, and is removed if it cannot be replaced.
+    /// An older file would mislead the next start, so it is removed if it cannot be replaced.
     pub misleads: bool,
 }
 

@@ -21,7 +21,8 @@ use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 /// Timeout of a connection, including the lookup of the name and the server's answer.
 const CONNECT: Duration = Duration::from_secs(3);
 const SEND: Duration = Duration::from_secs(3);
-/// Silence after which the server is pinged, and after as long again abandoned; a server pings every 30 s.
+/// Silence after which the server is pinged; after the same time again the connection is closed. A server pings every
+/// 30 s.
 const SILENT: Duration = Duration::from_secs(10);
 const MAX_REASON: usize = 120;
 const MAX_TOKEN: u64 = 4096;
@@ -50,7 +51,7 @@ impl SignalKSocket {
             Subscribe::Own => "self",
             Subscribe::None => "none",
         };
-        // A value that the server received long ago is no measurement.
+        // A value that the server received long ago does not count as a measurement.
         let url = format!("ws://{host}/signalk/v1/stream?subscribe={subscribe}&sendCachedValues=false");
         let mut request = url.into_client_request().map_err(io::Error::other)?;
         if let Some(file) = token {

@@ -15,7 +15,7 @@ pub struct ProcessArgs {
     /// The computer's configuration (TOML)
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
-    /// Record into this flight's directory, in the place of a new one below recorder.directory
+    /// Record into this flight's directory, instead of a new one below recorder.directory
     #[arg(long, alias = "log", hide = true, value_name = "DIR")]
     pub flight: Option<PathBuf>,
     /// End when standard input closes: a supervisor that dies takes its processes with it
@@ -35,7 +35,7 @@ pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     Err("recordings are MCAP: choose a name that ends in .mcap".into())
 }
 
-/// Whether and where people look on.
+/// Addresses at which viewers are served, if any.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ViewArgs {
     /// Serve a page for a browser [at 127.0.0.1:7450]
@@ -51,7 +51,7 @@ pub struct ViewArgs {
 }
 
 impl ViewArgs {
-    /// These over the configuration; None: without a viewer.
+    /// These flags take precedence over the configuration's addresses; None without a viewer.
     pub fn over(&self, configured: &ViewConfig) -> Option<ViewConfig> {
         if self.view.is_none() && !configured.on {
             return None;
@@ -67,13 +67,13 @@ impl ViewArgs {
     }
 }
 
-/// A service of a computer: what it runs, and whether people look on.
+/// A service of a computer: its process, and its viewers.
 #[derive(Args, Debug)]
 pub struct ServiceArgs {
     /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Whether and where people look on.
+    /// Addresses at which viewers are served, if any.
     #[command(flatten)]
     pub view: ViewArgs,
 }
@@ -125,10 +125,10 @@ pub struct CameraArgs {
     /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Source of images, in the place of camera.source or uvdar.source
+    /// Source of images, instead of camera.source or uvdar.source
     #[arg(long, value_name = "SOURCE")]
     pub source: Option<String>,
-    /// Look at what the source has without the drone's other processes, and print each detection (JSON)
+    /// Examine the images without the drone's other processes, and print each detection (JSON)
     #[arg(long)]
     pub print: bool,
 }

@@ -15,7 +15,7 @@ use crate::record::flight::summary::FlightSummary;
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
 /// Metric: dead time of the attitude's response, s.
 pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
-/// Most drones that a vessel summarises: a hostile one may invent numbers.
+/// Maximum number of drones that a vessel summarises: a hostile one may invent numbers.
 const MAX_DRONES: usize = 16;
 
 /// The flight that a computer's first process begins and summarises.
@@ -87,7 +87,7 @@ impl FlightLog {
     fn t_s(&self, now_ns: i64) -> f64 {
         seconds(now_ns - self.begun_ns)
     }
-    /// A drone is in a state: the reason for which it entered, and the condition that it waits for.
+    /// Records that a drone is in a state, with the reason for entering it and the condition that it waits for.
     pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)

@@ -94,7 +94,7 @@ impl Drop for OwnedInstance {
         let directory = self.instance.directory();
         let _left = remove_contents(&directory);
         let _left = std::fs::remove_file(self.file(LOCK_FILE));
-        // The directory stays if it holds the checkpoints of a supervisor that was not asked to end.
+        // The directory is kept if it has the checkpoints of a supervisor that was not asked to end.
         let _left = std::fs::remove_dir(directory);
     }
 }

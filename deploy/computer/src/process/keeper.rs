@@ -20,7 +20,7 @@ const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 const FILE_PERIOD: Span = Span::from_millis(50);
 /// Replaces the boot id where a file of any boot is valid.
 const ANY_BOOT: &str = "";
-/// Period at which the lasting state is compared: the times of signed frames change with each.
+/// Period at which the lasting state is compared: the times of signed frames change with each frame.
 const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.

@@ -1,4 +1,4 @@
-//! Missed deadlines: steps that came later than the readers of their output wait for.
+//! Missed deadlines: steps that were later than the readers of their output permit.
 
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};

@@ -9,7 +9,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Period of the watchdog messages, ns: several within any watchdog's timeout.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
-/// Longest status line, characters.
+/// Maximum length of a status line, characters.
 const MAX_STATUS: usize = 200;
 /// Variable that names the socket of the service manager.
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";

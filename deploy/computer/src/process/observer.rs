@@ -36,7 +36,7 @@ readers! {
 pub struct Observer {
     reports: Reports<Memory>,
     pub snapshot: Snapshot,
-    /// Ages of the vessel's newest state since they were last taken, s.
+    /// Ages of the vessel's newest state, collected since the last call that took them, s.
     pub ages_s: Vec<f64>,
 }
 

@@ -1,6 +1,6 @@
 //! Loop of every process of both computers: the process waits; its row reads, steps and writes
-//! ([`alight_shared::bus`]); the step is recorded and shown; twice a second the process reports. Processes differ in
-//! the wiring of their rows and in their edges.
+//! ([`alight_shared::bus`]); the step is recorded and shown; twice a second the process reports. The processes differ
+//! in the topics of their rows ([`Wired`]) and in their edges ([`ProcessEdge`]).
 
 use std::future::Future;
 use std::time::Duration;
@@ -23,7 +23,7 @@ use crate::process::args::ProcessArgs;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::record::flight::recorder::NodeRecorder;
 
-/// A row between two steps, for its process.
+/// State of a row between two steps, as its process sees it.
 pub struct NodeView<'a, N: Wired> {
     pub node: &'a N,
     pub now: Time<N::Clock>,
@@ -39,7 +39,7 @@ pub trait ProcessEdge<N: Wired>: Edge<N> {
     fn metrics(&mut self, _at: &NodeView<'_, N>) -> Vec<Metric> {
         Vec::new()
     }
-    /// Number of messages that could not be sent outside.
+    /// Number of messages that could not be sent to other computers or devices.
     fn unsent(&self) -> u64 {
         0
     }
@@ -73,8 +73,8 @@ pub struct Process<N: Wired> {
 }
 
 impl<N: Wired> Process<N> {
-    /// Starts a process of `kind` around the node that `make` makes for a boot id, in the memory of the instance, if
-    /// given.
+    /// Starts a process of `kind` with the node that `make` makes for a boot id. It joins the shared memory of
+    /// `instance`, if one is given.
     pub fn start(
         kind: ProcessKind,
         args: &ProcessArgs,
@@ -129,7 +129,7 @@ impl<N: Wired> Process<N> {
         self.life.ended() || edge.is_over()
     }
 
-    /// One round: a step if it is due, what follows from it for others, a report.
+    /// One round: makes a step if one is due, with what the edge does after it, and reports.
     fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
         let (clock, last) = (self.clock, &mut self.last);
         // The time never goes back.

@@ -19,7 +19,7 @@ const WORLD_PRIORITY: u8 = 40;
 /// Niceness of this session if the system groups processes by session (`sched_autogroup`, sched(7)).
 const SESSION: &str = "/proc/self/autogroup";
 
-/// Sets that niceness for this process and all that it starts; without the permission nothing changes.
+/// Sets `NICENESS` for this process and all that it starts; without the permission nothing changes.
 pub fn raise() {
     let own = getpriority_process(None).unwrap_or(0);
     let _not_permitted = setpriority_process(None, own.min(NICENESS));
@@ -31,7 +31,7 @@ pub struct RaisedSession {
     before: Option<i32>,
 }
 
-/// Sets that niceness for this session too: if processes are grouped by session, a process's niceness applies within
+/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies within
 /// its session only. (The weight of a service is `CPUWeight` in its unit.) Without grouping or permission nothing
 /// changes.
 pub fn raise_session() -> RaisedSession {

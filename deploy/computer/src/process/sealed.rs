@@ -19,12 +19,12 @@ use tracing::warn;
 use crate::config::method;
 use crate::exit::{CliError, Doing};
 
-/// Greatest age of a copy whose flight continues: a hundred times the pause of the service manager before it starts a
+/// Maximum age of a copy at which its flight continues: a hundred times the service manager's pause before it starts a
 /// successor.
 const MAX_AGE: Duration = Duration::from_secs(10);
 /// Period at which the file is compared with the copy, ns.
 const LOOK_PERIOD_NS: i64 = 1_000_000_000;
-/// Longest file, bytes.
+/// Maximum size of the file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// The configuration with which a supervisor started.
@@ -220,7 +220,7 @@ mod tests {
         assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));
         assert!(sealed.edited().unwrap().contains("drone.toml was edited"));
         assert_eq!(number(sealed.path()), 2);
-        // So does a successor of a killed supervisor, even if the file is no longer a valid configuration.
+        // A successor of a killed supervisor uses the copy, too, even if the file is no longer a valid configuration.
         edit("half a fi");
         let (computer, successor) = begin();
         assert!(computer.bridge.drone_id == 2 && successor.edited().is_some());
@@ -234,7 +234,7 @@ mod tests {
         edit("[bridge]\ndrone_id = 5\n");
         sealed.end();
         assert_eq!(begin().0.bridge.drone_id, 5);
-        // So it is after a start that failed. A removed copy is written again.
+        // The file is also used after a start that failed. A removed copy is written again.
         edit("[bridge]\ndrone_id = 6\n");
         let (computer, mut sealed) = begin();
         assert_eq!(computer.bridge.drone_id, 6);

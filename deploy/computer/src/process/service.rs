@@ -87,7 +87,7 @@ pub fn run(
         observer.poll();
         sealed.poll(steady_ns());
         reporter.poll(steady_ns(), || sealed.edited());
-        // Before the remains of a dead process are cleaned up.
+        // Checkpoints are taken before the remains of a dead process are cleaned up.
         if let Some((clock, keeper)) = &mut keeper {
             keeper.poll(clock.now());
         }

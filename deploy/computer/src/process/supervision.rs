@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 
 /// Delay before the restart of a process that did not run for long; doubles with each further failure.
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
-/// Longest delay before a restart.
+/// Maximum delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// Longest delay before a restart of the viewers' server. No process needs it, and the cause of its failure (a port in
+/// Maximum delay before a restart of the viewers' server. No process needs it, and the cause of its failure (a port in
 /// use) usually persists.
 const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
 /// Run after which a start counts as successful: the process is restarted at the next poll.
@@ -124,7 +124,7 @@ impl Child {
         let waits = self.kind == ProcessKind::View && observation.reported.is_none();
         let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
-        // A report of its predecessor is no report of this start.
+        // A report of the process's predecessor does not count for this start.
         let reported = observation.reported.filter(|at| *at > self.started);
         self.ready = self.ready.or(reported);
         let newest = [Some(self.started), self.killed, reported];

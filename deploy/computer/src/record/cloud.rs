@@ -9,7 +9,7 @@ use crate::record::geometry::{frame, pose};
 
 /// Distance between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
-/// Most points of one line or circle, so that a deck of any length stays drawable.
+/// Maximum number of points of one line or circle, so that a deck of any length stays drawable.
 const POINTS: u32 = 400;
 /// Bytes of one point: three coordinates and a colour.
 const STRIDE: u32 = 16;

@@ -113,8 +113,8 @@ pub struct References {
 pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
-    /// Takes out of an input's `part` what the file already holds. The file lacks the last steps of a process that was
-    /// killed.
+    /// Removes from an input's `part` the data that the file already holds. The file lacks the last steps of a process
+    /// that was killed.
     pub fn take(&mut self, part: &mut dyn Any, newest: &mut NewestHeader, written: &Computed) {
         if let Some(slot) = part.downcast_mut::<Option<DeckForecast>>() {
             let taken = slot.take_if(|f| find(&written.forecasts, |k| &k.header, name(&f.header)).is_ok());

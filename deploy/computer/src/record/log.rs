@@ -66,7 +66,7 @@ impl ProcessStart {
 pub enum ReplayOrder {
     /// One start after the other: one file at a time is in memory.
     ByStart,
-    /// In the order in which they were made.
+    /// All steps in the order of their times.
     ByTime,
 }
 
@@ -113,7 +113,7 @@ impl Log {
     pub fn is_recording(&self) -> bool {
         self.is_recording
     }
-    /// Whether its steps carry the time of a simulated world besides their nodes' own.
+    /// Whether its steps have the time of a simulated world in addition to the node's own time.
     fn has_world_time(&self) -> bool {
         self.is_recording || !self.is_live()
     }

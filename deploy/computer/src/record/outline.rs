@@ -1,7 +1,7 @@
 //! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's stated size,
 //! and a damaged size would end the program.
 
-/// Most bytes in one chunk; our chunks are far smaller.
+/// Maximum number of bytes in one chunk; our chunks are far smaller.
 const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// Magic bytes at both ends of a file, and opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";

@@ -102,7 +102,7 @@ impl LogBeginning {
             false => Ok(self),
         }
     }
-    /// Reads the beginning from the file's bytes, or from its first bytes if it goes on.
+    /// Reads the beginning from `file`: all bytes of the file, or its first bytes if `goes_on`.
     fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<LogBeginning, CliError> {
         let origin = path.display();
         let mut found = LogBeginning {

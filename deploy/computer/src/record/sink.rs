@@ -71,7 +71,7 @@ pub struct Sink {
     /// Messages so far in each channel.
     sequences: BTreeMap<u16, u32>,
     scratch: Vec<u8>,
-    /// Error because of which messages are lost.
+    /// Error after which messages are lost.
     failed: Option<McapError>,
 }
 

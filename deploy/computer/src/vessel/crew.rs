@@ -52,7 +52,7 @@ impl OrderOnItsWay {
     pub fn is_over(&self) -> bool {
         self.order.is_over(steady())
     }
-    /// Waits for the status that confirms the order; None if it was not taken in time or a signal ended the wait.
+    /// Waits for the status that confirms the order; None if it was not accepted in time or a signal ended the wait.
     pub fn wait(mut self, memory: &Memory) -> Option<VesselStatus> {
         loop {
             let answer = self.poll();

@@ -3,9 +3,9 @@
 //! It is written to the disk at each change, first completely and under another name, with version and checksum: the
 //! next start finds the old state or the new one. An unknown state closes the deck until the crew opens it: when the
 //! file is missing, cannot be read, or cannot be replaced at the start (it may be outdated). A file that cannot be
-//! replaced later is removed, so that no start finds it. Only on a disk that became read-only does it stay, and a start
-//! after that disk became writable again would trust it. The first file is written by the installation or a launcher:
-//! nothing stands on the deck yet.
+//! replaced later is removed, so that no start finds it. It stays only on a disk that became read-only; a start after
+//! that disk became writable again would trust it. The first file is written by the installation or a launcher: nothing
+//! stands on the deck yet.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -195,7 +195,7 @@ mod tests {
     fn missing_deck_file() {
         let path = scratch("missing");
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
-        // The closed state is written at once, because the next start knows no more.
+        // The closed state is written at once, because the next start has no other information.
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
         // First file of an installation or a simulated run.
         replace(&path, FIRST, true).unwrap();

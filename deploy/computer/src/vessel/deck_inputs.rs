@@ -17,7 +17,7 @@ const PERIOD: Duration = Duration::from_millis(500);
 const MAX_READING_NS: i64 = 2_000_000_000;
 pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file (docs/operate.md), or clear the key in \
                           vessel.toml";
-/// Possible inputs, as key and path; an empty path is no input.
+/// Possible inputs, as key and path; an empty path means no input.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),

@@ -24,7 +24,7 @@ pub struct HelmLamp {
 }
 
 impl HelmLamp {
-    /// Starts driving the lamp at `path`, initially off; an empty path is no lamp.
+    /// Starts driving the lamp at `path`, initially off; an empty path means no lamp.
     pub fn start(path: &str) -> HelmLamp {
         let error = Arc::new(Mutex::new(None));
         let mut lamp = HelmLamp {

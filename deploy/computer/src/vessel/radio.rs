@@ -15,8 +15,8 @@ use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_port::RadioPort;
 
-/// Reports of the process, two a second, per report that is sent by radio; while the link is congested, only half of
-/// those are sent.
+/// Number of the process's reports, made twice a second, for each report sent by radio. While the link is congested,
+/// half as many are sent.
 const STATUS_DECIMATION: u32 = 2;
 
 pub struct VesselRadio {
@@ -54,7 +54,7 @@ impl VesselRadio {
     pub fn counts(&self) -> RadioCounts {
         self.port.radio.counts()
     }
-    /// Whether the session can be trusted after the process stood still for `gap_s`.
+    /// Whether the session is still valid after the process did not run for `gap_s`, s.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }
@@ -91,8 +91,8 @@ impl VesselRadio {
             }
         });
     }
-    /// Adds the rates of the radio to the report of the process and sends it. It is sent less often than it is made
-    /// because users can wait, and even less often while only `rate_fraction` of the full rates is used.
+    /// Adds the rates of the radio to the report of the process and sends it. The report is sent less often than it is
+    /// made, because users can wait. While only `rate_fraction` of the full rates is used, it is sent even less often.
     pub fn report(&mut self, report: ProcessState, rate_fraction: f64) -> ProcessState {
         let report = ProcessState {
             flows: self.port.flows(report.at_ns),

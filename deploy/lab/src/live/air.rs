@@ -128,7 +128,7 @@ impl RadioPath {
     /// network, as its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
-        // The cable to the simulated autopilot is no radio: its end is in the world's namespace.
+        // The cable to the simulated autopilot is not part of the radio: its end is in the world's namespace.
         let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link | Autopilot));
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }

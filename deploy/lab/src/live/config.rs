@@ -18,7 +18,7 @@ use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Who flies the simulated drone.
+/// Source of the simulated drone's motor commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum AutopilotKind {
@@ -60,10 +60,10 @@ pub struct LinkImpairment {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attachments {
-    /// Impairment of what comes by radio.
+    /// Impairment of the messages received by radio.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
-    /// A planner that the drone does not carry.
+    /// A planner that the drone's program does not include.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
 }
@@ -77,13 +77,13 @@ impl Check for Attachments {
     }
 }
 
-/// Devices of the simulated vehicles, for processes as they are installed, where otherwise shared memory stands.
+/// Devices of the simulated vehicles for installed processes. Without them, images go through shared memory.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Devices {
     /// The named pipe that takes the belly camera's raw images.
     pub camera: PathBuf,
-    /// An image is in it so long after the middle of its exposure, s.
+    /// Delay from the middle of an image's exposure to its delivery in that pipe, s.
     pub camera_delay_s: f64,
 }
 
@@ -94,7 +94,7 @@ config! {
         pub instance: String = DroneComputerConfig::default().instance;
         /// The vessel's sensors as her configuration has them (`[[sensor.sources]]`), each with the address to which it sends bytes.
         pub sensors: Vec<SourceConfig> = sources(&Scenario::default(), |k| format!("udpin://127.0.0.1:{}", 10_110 + k));
-        /// Serial line of the drone's own GNSS receiver, where the scenario has a moving base.
+        /// Serial line of the drone's own GNSS receiver, if the scenario has a moving base.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub receiver: Option<PathBuf> = None;
         /// The steady clock's reading at the true time zero, ns; 0: at the next full second after the process starts, by the
@@ -103,22 +103,23 @@ config! {
         pub epoch_ns: i64 = 0;
         /// Seed of sea, noise and start.
         pub seed: u64 = 0;
-        /// The sea as the outcome names it.
+        /// Name of the sea in the outcome.
         pub sea: String = String::new();
-        /// The planner as the outcome names it.
+        /// Name of the planner in the outcome.
         pub planner: String = String::new();
         /// The truth is recorded in addition to the recordings of the processes.
         pub truth: bool = false;
-        /// A picture of the landing is drawn there.
+        /// File for a drawing of the landing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub plot: Option<PathBuf> = None;
-        /// Who flies the drone: internal, px4, ardupilot.
+        /// Autopilot of the drone: internal, px4, ardupilot.
         pub autopilot: AutopilotKind = AutopilotKind::default();
         /// Address at which the drone's link to the simulated autopilot listens, UDP.
         pub mavlink: String = "127.0.0.1:14540".into();
         /// Key of MAVLink signing that the simulated autopilot shares with the drone's computer (`autopilot.signing_key`).
         pub signing_key: String = String::new();
-        /// Address at which a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
+        /// Address at which a ground station listens, UDP: the other link of the simulated autopilot, which forwards
+        /// between both.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;
         /// The plant of a firmware.
@@ -131,7 +132,7 @@ config! {
     }
 }
 
-/// Sources of a scene's vessel, of which number `k` has the address `connect(k)`.
+/// Sensor sources of a scene's vessel; source number `k` has the address `connect(k)`.
 pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<SourceConfig> {
     let mut all = scenario.sensors.sources(scenario.deck.centre_m);
     all.iter_mut()
@@ -140,7 +141,8 @@ pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<So
     all
 }
 
-/// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.
+/// Prints a world's configuration with every key, and with the addresses that `alight vessel` and `alight drone` have
+/// by default.
 pub fn print_world() -> Result<Exit, CliError> {
     let mut world = SimulatedWorld::default();
     // A process that is started by hand has this computer's clock.

@@ -48,7 +48,7 @@ const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 const SILENCE_TIMEOUT_S: f64 = 5.0;
 /// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
-/// Most entries of mission states that are kept.
+/// Maximum number of entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Position of the simulated sea for a firmware, in the Adriatic.
 pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
@@ -66,7 +66,7 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
-    // Firmware and the devices' bytes need a position on Earth.
+    // An external firmware and simulated devices need a position on Earth.
     let among = &mut scene.scenario.place.among;
     if args.flown_by() != AutopilotKind::Internal || among.is_empty() {
         *among = vec![AT_SEA];

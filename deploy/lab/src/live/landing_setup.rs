@@ -97,7 +97,7 @@ impl LandingSetup {
             clock: drone.clock,
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
-            // A recording is made from what the processes record, which without --log is removed with the instance.
+            // A recording is made from the processes' own files, which without --log are removed with the instance.
             flight: match (&args.log, &args.record) {
                 (Some(flight), _) => Some(flight.clone()),
                 (None, Some(_)) => Some(owned.file("flight")),

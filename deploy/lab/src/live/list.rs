@@ -13,7 +13,7 @@ use crate::storm::read_list;
 /// Hint at the command that flies the other faults.
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 
-/// Reads a list of one drone that real processes can fly.
+/// Reads a list of faults for one drone that real processes can fly.
 pub fn read(path: &Path) -> Result<Storm, CliError> {
     let storm = read_list(path)?;
     if storm.drones == 1 {

@@ -37,7 +37,7 @@ const READ: Duration = Duration::from_millis(2);
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// Most successful reads in one slice.
+/// Maximum number of successful reads in one slice.
 const MAX_READS: u32 = 64;
 
 /// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
@@ -306,8 +306,8 @@ fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// A slice of the simulated autopilot; returns its motor commands. `links`: the companion's, and the ground station's
-/// if there is one.
+/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the ground
+/// station's if there is one.
 fn simulated_turn(
     (socket, station): (&UdpSocket, Option<&UdpSocket>),
     autopilot: &mut SimulatedAutopilot,
@@ -434,7 +434,7 @@ mod tests {
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 
-    /// Most slices before a test gives up.
+    /// Maximum number of slices before a test gives up.
     const MAX: i64 = 2000;
 
     fn sensed(k: i64) -> PlantState {
@@ -510,7 +510,7 @@ mod tests {
                 let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
-                    // As after a lost answer.
+                    // The packet is repeated, as after a lost answer.
                     socket.send(&packet).unwrap();
                     let mut buffer = [0; 1024];
                     socket.recv(&mut buffer).unwrap();

@@ -23,7 +23,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::live::config::Devices;
 
-/// Most shots in the queue; further ones are lost, as in an overrun camera.
+/// Maximum number of shots in the queue; further ones are lost, as in an overrun camera.
 const QUEUE_LENGTH: usize = 2;
 
 /// Maximum delay of a device's image beyond its nominal delay, ns; a later one is lost, because the reader derives the
@@ -177,7 +177,7 @@ impl RenderThread {
             if result.send(Ok(())).is_err() {
                 return;
             }
-            // Ends when the world drops the sending end.
+            // The thread ends when the world drops the sending end.
             while let Ok(shot) = waiting.recv() {
                 let delivered = !sink.too_late(&shot) && sink.take(&shot, size, &mut renderer);
                 lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);

@@ -21,7 +21,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Most bytes that are read at once from a computer.
+/// Maximum number of bytes that are read at once from a computer.
 const MAX_RECEIVED: usize = 1 << 16;
 
 pub struct SerialLine {

@@ -64,11 +64,11 @@ pub struct TooSlow {
 }
 
 impl TooSlow {
-    /// Delay that ends the world, s: every link of the system has timed out by then; an autopilot waits 0.5 to 1 s for
-    /// set-points.
+    /// Delay at which the simulation is stopped, s: after it every link of the system has timed out; an autopilot waits
+    /// 0.5 to 1 s for set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// The end of the world because of a tick that is `late_s` late at `t_s`, if it has to end. A delay in the warm-up,
+    /// Report of a tick that is `late_s` late at `t_s`, if the delay has to end the simulation. A delay in the warm-up,
     /// such as while a firmware connects, does no harm.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
@@ -98,7 +98,7 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
-    /// Greatest delay of a tick of the simulated world, s.
+    /// Maximum delay of a tick of the simulated world, s.
     pub latest_tick_s: f64,
 }
 
@@ -126,8 +126,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // No motion is due any more. Leaving the shared memory waits by yielding, which at real-time priority would occupy
-    // a processor.
+    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority that
+    // would occupy a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)
@@ -301,7 +301,7 @@ impl<'a> LiveWorld<'a> {
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Only the camera, and the rangefinder that a firmware's plant lacks.
+            // Only the camera's data are sent, and those of the rangefinder, which a firmware's plant lacks.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,

@@ -131,7 +131,7 @@ pub fn export(
 
 struct FlightRecorder {
     path: PathBuf,
-    /// None once ended.
+    /// None once the recording has ended.
     recorder: Option<Recorder>,
     truth: TruthViews,
 }

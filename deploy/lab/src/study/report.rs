@@ -187,7 +187,7 @@ impl Study<'_> {
 
 struct Report {
     rows: Vec<ReportRow>,
-    /// Each planner over all scenarios, and further results.
+    /// Results of each planner over all scenarios, and further results.
     remarks: Vec<String>,
     /// The first planner compared with each other one: over all, then by scenario.
     comparisons: Vec<Comparison>,
@@ -266,7 +266,7 @@ fn seeds_of(outcomes: &[Outcome]) -> String {
     }
 }
 
-/// Each planner over all scenarios, if there are several.
+/// Results of each planner over all scenarios, if there are several scenarios.
 fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     if rows <= planners.len() {
         return Vec::new();

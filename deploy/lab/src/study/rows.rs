@@ -99,7 +99,7 @@ fn flag_text(flag: &str, value: &str) -> String {
     }
 }
 
-/// Subject of a flag or key: a sea state is a sea.
+/// Subject of a flag or key: a flag for the sea state has the same subject as one for the sea.
 fn subject(flag: &str) -> String {
     match flag {
         "sea_state" | "sea-state" => "sea".into(),

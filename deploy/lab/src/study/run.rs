@@ -90,7 +90,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
         outcomes.extend(read_rows(dir)?);
         hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
         for part in ["scenarios", "configs/vessel", "configs/drone", "configs/tuning"] {
-            // A missing file was the default.
+            // A missing file means that its configuration was the default.
             for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
                 let folder = out.join(part);
                 std::fs::create_dir_all(&folder).map_err(|e| writing(&e))?;

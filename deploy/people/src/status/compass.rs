@@ -40,8 +40,8 @@ pub fn known_to(sd_mps: f64, knots: bool) -> String {
     format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)
 }
 
-/// Text of a vessel's speed over ground, and its course in deg, None when it lies still. Arguments: velocity to north
-/// and east, m/s.
+/// Text of a vessel's speed over ground, and its course in deg, None when it is stationary. Arguments: velocity to
+/// north and east, m/s.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
     let text = if knots {
@@ -165,7 +165,7 @@ fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// Compass of the vessel, from the advice of its estimator and the wind `blows` that a drone has reported.
+/// Compass of the vessel, from the advice of its estimator and `blows`, the wind that a drone has reported.
 pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);

@@ -157,7 +157,7 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// Excess of the shown over the usable charge (fractions) at which the gauge is doubted.
+/// Excess of the displayed charge over the usable charge, as fractions, above which the gauge is not trusted.
 const DOUBTED: f64 = 0.02;
 /// Finding on a battery that does not last for the way to the deck and one attempt.
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {

@@ -85,7 +85,7 @@ impl Go {
             why: why.into(),
         }
     }
-    /// Worse of both, the first if equal: NO-GO before unknown before GO.
+    /// The worse of the two, or the first if they are equal: NO-GO before unknown before GO.
     pub fn worse(self, other: Option<Go>) -> Go {
         let rank = |go: &Go| match go.go {
             Some(false) => 2,

@@ -10,7 +10,7 @@ use super::finding::{Finding, FindingTopic};
 /// Age at which a sensor or an estimate is missing, s.
 pub const MISSING_S: f64 = 2.0;
 /// Maximum standard deviations of an estimate for a landing. Chosen: within these deviations the drone finds the deck's
-/// tags from 10 m away, in a view of some 5 m and some degrees; the height is where it begins above the deck.
+/// tags from 10 m away, in a field of view of some 5 m; it begins at about this height above the deck.
 const MAX_PLACE_M: f64 = 5.0;
 const MAX_HEIGHT_M: f64 = 5.0;
 const MAX_TILT_DEG: f64 = 2.0;
@@ -233,7 +233,7 @@ mod tests {
         ] {
             assert!(worse.found.contains(part), "{worse:?}");
         }
-        // Occasional rejections are no finding; without an estimate they are its reason.
+        // Occasional rejections are not reported; without an estimate they are reported as the reason.
         let now_and_then = rejecting([60, 3]);
         assert_eq!(source(&now_and_then).level, FindingLevel::Fine);
         assert_eq!(estimator(&sound(), &[now_and_then])[0].level, FindingLevel::Fine);

@@ -282,7 +282,7 @@ fn no_waves(status: &VesselStatus) -> Option<&'static str> {
     }
 }
 
-/// Judgement by the foremost drone's report; None if nothing is against an order.
+/// Judgement by the foremost drone's report; None if nothing in it forbids an order.
 fn foremost_go(status: &VesselStatus) -> Option<Go> {
     let Some(d) = foremost(status) else {
         return Some(Go::unknown("no drone is received"));

@@ -360,7 +360,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     ))
 }
 
-/// Meaning of a take-off clearance for the crew: an ordered take-off may be waiting for nothing else.
+/// Text for the crew about a take-off clearance: an ordered take-off may be waiting only for it.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));

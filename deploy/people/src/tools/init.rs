@@ -301,7 +301,7 @@ struct Installer<R, W> {
 }
 
 impl<R: BufRead, W: Write> Installer<R, W> {
-    /// Reads one answer; empty: keep the present value.
+    /// Reads one answer; an empty one keeps the present value.
     fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
         const ASKING: &str = "asking for what is installed";
         write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;

@@ -47,7 +47,7 @@ pub struct ReplayArgs {
 
 /// Parts that only the laboratory provides.
 pub struct Laboratory<'a> {
-    /// Law of a recorded baseline planner, which the drone does not carry.
+    /// Law of a recorded baseline planner, which is not part of the drone's program.
     pub law: ForeignLaw<'a>,
     pub plot: Option<BeginPlot<'a>>,
 }

@@ -414,7 +414,7 @@ mod tests {
                 ..DeckTag::default()
             }])
         };
-        // 125 mm fit on A4; 1 m is 6 x 4 tiles of 180 x 267 mm there, and 2 x 1 on A0.
+        // A tag of 125 mm fits on A4; one of 1 m takes 6 x 4 tiles of 180 x 267 mm on A4, and 2 x 1 on A0.
         for (side_m, paper, tiles) in [(0.1, Paper::A4, 1), (0.8, Paper::A4, 24), (0.8, Paper::A0, 2)] {
             let (bytes, pages) = Sheets::print("Vessel 1", &deck, &one(side_m), paper);
             assert_eq!(pages, 1 + tiles, "{side_m} m on {paper:?}");

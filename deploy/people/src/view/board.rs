@@ -104,7 +104,7 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    /// A message that came at `t`.
+    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         let (snapshot, ns) = (&mut self.situation.snapshot, t.nanos());
         match *message {
@@ -112,7 +112,7 @@ impl Board {
                 self.has_vessel = true;
                 self.moved(t, motion(&e.eta));
             }
-            // The vessel is looked at herself.
+            // This view shows the vessel's own estimate, not the one that a drone received.
             Message::Estimate(_) if self.has_vessel => {}
             Message::Estimate(e) => self.moved(t, motion(&e.eta)),
             Message::Link(m) => snapshot.link.set(ns, Some(*m)),
@@ -170,7 +170,7 @@ impl Board {
         self.own_motion = Some((t, motion));
         self.sample(t);
     }
-    /// The motion at `t` by the vessel's own estimate; by the drone's forecast where that does not come.
+    /// Motion at `t` by the vessel's own estimate, or by the drone's forecast if no estimate arrives.
     pub fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());

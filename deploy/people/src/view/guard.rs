@@ -42,7 +42,7 @@ struct Place {
 }
 
 impl Guard {
-    /// Listens on `address`; call inside a runtime.
+    /// Listens on `address`; must be called inside a runtime.
     pub fn listen(address: SocketAddr) -> io::Result<Guard> {
         let socket = if address.is_ipv4() {
             TcpSocket::new_v4()?

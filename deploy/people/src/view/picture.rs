@@ -23,9 +23,9 @@ pub struct DroneView {
 pub struct ContactView {
     /// Time to the contact, s.
     pub in_s: f64,
-    /// Roll and pitch of the deck at the contact, deg; None if the forecast ends before.
+    /// Roll and pitch of the deck at the contact, deg; None if the forecast ends before the contact.
     pub tilt_deg: Option<[f64; 2]>,
-    /// Height of the deck at the contact minus its present height, m; None if the forecast ends before.
+    /// Height of the deck at the contact minus its present height, m; None if the forecast ends before the contact.
     pub rise_m: Option<f64>,
 }
 
@@ -106,7 +106,7 @@ pub struct FlightLine {
 /// Newest image of the drone's camera. The page requests the image separately and computes its age.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraView {
-    /// Number that differs from the previous image's.
+    /// Number of the image, different from that of the previous one.
     pub number: i64,
     /// Time since the middle of its exposure, s.
     pub age_s: f64,

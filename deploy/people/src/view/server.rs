@@ -30,7 +30,7 @@ use crate::view::picture::Picture;
 
 /// Messages queued for a viewer with Foxglove; then the oldest are dropped.
 const BACKLOG: usize = 512;
-/// Limit for the answer to an order of the page.
+/// Time limit for answering an order that the page gives.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before checking again a viewer that has not read the last picture.
 const STALL_PAUSE: Duration = Duration::from_millis(100);
@@ -44,7 +44,7 @@ pub struct Served {
     pub may_order: bool,
 }
 
-/// Order of the page, to be answered with its result as a text.
+/// Order that the page gives; the answer is a text with the result.
 pub struct PageOrder {
     /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
@@ -301,7 +301,7 @@ fn file(content: &'static str, body: &'static str) -> Response {
     (headers(content), body).into_response()
 }
 
-/// Pictures from the newest on, as events.
+/// Sends the newest picture and all later ones as server-sent events.
 async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<ViewerPeer>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
@@ -317,7 +317,7 @@ async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Vie
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }
 
-/// Newest picture, once.
+/// Sends the newest picture once.
 async fn state(State(shared): State<Shared>) -> Response {
     let newest = shared.pictures.borrow().clone();
     let json = newest

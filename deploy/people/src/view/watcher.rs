@@ -22,7 +22,7 @@ use crate::view::picture::Picture;
 use crate::view::server::{Served, Server};
 
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
-/// Longest pause while a simulated flight is slowed to real time.
+/// Maximum pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
 /// Time for which the last picture of a simulation stays available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
@@ -33,7 +33,7 @@ struct Live {
     sink: LiveSink,
     views: Views,
     scenery: Option<Scenery>,
-    /// Not drawn yet.
+    /// Newest forecast and state that have not been drawn yet.
     forecast: Option<DeckForecast>,
     drone: Option<DroneState>,
 }
@@ -45,7 +45,7 @@ pub struct Watcher {
     live: Option<Live>,
     next_ns: i64,
     newest: Time<TrueTime>,
-    /// Time of steps minus the clock of the processes' reports.
+    /// Clock of the steps minus the clock of the processes' reports.
     offset: Span,
     pace: Pace,
 }
@@ -93,7 +93,7 @@ impl Watcher {
         self.board.reset(Time::from_nanos(steady_ns()));
         self.next_ns = i64::MIN;
     }
-    /// The board's time of a step at `t`.
+    /// Time on the board of a step at `t`.
     pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
         t - self.offset
     }
@@ -107,7 +107,7 @@ impl Watcher {
             ..Picture::default()
         });
     }
-    /// Takes a message that came at `t`.
+    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
         if let Message::Drone(_) = message {
@@ -117,7 +117,7 @@ impl Watcher {
             live.message(t, message);
         }
     }
-    /// All messages of `t` have come: shows a picture when one is due.
+    /// All messages of `t` have arrived: shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
         self.board.sample(t - self.offset);
@@ -158,14 +158,14 @@ impl Live {
             self.forecast = Some(*forecast);
         }
         if let Message::Drone(drone) = *message {
-            // It is where it reports: its NED is the scene's, but for the water's level.
+            // The drone is drawn where it reports to be: its NED is that of the scene, except for the water level.
             let at = drone.position;
             let at = self.scenery.as_ref().map_or(at, |s| s.in_scene(at));
             (self.views.true_drone, self.drone) = (Some(at), Some(*drone));
         }
         self.views.message(&mut self.sink, t, message);
     }
-    /// Vessel and drone, where something came of them.
+    /// Draws vessel and drone if a new forecast or state has arrived.
     fn draw(&mut self, t: Time<TrueTime>) {
         let (forecast, drone) = (self.forecast.take(), self.drone.take());
         if let Some(scenery) = &mut self.scenery

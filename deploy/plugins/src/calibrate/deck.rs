@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use crate::calibrate::list;
 
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// Rotation of the camera's mount that the predictor estimates by itself, in its standard deviations.
+/// Rotation of the camera's mount that the predictor allows for, in standard deviations.
 const MOUNT_SDS: f64 = 2.0;
 
 /// Measurement with the drone on the deck.

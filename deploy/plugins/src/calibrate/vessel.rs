@@ -22,7 +22,8 @@ use serde_json::{Value, json};
 
 use crate::calibrate::list;
 
-/// Maximum standard deviation of a usable antenna position, m: better than a tape gives on a boat (ours).
+/// Maximum standard deviation of a usable antenna position, m: chosen to be better than a tape measure achieves on a
+/// boat.
 const USABLE_M: f64 = 0.1;
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
@@ -132,7 +133,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     Ok((config, found))
 }
 
-/// Table of poses. Each column decays as its degree of freedom does; its values may stand in rows of their own.
+/// Table of poses. Each column decays as its degree of freedom does; each may have values in different rows.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
     let doing = format_args!("reading {}", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
@@ -173,7 +174,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
                 )));
             }
             let y = value * unit;
-            // A heading continues over north.
+            // The heading does not jump where it passes north.
             let y = match signal.y.last() {
                 Some(before) if *dof == YAW => before + alight_shared::frames::wrap_angle(y - before),
                 Some(_) | None => y,
@@ -226,7 +227,7 @@ fn why(unknown: &NotObservable) -> String {
     }
 }
 
-/// Mass or inertia, if a known weight has shown it.
+/// Mass or inertia, if it was identified with a known weight.
 fn mass(dof: usize, decay: &Decay, loaded: &LoadedStiffness) -> Option<ValueWithSd> {
     let [roll, pitch] = loaded.as_ref()?;
     let of = match dof {

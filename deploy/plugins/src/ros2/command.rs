@@ -143,7 +143,7 @@ struct Ports {
     is_configured: bool,
     /// The configuration was found, so orders bear the right drone number.
     is_known: bool,
-    /// Dropped last: the other fields lie in it.
+    /// Dropped last, because the ports above are in this memory.
     _memory: Memory,
 }
 

@@ -35,7 +35,7 @@ fn flu(v: &Vector3<f64>) -> RosVector {
     }
 }
 
-/// Rotation ENU from FLU, for the rotation NED from FRD.
+/// Rotation from FLU to ENU, for a rotation from FRD to NED.
 pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
     let q = enu_from_ned() * ned_from_frd * frd_from_flu();
     Quaternion {
@@ -46,7 +46,7 @@ pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
     }
 }
 
-/// Rotation NED from FRD for roll, pitch, yaw (ZYX), rad.
+/// Rotation from FRD to NED for roll, pitch, yaw (ZYX), rad.
 pub fn of_euler([roll, pitch, yaw]: [f64; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }

@@ -80,7 +80,7 @@ pub struct Quaternion {
 pub struct RosPose {
     /// m.
     pub position: Vector3,
-    /// Rotation of the header's frame from the child's.
+    /// Rotation that converts vectors from the child's frame to the header's.
     pub orientation: Quaternion,
 }
 
@@ -137,7 +137,7 @@ pub struct TransformStamped {
     pub child_frame_id: String,
     /// Origin of the child in the parent, m.
     pub translation: Vector3,
-    /// Rotation parent from child.
+    /// Rotation that converts vectors from the child's frame to the parent's.
     pub rotation: Quaternion,
 }
 

@@ -164,7 +164,7 @@ impl RosNode {
     fn of_session(&self, zid: &str) -> String {
         format!("@ros2_lv/{}/{zid}/0", self.domain)
     }
-    /// Enclave (of SROS 2, empty), namespace and name.
+    /// The enclave of SROS 2, which is empty; the namespace; the name.
     fn place(&self) -> String {
         format!("%/{}/{}", escaped(&self.namespace), self.name)
     }
@@ -287,7 +287,7 @@ mod tests {
         };
         let kind = "std_srvs::srv::dds_::Trigger_/TypeHashNotSupported";
         assert_eq!(humble.key(&land), format!("0/alight/drone_1/land/{kind}"));
-        // Each recognises the other by tokens of entities; a node's token has no type.
+        // Each distribution recognises the other by the tokens of entities; a node's token has no type.
         let hashed = jazzy.token_of(ZID, 1, &odometry);
         assert_eq!(
             hashed.replace(RosOdometry::TYPE.hash, "TypeHashNotSupported"),

@@ -13,11 +13,11 @@ pub trait Caller {
     fn reply(self, taken: bool, message: &str);
 }
 
-/// Maximum by which a request's stamp may be ahead of this computer's clock.
+/// Maximum time by which a request's stamp may be ahead of this computer's clock.
 const AHEAD: Span = Span::from_millis(1000);
 
 /// Reason to reject a request that was sent at `sent_ns` by its client's clock: at `now_ns` it is too old, and its
-/// client may have gone while the network delayed it. An abort is accepted at any age.
+/// client may have ended while the network delayed it. An abort is accepted at any age.
 pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
     let (age, limit) = (
         Span::from_nanos(now_ns.saturating_sub(sent_ns)),
@@ -91,8 +91,8 @@ impl<C: Caller> Orders<C> {
             }
         }
     }
-    /// Answers the clients once the mission's newest state shows that it took the order, or when the time is over.
-    /// Returns the command to send to the mission.
+    /// Answers the clients once the mission's newest state shows that it took the order, or when the time limit has
+    /// passed. Returns the command to send to the mission.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
         let now = Time::from_nanos(now_ns);
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn ros_abort_by_what_the_mission_shows() {
         let (mut orders, answers) = given(&[(CommandKind::Abort, "a"), (CommandKind::Abort, "b")]);
-        // It had aborted by itself, which is no answer.
+        // The mission had aborted by itself, which does not answer the order.
         let before = shows(NOW + 1, State::GaveUp);
         let sent = orders.poll(1, Some(&before), NOW).unwrap();
         assert_eq!(sent.kind, CommandKind::Abort);
@@ -217,7 +217,7 @@ mod tests {
         let text = late(CommandKind::Land, 7.2).unwrap();
         assert!(text.starts_with("not ordered: 7.2 s old"), "{text}");
         assert!(late(CommandKind::Land, -1.1).is_some());
-        // At any stamp.
+        // Even the earliest possible stamp is judged without an overflow.
         assert!(is_late(CommandKind::Land, i64::MIN, NOW).is_some());
         assert_eq!(late(CommandKind::Abort, 600.0), None);
     }

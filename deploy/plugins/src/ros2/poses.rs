@@ -94,7 +94,7 @@ fn of_drone(drone: &DroneState, header: RosHeader, child: &str) -> RosOdometry {
     odometry(header, child, drone.position, pose_sd, &drone.attitude(), &motion)
 }
 
-/// Odometry of the deck at the first stage, about the present time; None for an empty forecast.
+/// Odometry of the deck at the forecast's first stage, which is close to the present time; None for an empty forecast.
 fn of_deck(forecast: &DeckForecast, header: RosHeader, child: &str) -> Option<RosOdometry> {
     let now: &DeckStage = forecast.stages.first()?;
     let motion = BodyVelocity::of_euler_rates(

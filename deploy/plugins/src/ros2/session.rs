@@ -71,7 +71,7 @@ impl RosConnection {
         }
         Ok(config)
     }
-    /// Text about the connection, while a peer is connected or none is.
+    /// Text about the connection: `is_there` while a peer is connected.
     fn contact(&self, is_there: bool) -> String {
         match (self, is_there) {
             (RosConnection::Router(at), true) => format!("connected to the router at {at}"),
@@ -178,7 +178,7 @@ impl RosSession {
             State::Closed(at_ns) if now_ns >= *at_ns => {
                 let (sender, opened) = sync_channel(1);
                 let parts = self.parts.clone();
-                // The receiver may have gone.
+                // The receiver may no longer exist.
                 std::thread::spawn(move || drop(sender.send(Open::of(&parts))));
                 self.state = State::Opening(opened);
             }
@@ -377,7 +377,7 @@ impl Caller for Request {
             return;
         };
         let reply = self.query.reply(self.query.key_expr().clone(), bytes);
-        // The client may have gone.
+        // The client may no longer exist.
         let _gone = reply
             .encoding(Encoding::APPLICATION_CDR)
             .attachment(attachment)

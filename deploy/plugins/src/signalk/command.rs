@@ -89,7 +89,7 @@ async fn wait(pause: Duration) {
 
 #[derive(Debug)]
 struct Retry {
-    /// Newest report; None: the server accepts messages.
+    /// Newest reported fault; None while the server accepts messages.
     reported: Option<String>,
     pause: Duration,
     connected: bool,
@@ -193,8 +193,8 @@ mod tests {
         assert_eq!(retry.failed("closed"), (true, RETRY));
     }
 
-    /// The configuration is gone and had another number than the running process; the certificate belongs to the
-    /// latter.
+    /// The configuration file was removed, and its number differed from that of the running process, to which the
+    /// certificate belongs.
     #[test]
     fn restarted_processes_by_their_topics_alone() {
         let name = format!("test-signalk-{}", std::process::id());

@@ -4,7 +4,7 @@
 //! `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the worse of both; the
 //! vessel's computer writes it because it receives the drone's status by radio.
 //!
-//! No path is one that the vessel's sensors read (`alight_usv::sensors`), so that a server returns none of them as a
+//! The vessel's sensors read none of these paths (`alight_usv::sensors`), so a server cannot return one as a
 //! measurement. Messages of a server are never orders.
 
 pub mod command;
@@ -122,7 +122,7 @@ fn own(known: &ComputerReport) -> String {
     }
 }
 
-/// Whether a value has to be sent over the one that a server has. Of a notification only the state alerts the crew.
+/// Whether a value has to replace the one on the server. Only the state of a notification alerts the crew.
 fn is_due((sent, at_ns): &SentValue, value: &Value, now_ns: i64) -> bool {
     let of = |v: &Value| v.get("state").cloned();
     let is_text = of(value).is_some() && of(value) == of(sent);
@@ -336,7 +336,7 @@ mod tests {
                 let path = value["path"].as_str().unwrap();
                 if value["value"].is_number() {
                     numbers += 1;
-                    // The number of a drone is a name.
+                    // A drone's number is a name, so it has no unit.
                     let is_name = path == "alight.deck.drone";
                     assert!(meta[path]["units"].is_string() != is_name, "{path}: {meta:?}");
                 }
@@ -394,7 +394,7 @@ mod tests {
             at(&first),
             Some(json!({"state": "warn", "method": ["visual"], "message": "1 s old (antenna)"}))
         );
-        // The same again, another text at once, and another text later.
+        // The same text again, a different text at once, and a different text later.
         assert_eq!(deltas.delta(&old("1 s"), S), None);
         assert_eq!(deltas.delta(&old("2 s"), 2 * S), None);
         assert!(at(&sent(deltas.delta(&old("9 s"), 11 * S))).is_some());

@@ -103,7 +103,8 @@ async fn serial_port_open_in_another_program() {
     let why = second.last_error().unwrap();
     assert!(why.contains("another program has this port open"), "{why}");
     assert_eq!(second.opened(), 0);
-    // It is taken over once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but root.
+    // The second link opens the port once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but
+    // root.
     drop(first);
     if !rustix::process::geteuid().is_root() {
         return;
@@ -257,7 +258,7 @@ async fn link_that_opens_and_breaks_at_once() {
     for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
-        // The last one sends something first.
+        // The last connection sends something before it is dropped.
         if round == 3 {
             other.try_write(b"hello").unwrap();
             assert_eq!(read_at_least(&mut link, 5).await, b"hello");

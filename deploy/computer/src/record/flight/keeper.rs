@@ -13,7 +13,7 @@ use super::store::{self, Removed, Room};
 use super::summary::FlightSummary;
 use super::yield_to_flight;
 
-/// Most summaries in the queue.
+/// Maximum number of summaries in the queue.
 const SUMMARIES: usize = 2;
 /// Period at which the thread looks for a summary.
 const POLL_PERIOD: Duration = Duration::from_millis(200);

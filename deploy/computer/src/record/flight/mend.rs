@@ -47,7 +47,7 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
     if copied.is_err() {
-        // A file that a full disk has cut off is no part.
+        // A file that a full disk has cut off is not a part.
         let _none = std::fs::remove_file(&new);
     }
     copied?;

@@ -86,7 +86,7 @@ impl PartWriter {
             Ok(part)
         });
         if begun.is_err() {
-            // An incomplete beginning is no part.
+            // A file with an incomplete beginning is not a part.
             let _none = std::fs::remove_file(path);
         }
         begun
@@ -300,12 +300,12 @@ fn enough_room(directory: &Path) -> Result<(), McapError> {
     }
 }
 
-/// Makes a write beyond the limit on file sizes (setrlimit(2)) an error, as on a full disk: by default its signal ends
-/// the process.
+/// Turns a write beyond the limit on file sizes (setrlimit(2)) into an error, as on a full disk; by default a signal
+/// would end the process.
 fn survive_size_limit() {
     static ONCE: Once = Once::new();
     static NOTHING: fn(FetchableSignal) = |_| {};
-    // If the signal is already handled, it ends nothing.
+    // If the signal is already handled, it does not end the process.
     ONCE.call_once(|| {
         if let Ok(guard) = SignalHandler::register(FetchableSignal::FileSizeLimitExceeded, &NOTHING) {
             std::mem::forget(guard);

@@ -21,9 +21,9 @@ pub use crate::record::entry::PartHeader;
 /// Size at which a batch goes to the thread, bytes; it also goes when its first step has the greatest age.
 const BATCH_BYTES: usize = 64 << 10;
 const BATCH_NS: i64 = 200_000_000;
-/// Most batches in the queue: more than 10 s of a disk that does not respond.
+/// Maximum number of batches in the queue: more than 10 s of a disk that does not respond.
 const BATCHES: usize = 64;
-/// Most bytes in the queue, mainly images: 3 s at 9 MB/s.
+/// Maximum number of bytes in the queue, mainly images: 3 s at 9 MB/s.
 const MAX_WAITING_BYTES: usize = 32 << 20;
 /// Period at which the thread looks for batches. It is not woken, because a process in flight must not take a lock that
 /// a thread of lower priority may hold.

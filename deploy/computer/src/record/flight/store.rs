@@ -11,9 +11,9 @@ use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
 use crate::record::reading::{is_whole, parts};
 
-/// Most flights that are examined; a computer that starts every minute creates this number in a week.
+/// Maximum number of flights that are examined; a computer that starts every minute creates this number in a week.
 const MAX_FLIGHTS: usize = 10_000;
-/// Most names that are tried for a new flight.
+/// Maximum number of names that are tried for a new flight.
 const MAX_TRIES: u32 = 100;
 
 /// A flight on the disk.
@@ -76,7 +76,7 @@ impl StoredFlight {
 pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     let mut found: Vec<StoredFlight> = std::fs::read_dir(root)?
         .flatten()
-        // A link is no flight: its target must not be removed.
+        // A link is not a flight: its target must not be removed.
         .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
         .filter_map(|e| StoredFlight::of(&e.path()))
         .take(MAX_FLIGHTS)
@@ -148,7 +148,7 @@ pub enum Removed {
 /// Limits of disk use.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// Most bytes of all flights together.
+    /// Maximum number of bytes of all flights together.
     pub max_bytes: u64,
     /// Bytes that stay free.
     pub min_free_bytes: u64,
@@ -313,7 +313,7 @@ mod tests {
         assert!(StoredFlight::of(Path::new("notes")).is_none());
         assert!(StoredFlight::of(Path::new("20261125X181500Z-0001")).is_none());
         std::fs::remove_dir_all(&root).unwrap();
-        // A file takes its place: the path is returned, with the reason why nothing is there.
+        // A file is in the place of the directory: the path is returned, with the reason why it cannot be created.
         std::fs::write(&root, "").unwrap();
         let (path, lock) = begin(&root);
         assert!(path.starts_with(&root) && lock.is_err());

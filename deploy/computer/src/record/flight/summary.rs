@@ -11,12 +11,12 @@ use crate::io::store::replace;
 
 /// Name of the file in the flight's directory.
 pub const SUMMARY_FILE: &str = "flight.json";
-/// Most phases that are kept; the newest stay.
+/// Maximum number of phases that are kept; the newest stay.
 const MAX_PHASES: usize = 200;
-/// Longest file, bytes.
+/// Maximum size of the file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A state and its entry.
+/// A state, and the time and reason of its entry.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PhaseEntry {
     /// Time since the flight began, s.

@@ -50,7 +50,7 @@ const KNOWN_S: f64 = 30.0;
 /// Conditions of install.md before a landing: age of the link, s, and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
-/// Limit for the world's verdict after the landing's time limit, s: it waits for the drone to rest.
+/// Limit for the world's verdict after the landing's time limit, s: the world waits for the drone to come to rest.
 const VERDICT_S: f64 = 5.0;
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -71,7 +71,7 @@ impl EnvelopeCell {
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
-        // 0.55 of 20 is a little more than 11 in binary digits.
+        // 0.55 times 20 is a little more than 11 in floating point.
         } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
             Class::Landed
         } else {

@@ -178,8 +178,8 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only these are independent
-/// of each other.
+/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only the landings of one
+/// cell are independent of each other.
 fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
     let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
@@ -343,7 +343,7 @@ mod tests {
         let base = base(&args("--vessel straight --speed 3")).unwrap();
         let s = scene(&base, (3, 8.0, 90.0)).world;
         let to = s.drone.wind.to_deg.unwrap().to_radians();
-        // From starboard onto a vessel at 3 m/s northwards.
+        // Wind from starboard on a vessel that moves north at 3 m/s.
         let relative = [
             s.drone.wind.mean_mps * to.cos() - 3.0,
             s.drone.wind.mean_mps * to.sin(),
@@ -423,7 +423,7 @@ mod tests {
 
     #[test]
     fn envelope_colours_by_the_fraction_that_landed() {
-        // Of two cells of the landed class the darker one has more landings.
+        // The darker one of two cells of the landed class has more landings.
         let light = |landed: f64| {
             let c = polar::colour(Class::Landed, landed / 5.0);
             0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2)

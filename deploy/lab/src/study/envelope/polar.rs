@@ -13,8 +13,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::grid::{Class, EnvelopeCell, EnvelopeGrid};
 
 /// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing.
-/// Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision. Black on them has a
-/// contrast of at least 5.
+/// Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision. Black text on these
+/// colours has a contrast of at least 5.
 const NONE_LANDED: RGBColor = RGBColor(222, 235, 247);
 const ALL_LANDED: RGBColor = RGBColor(49, 130, 189);
 const UNSAFE: RGBColor = RGBColor(213, 94, 0);
@@ -26,7 +26,7 @@ const FOOT: u32 = 120;
 /// Fraction of the radius for the boat in the middle.
 const HUB: f64 = 0.25;
 const COLUMNS: usize = 3;
-/// Longest side of a polyline for an arc, rad: it deviates from a circle of 160 px by 0.2 px.
+/// Maximum side of a polyline for an arc, rad: it deviates from a circle of 160 px by 0.2 px.
 const MAX_STEP: f64 = 0.1;
 
 type Plane<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;

@@ -321,7 +321,7 @@ fn go_of_a_drone_by_what_is_known() {
         ..mission(State::Landed, ReasonCode::NotCommanded)
     });
     assert_eq!(go(&landed), (Some(false), "Landed: touchdown".into()));
-    // The quality of the forecast counts unless the drone can land without the vessel's computer.
+    // The quality of the forecast matters unless the drone can land without the vessel's computer.
     let mut snapshot = ready();
     snapshot.wave = came(wave(0.001));
     let (shown, why) = go(&snapshot);

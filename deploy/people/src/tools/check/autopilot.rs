@@ -31,7 +31,7 @@ const ROUNDS_WITHOUT: u32 = 300;
 const ROUNDS_FOR_OTHERS: u32 = 150;
 const HEARTBEAT: Span = Span::from_millis(1000);
 
-/// Report of the autopilot; None without a heartbeat of one. `signatures` counts the frames by their signatures.
+/// Report on the autopilot; None if no autopilot sent a heartbeat. `signatures` counts the frames by their signatures.
 pub fn report(
     computer: &DroneComputerConfig,
     url: &LinkUrl,

@@ -1,4 +1,4 @@
-//! Image of a camera, taken as its process does or reported by that process.
+//! Image of a camera: taken in the same way as by the camera's process, or reported by that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -27,7 +27,7 @@ pub fn look(
     size: [usize; 2],
     tags: Option<(&TagSettings, &Tags)>,
 ) -> Result<CameraImages, String> {
-    // The thread of a device without images runs until this program ends.
+    // If the device sends no images, this thread runs until the program ends.
     let (views, receiver) = sync_channel(1);
     let (config, tags) = (
         config.clone(),

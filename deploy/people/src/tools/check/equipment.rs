@@ -354,7 +354,8 @@ mod tests {
             ..KindStatistics::default()
         }
     }
-    /// Sensors with these rates, Hz; zero: absent. The attitude includes every optional quantity.
+    /// Sensors with these rates, Hz; a rate of zero means that the sensor is absent. The attitude includes every
+    /// optional quantity.
     fn given([imu, gnss, heading, attitude]: [f64; 4]) -> SensorStatistics {
         let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
         SensorStatistics {
@@ -429,7 +430,7 @@ mod tests {
             })
         });
         assert_eq!(late, "GNSS fixes 0.9 s late (0.6 s)");
-        // With an inertial sensor that compass suffices.
+        // Together with an inertial sensor the same compass suffices.
         let with_inertial = SensorStatistics {
             inertial: Some(at(50.0)),
             ..by_compass
@@ -463,7 +464,7 @@ mod tests {
             "{found}"
         );
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
-        // A source that sends RTCM only gives no measurements.
+        // A source that sends only RTCM gives no measurements.
         let mut base = source([0; 4]);
         base.received.as_mut().unwrap().1.newest_s = Some(1.0);
         assert!(vessel(&[source([0, 3, 25, 3]), base], &slow).is_some());
@@ -497,7 +498,7 @@ mod tests {
         drone.camera.source = "/dev/video0".into();
         drone.drone.camera.lens.centre_px = [317.1, 255.8];
         assert_eq!(lenses(&drone), []);
-        // For 1280 x 720 px, yet inside of 640 x 480.
+        // Principal point of an image of 1280 x 720 px that also lies inside one of 640 x 480 px.
         drone.drone.camera.lens.centre_px = [638.2, 358.0];
         let found = lenses(&drone);
         assert!(

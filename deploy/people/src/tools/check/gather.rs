@@ -404,7 +404,7 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
         let doing = |e| format!("{} cannot be used: {e}", path.display());
         let probe = path.join(format!("check-{}", std::process::id()));
         if !path.exists() {
-            // The program creates it: its parent must be writable.
+            // The program creates this directory, so its parent must be writable.
             fs::create_dir(&path).map_err(doing)?;
             let _left = fs::remove_dir(&path);
             return Ok(path);

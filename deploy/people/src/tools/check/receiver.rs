@@ -15,7 +15,7 @@ use tokio::time::{Duration, Instant, timeout_at};
 use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
 
-/// Time of reception: two periods of a receiver of 1 Hz, and the delay of a link that opens late.
+/// Time for which the receiver is read: two periods at 1 Hz, and time for a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);
 const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
 

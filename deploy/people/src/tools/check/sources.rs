@@ -23,8 +23,8 @@ use tokio::time::{Instant, timeout_at};
 use crate::tools::check::facts::SourceCheck;
 use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
 
-/// Time during which all sources are received, s: two periods of the slowest receivers, and the delay of a link that
-/// opens late.
+/// Time during which all sources are received, s: two periods of the slowest receivers, and time for a link that opens
+/// late.
 pub const LISTEN_S: f64 = 2.5;
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 

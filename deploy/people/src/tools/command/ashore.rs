@@ -25,7 +25,7 @@ use super::{CommandArgs, POLL_PERIOD};
 use crate::status::finding::FindingLevel;
 use crate::status::vessel::drone;
 
-/// Timeout of a command from ashore, which takes a session and two radios.
+/// Timeout of a command from ashore, which needs a session and passes over two radio links.
 const MAX_POLLS_ASHORE: u32 = 240;
 /// Polls after which an order is sent without contact: 3 s. A vessel that is not received may still receive.
 const MAX_POLLS_CONTACT: u32 = 60;
@@ -108,8 +108,8 @@ impl Ashore {
     fn drone(&self) -> Option<&DroneStatus> {
         self.drones.get(&self.number?)
     }
-    /// Selects the drone if none was named: the only one that the vessel receives or reserves the deck for, once each
-    /// had time to report.
+    /// Selects the drone if none was named: the only one that the vessel knows, after every drone has had time to
+    /// report.
     fn choose(&mut self) -> Result<(), CliError> {
         self.looks += u32::from(self.contact);
         if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
@@ -138,8 +138,8 @@ impl Ashore {
         self.number = number;
         self.order.message.header.drone = number.unwrap_or_default();
     }
-    /// Order to send at this poll. It waits for the session, before which it would be lost, but not forever: a vessel
-    /// that is not received may still receive.
+    /// Order to send at this poll. The order waits for the session, because it would be lost before; the wait is
+    /// limited, because a vessel that is not received may still receive.
     fn due(&mut self, poll: u32) -> Option<OperatorCommand<VesselClock>> {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
         if self.number.is_none() || self.asks_only || !open {
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
-        // It had aborted before, and the abort would leave it in the same state.
+        // The drone had aborted before; another abort leaves it in the same state.
         let given_up = DroneStatus {
             header: Header::new(1, 3, 7, 1, Time::EPOCH),
             state: State::GaveUp,
@@ -345,7 +345,7 @@ mod tests {
         };
         terminal.receive_status(given_up);
         assert!(!terminal.is_answered() && !terminal.is_taken());
-        // Receipts of other orders are no answer either.
+        // Receipts of other orders are not answers either.
         for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
             terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
         }
@@ -397,7 +397,7 @@ mod tests {
         assert!(one.due(0).is_some_and(|order| order.header.drone == 2));
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
-        // Several drones: none is commanded, and the answer lists them.
+        // With several drones, none is commanded, and the answer lists them.
         let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
         let why = chosen.unwrap_err().0;
         assert!(

@@ -18,8 +18,8 @@ use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
-/// Speed uncertainty, m/s: of a vessel without a stated speed, which drifts, and of a stated speed, in addition to a
-/// tenth of it.
+/// Speed uncertainty, m/s: of a drifting vessel without a stated speed; and of a stated speed, in addition to a tenth
+/// of that speed.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
 const LASTS_S: u32 = 300;
@@ -86,7 +86,7 @@ fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
     f.beacon.filter(|_| f.header.at > given && apart_s.abs() < SAME_S)
 }
 
-/// Sends the beacon to the predictor, and waits until its forecast follows it.
+/// Sends the beacon to the predictor, and waits until a forecast reports this beacon.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.values)?;
     velocity(args.speed, args.course)?;

@@ -184,7 +184,7 @@ fn viewers_page_structure() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // Values that change each second are not read out, only two lines when they change in kind.
+    // A screen reader does not read out values that change each second, only two lines when their kind changes.
     assert!(!html.contains("aria-live"));
     let live: Vec<&str> = html
         .lines()
@@ -420,7 +420,7 @@ fn foxglove_viewer_that_does_not_read() {
         .collect();
     let subscribe = format!(r#"{{"op":"subscribe","subscriptions":[{}]}}"#, all.join(","));
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
-    // An hour of states, of which its queue keeps the newest; and whoever comes next is served.
+    // An hour of states, of which the viewer's queue keeps the newest; the next viewer is still served.
     let state = MissionState::default();
     for k in 0..36_000_i64 {
         watcher.message(Time::from_nanos(k * 100_000_000), &Message::Mission(&state));

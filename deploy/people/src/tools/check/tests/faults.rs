@@ -205,7 +205,8 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
 ];
 
-/// On a link that admits the autopilot's own frames, others' frames or those from before it had the key are harmless.
+/// On a link that admits the autopilot's own frames, frames of other senders, and frames sent before the autopilot had
+/// the key, are harmless.
 #[test]
 fn frames_left_out_of_a_link_that_works() {
     let mut facts = drone();
