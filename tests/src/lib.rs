@@ -1,4 +1,4 @@
-//! The simulated world of Alight: its truth shares no model with the nodes.
+//! The simulated world of Alight. The true world shares no model with the nodes.
 //!
 //! Start at [`harness::world`]: `World::tick` follows the architecture diagram. [`harness::trial`] flies one landing.
 //! Lower layers do not depend on higher ones: physics < sensors, radio, autopilots, baselines < harness < studies.

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::{FirmwareConfig, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Default port of a simulator.
+/// Default UDP port of a simulator.
 pub const PORT: u16 = 9002;
 /// Exchange rate, Hz. ArduCopter arms only if its gyroscopes are read 1.8 times in each of its 400 loops per second,
 /// and it reads them once per exchange.

@@ -1,9 +1,9 @@
-//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): sensor readings out, motor commands in. It is
-//! pure: this module encodes and decodes bytes, and the process around it has the sockets.
+//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): it gives sensor readings and takes motor
+//! commands. This module only encodes and decodes bytes; the process around it has the sockets.
 //!
 //! [`px4`] implements PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend. [`simulated`]
 //! is our autopilot, which imitates either firmware and replaces it. Sea, deck, contact, wind, camera and rangefinder
-//! are those of every other landing.
+//! are the same as in every other landing.
 
 pub mod ardupilot;
 mod config;

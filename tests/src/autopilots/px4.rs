@@ -1,6 +1,6 @@
 //! PX4's simulator API. PX4 is the TCP client of port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4 answers
 //! with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). It answers the samples at which its rate
-//! loop runs: each, or every second or third, by its IMU_GYRO_RATEMAX.
+//! loop runs: by its IMU_GYRO_RATEMAX, every one, every second or every third.
 
 use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -85,11 +85,12 @@ impl Px4Plant {
         }
         self.answers > before
     }
-    /// Whether an answer to the newest sample is due, by the previous interval between answers.
+    /// Whether an answer to the newest sample is due, judged by the previous interval between answers.
     pub fn due(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= self.every_us
     }
-    /// Whether the answer is later than the longest interval of PX4: it is busy, not on its way to the next sample.
+    /// Whether the answer is later than PX4's longest interval, so that PX4 is busy and does not wait for the next
+    /// sample.
     pub fn is_overdue(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }

@@ -11,7 +11,7 @@ use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::{Stream, Streams};
 
-/// Rate to whose samples the configured inertial noise applies, Hz.
+/// Sampling rate at which the configured inertial noise applies, Hz.
 const PER_HZ: f64 = 100.0;
 /// Temperature (K) and pressure (hPa) of the standard atmosphere at sea level.
 const SEA_LEVEL_K: f64 = 288.15;
@@ -20,7 +20,7 @@ const SEA_LEVEL_HPA: f64 = 1013.25;
 const LAPSE: f64 = 0.0065;
 const EXPONENT: f64 = 5.255_88;
 
-/// Sensors with the noise of the simulated autopilot's.
+/// Sensors with the same noise as those of the simulated autopilot.
 pub struct FirmwareSensors {
     config: FirmwareConfig,
     navigation: NavigationConfig,

@@ -1,4 +1,4 @@
-//! The firmware's end of both protocols, for stand-ins of a firmware: encoding and decoding.
+//! The firmware's end of both protocols (encoding and decoding), for programs that stand in for a firmware.
 
 use alight_shared::frames::TrueNed;
 use alight_shared::geodesy::Datum;

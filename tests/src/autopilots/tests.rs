@@ -18,7 +18,7 @@ use crate::physics::sea::SeaConfig;
 const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;
 
-/// Rotor outputs (linear in thrust) for a flight to `place`: cascaded position, attitude and rate loops.
+/// Rotor outputs (linear in thrust) for a flight to `place`: cascaded loops of position, attitude and rate.
 fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTORS] {
     let g = DroneGeometry::default();
     let along = (place - b.position).map(|e| e.clamp(-2.0, 2.0));
@@ -213,8 +213,8 @@ fn px4_plant_with_every_second_sample_answered() {
             ));
         }
     }
-    // PX4 answers each sample; misses one, which delays only briefly; answers every second; is silent, and is due after
-    // four.
+    // PX4 answers each sample; then misses one, which only causes a short delay; then answers every second sample; then
+    // is silent, and its answer is due after four.
     assert_eq!(wanted[7], (true, false));
     assert_eq!(wanted[8], (true, false));
     assert_eq!(
@@ -238,7 +238,7 @@ fn drone_without_a_firmware_on_its_pad() {
         });
     }
     assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
-    // An idle mission does not mean that the motors were stopped above the deck.
+    // An idle mission does not imply that the motors were stopped above the deck.
     let mission = alight_shared::msg::MissionState::default();
     assert!(physics.observation(0, &mission).motors_on);
     assert!((physics.drone(0).unwrap_or_default().position.0 - before).norm() < 1e-9);

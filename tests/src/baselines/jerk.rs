@@ -7,7 +7,7 @@ pub const STAGES: usize = 10;
 const NEWTON_STEPS: usize = 12;
 /// Maximum number of halvings of a step.
 const HALVINGS: usize = 8;
-/// Cost of exceeding a limit by one unit, squared; larger than that of the barrier.
+/// Cost of exceeding a limit by one unit, squared; larger than the cost of the barrier.
 const LIMIT_WEIGHT: f64 = 5000.0;
 
 pub type PerStage = [f64; STAGES];
@@ -15,9 +15,9 @@ pub type PerStage = [f64; STAGES];
 /// Optimisation problem of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisProblem {
-    /// Present position, velocity and acceleration: m, m/s, m/s².
+    /// Initial position, velocity and acceleration: m, m/s, m/s².
     pub start: [f64; 3],
-    /// Present jerk, m/s³.
+    /// Initial jerk, m/s³.
     pub previous: f64,
     /// Wanted positions, m.
     pub position: PerStage,
@@ -36,7 +36,7 @@ pub struct AxisProblem {
 pub struct Barrier {
     /// `alpha_L (roll² + pitch²)` at each stage.
     pub weight: PerStage,
-    /// z of a drone that stands on the deck, at each stage, m.
+    /// Vertical position z of a drone that stands on the deck, at each stage, m.
     pub contact: PerStage,
     /// h_d: height of the barrier, m.
     pub height_m: f64,

@@ -41,7 +41,7 @@ impl Law for Mpc {}
 impl Baseline {
     pub const ALL: [Baseline; 2] = [Baseline::Mpc, Baseline::MpcNe];
 
-    /// Name on the command line and in tables.
+    /// Name of the planner on the command line and in tables.
     pub const fn name(&self) -> &'static str {
         match self {
             Baseline::Mpc => "mpc",

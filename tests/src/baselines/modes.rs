@@ -15,10 +15,10 @@ pub const MODES: usize = 4;
 const N: usize = 1 + 2 * MODES;
 /// Number of degrees of freedom with modes: heave (z), roll, pitch.
 const WAVY: usize = 3;
-/// Amplitude below which modes are noise: m, rad, rad.
+/// Amplitude below which a mode counts as noise: m, rad, rad.
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
-/// Gap after which the record starts again, s.
+/// Gap after which a new record begins, s.
 const GAP_S: f64 = 2.0;
 const KEPT: usize = POINTS;
 /// Length of the record for the transform, and minimum length, s.
@@ -37,8 +37,8 @@ struct Noise {
     sd: f64,
     /// Random walk of a mode's states after 1 s.
     walk: f64,
-    /// Random walk of the offset after 1 s. The authors' offset is constant; here that of heave must follow the drift
-    /// of the odometry.
+    /// Random walk of the offset after 1 s. The authors' offset is constant; here the offset of heave must follow the
+    /// drift of the odometry.
     offset_walk: f64,
 }
 const TILT: Noise = Noise {
@@ -56,7 +56,7 @@ const NOISE: [Noise; WAVY] = [
     TILT,
 ];
 
-/// A degree of freedom with offset and oscillators.
+/// A degree of freedom, with an offset and oscillators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wavy {
     omega: [f64; MODES],
@@ -149,7 +149,7 @@ pub struct SpectralModes {
 }
 
 impl SpectralModes {
-    /// Whether modes are known, after a long enough record.
+    /// Whether the modes are known, which requires a record of the minimum length.
     pub fn ready(&self) -> bool {
         self.analysed.is_some()
     }
@@ -157,7 +157,7 @@ impl SpectralModes {
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
-            // A detection that is early by half a tick is on time.
+            // A detection that is early by half a tick counts as on time.
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
             Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
             Some(_) | None => {

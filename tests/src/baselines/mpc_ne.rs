@@ -47,13 +47,13 @@ const INCREMENT_WEIGHT: f64 = 0.02;
 const TILT_WEIGHT: f64 = 8000.0;
 /// h_d: height of the barrier above the deck, m.
 const BARRIER_M: f64 = 1.2;
-/// Depth of the reference below the deck, m, which ensures contact.
+/// Depth of the reference below the deck, m, so that the drone touches the deck.
 const PRESS_M: f64 = 0.3;
 /// Maximum age of a detection, s.
 const FRESH_S: f64 = 0.1;
 /// Time between stages, s: a horizon of 1 s.
 const STEP_S: f64 = 0.1;
-/// Maximum acceleration of a plan along an axis, whatever its start, m/s².
+/// Maximum acceleration of a plan along an axis, whatever the initial state, m/s².
 const LARGEST_MPS2: f64 = 8.0;
 /// Time constant with which the heading's rate decays, s.
 const TURNING_S: f64 = 0.5;
@@ -104,7 +104,7 @@ impl SolvedPlan {
     }
 }
 
-/// State of the planner while it follows and lands.
+/// State of the planner in tracking and landing.
 #[derive(Clone, Debug)]
 pub struct MpcNe {
     reset: Reset,
@@ -112,7 +112,7 @@ pub struct MpcNe {
     feet: f64,
     modes: SpectralModes,
     solved: Option<SolvedPlan>,
-    /// Height above the deck that it keeps while no descent is permitted, m.
+    /// Height above the deck that the planner keeps while no descent is permitted, m.
     held_m: Option<f64>,
 }
 
@@ -179,7 +179,7 @@ impl MpcNe {
         }
     }
 
-    /// Whether its last trajectory is fresh and the drone close to it.
+    /// Whether the last trajectory is fresh and the drone is close to it.
     fn goes_on(&self, now: Time<DroneClock>, drone: Option<&DroneState>) -> bool {
         let (Some(solved), Some(drone)) = (&self.solved, drone) else {
             return false;
@@ -224,11 +224,11 @@ impl MpcNe {
         let deck = self.deck(now, forecast)?;
         let landing = mission.state.phase() == Phase::Landing && self.modes.ready();
         let contact = deck.map(|d| d.position[2] - self.feet);
-        // The mean height of the deck is the filter's constant, above which the mission's height counts.
+        // The mean height of the deck is the constant of the filter; the mission's height is relative to it.
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
-        // Without permission to descend it keeps the height at which that began. The present height, updated in each
-        // solution, would follow every downward stroke of the deck.
+        // While no descent is permitted, the drone keeps the height at which this began. If the height were updated in
+        // each solution, the drone would follow every downward stroke of the deck.
         let waits = landing && !(mission.descent_mps > 0.0);
         let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
         self.held_m = held;
@@ -274,7 +274,7 @@ impl MpcNe {
         Some(plan)
     }
 
-    /// Deck at the stages; before the first detection the forecast's position and heave.
+    /// Deck at the stages; before the first detection, the position and heave of the forecast.
     fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {

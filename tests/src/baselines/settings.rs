@@ -1,5 +1,5 @@
-//! Changes of a baseline outside the planner: sources that the predictor may use, and mission parameters that assume
-//! another planner. Everything else is the same for all planners.
+//! Changes that a baseline needs outside the planner: sources that the predictor may use, and mission parameters that
+//! assume another planner. Everything else is the same for all planners.
 
 use alight_uav::mission::MissionConfig;
 use alight_uav::planner::PlannerKind;
@@ -11,14 +11,14 @@ use super::Baseline;
 /// longer than the last, blind metre of a descent; the mission returns to an approach by radio after 5 s without
 /// vision.
 const VISION_ONLY_S: f64 = 4.5;
-/// Maximum duration of a descent, s, since this planner waits above the deck during it.
+/// Maximum duration of a descent, s, which includes the time that this planner waits above the deck.
 const WAITING_S: f64 = 120.0;
 
 impl Baseline {
     pub fn predictor(&self, base: PredictorConfig) -> PredictorConfig {
         match self {
             Baseline::Mpc => base,
-            // Only the tag after its first detection; radio alone leads to it.
+            // After its first detection only the tag is used; before it, radio alone guides the drone to the deck.
             Baseline::MpcNe => PredictorConfig {
                 use_wave_model: false,
                 radio_after_vision_s: VISION_ONLY_S,
@@ -29,16 +29,17 @@ impl Baseline {
 
     pub fn mission(&self, base: MissionConfig) -> MissionConfig {
         match self {
-            // With and without alignment, the flare is the same.
+            // The flare is the same with and without alignment.
             Baseline::Mpc => PlannerKind::MpcFaa.mission(base),
-            // It ignores surge and sway by design, and lands on a tilted deck only by mistake. Conditions on distance,
-            // speed and tilt at the decision clearance would keep it waiting for ever; its own barrier decides instead.
+            // This planner ignores surge and sway by design, and lands on a tilted deck only by mistake. Conditions on
+            // distance, speed and tilt at the decision clearance would keep it waiting for ever; its own barrier
+            // decides instead.
             Baseline::MpcNe => MissionConfig {
                 descent_timeout_s: WAITING_S,
                 flare_timeout_s: WAITING_S,
                 min_probability: 0.0,
                 max_harm: 1.0,
-                // No vessel reports the deck's apparent slope to it.
+                // This planner does not receive the deck's apparent slope from the vessel.
                 friction: 2.0,
                 ..base
             },

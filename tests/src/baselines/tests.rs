@@ -135,7 +135,7 @@ fn mpc_ne_over_tilting_and_steep_decks() {
     // At 0.5 rad the deck is never level for long enough.
     let (_, min) = mpc_ne_over(0.5, State::Descent, 1.0);
     assert!(min > 0.8, "through the barrier: {min}");
-    // Without permission to descend.
+    // No descent is permitted.
     let (_, min) = mpc_ne_over(0.0, State::Descent, 0.0);
     assert!(min > 4.0, "sank without permission: {min}");
     // Tracking at 7 m.

@@ -53,7 +53,7 @@ impl ImageDelay {
 /// Exposure and gain at night, set by the drone's metering.
 struct NightExposure {
     metering: Metering,
-    /// Number of exposures begun; `metered` counts the metered images.
+    /// Number of exposures that have begun; `metered` counts the metered images.
     begun: u64,
     metered: u64,
 }

@@ -1,5 +1,6 @@
-//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in
-//! order, and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
+//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once per tick in a
+//! fixed order. The other ends of the rows' edges are simulated here, too: the radio, the wire to the autopilot,
+//! cameras and sensors.
 
 mod steps;
 
@@ -37,9 +38,9 @@ use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
 use alight_uav::mission::MissionConfig;
 
-/// Most plans in the delay line.
+/// Maximum number of plans in the delay line.
 const MAX_PLANS: usize = 64;
-/// Most packets that wait for a frozen bridge.
+/// Maximum number of packets that wait for a frozen bridge.
 const MAX_WAITING: usize = 4096;
 /// First boot id of a second vessel with the same identity.
 const TWIN_BOOT: u32 = 1000;
@@ -51,7 +52,7 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// Senders outside the rows: operators, plans whose solve time is over, detections from measurement models.
+/// Senders outside the rows: operators, finished plans, and detections from measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -89,7 +90,7 @@ readers! {
 pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
-    /// Boot id of the first processes, and of the newest start.
+    /// Boot id of the first processes, and of the newest start of each.
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
@@ -104,17 +105,17 @@ pub struct SimulatedDroneComputer {
     cameras: Option<SimulatedCameras>,
     /// The autopilot and the wire to it; None before the drone has appeared.
     pub(super) linked: Option<LinkedAutopilot>,
-    /// Decoder for its own GNSS receiver, and bytes to send to the receiver.
+    /// Decoder for the drone's own GNSS receiver, and bytes to send to the receiver.
     receiver: ReceiverDecoder,
     corrections: Vec<u8>,
-    /// Reading that a stuck rangefinder repeats, m.
+    /// Range that a stuck rangefinder repeats, m.
     repeated_range_m: Option<f64>,
-    /// Lead of its steady clock over the drawn one.
+    /// Lead of the computer's steady clock over its simulated clock model.
     pub(super) ahead: Span,
-    /// The pilot has switched it to our mode once.
+    /// The pilot has switched the autopilot to our mode once.
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
-    /// All of its processes are dead.
+    /// All processes of the computer are dead.
     pub(super) is_dead: bool,
     /// End of the newest freeze of the computer.
     stood_still_until: Time<TrueTime>,
@@ -124,11 +125,11 @@ pub struct SimulatedDroneComputer {
     pub(super) slower: Span,
     outside: Outside,
     observer: Observer<LockStep>,
-    /// Defect of its nodes.
+    /// Defect of the computer's nodes.
     mutant: Option<Mutant>,
-    /// Lead of the vessel's clock over this one since the start.
+    /// Lead of the vessel's clock over this computer's clock since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// Faults of its sensors; None if no fault ever occurs.
+    /// Faults of the drone's sensors; None if no fault ever occurs.
     spoiled: Option<Spoiled>,
     /// Offset of a second vessel with the same identity, m north of the first; 0: no second vessel.
     twin_m: f64,
@@ -197,7 +198,7 @@ fn start(
     }
 }
 
-/// The row, if its process lives, `runs` and has a step due at `now`.
+/// The row, if its process is alive, is in `runs`, and has a step due at `now`.
 fn due<N: Wired>(
     row: &mut Option<Row<N, LockStep>>,
     runs: bool,
@@ -301,14 +302,14 @@ impl SimulatedDroneComputer {
             linked.fail(failing);
         }
     }
-    /// Gives its nodes a defect from now on.
+    /// Gives the computer's nodes a defect from now on.
     pub(super) fn mutate(&mut self, mutant: Option<Mutant>) {
         if let Some(new) = mutant.filter(|_| self.mutant != mutant) {
             self.mutant = mutant;
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
     }
-    /// A test flies the drone: this set-point replaces the pilot's.
+    /// A test flies the drone: this set-point replaces the pilot node's.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
         self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
@@ -344,7 +345,7 @@ impl SimulatedDroneComputer {
             (&self.nodes, self.boot),
         );
     }
-    /// Kills its supervisor, and with it all processes.
+    /// Kills the computer's supervisor, and with it all processes.
     pub(super) fn kill_all(&mut self) {
         (self.is_dead, self.rows) = (true, DroneRows::default());
         self.frozen.clear();
@@ -380,19 +381,19 @@ impl SimulatedDroneComputer {
         (self.ahead, self.apart) = (before.ahead, before.apart);
         (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
     }
-    /// Restarts its steady clock, and keeps the checkpoints on the disk.
+    /// Restarts the computer's steady clock, and keeps the checkpoints on the disk.
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
         *self.kept.keeper_mut() = self.kept.keeper().lasting();
     }
-    /// Gives its mission an operator's command.
+    /// Gives the drone's mission an operator's command.
     pub(super) fn command(&mut self, kind: CommandKind, physics: &mut Physics) {
         let header = self.header(physics);
         self.outside.commands.send(&Command { header, kind });
     }
 
-    /// The drone appears in the air, flown by a pilot.
+    /// The drone appears in the air in a pilot's mode.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
         let streams = physics.streams().of_drone(self.k);
@@ -412,15 +413,15 @@ impl SimulatedDroneComputer {
     pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
         self.linked.as_ref().map(|l| &l.autopilot)
     }
-    /// Whether its autopilot has aligned its heading.
+    /// Whether the drone's autopilot has aligned its heading.
     pub fn autopilot_is_aligned(&self) -> bool {
         self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
     }
-    /// Packets that the radio carried and lost: to the drone, to the vessel.
+    /// Numbers of packets that the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// Whether a process runs, and the boot id of its start.
+    /// Whether a process is alive, and the boot id of its start.
     fn process(&self, process: ProcessKind) -> (bool, u32) {
         let boot = self.boots.get(&process).copied().unwrap_or(self.first_boot);
         (self.runs(process), boot)
@@ -518,7 +519,7 @@ impl SimulatedDroneComputer {
         header.at += self.ahead;
         header
     }
-    /// Time for which the drone was armed on the deck without an order when the mission last published, s.
+    /// Time for which the drone was armed on the deck without an order, as the mission last reported it, s.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, armed) = (&self.mission_state, self.autopilot_state.armed);
         let disarm_s = self.nodes.autopilot.disarm.longest_s();
@@ -526,5 +527,5 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// World time and time of the computer.
+/// World time and the computer's time.
 type Moment = (Time<TrueTime>, Time<DroneClock>);

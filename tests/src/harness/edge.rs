@@ -2,8 +2,8 @@
 
 use alight_shared::bus::{Bus, Edge, Ports as _, Wired};
 
-/// An edge of two closures: one adds to the row's input; the other takes from its output, before the bus, what leaves
-/// the computer.
+/// An edge of two closures: one adds to the row's input; the other removes from the row's output, before it reaches the
+/// bus, what leaves the computer.
 struct Ends<R, W>(R, W);
 
 impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for Ends<R, W> {

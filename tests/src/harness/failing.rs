@@ -69,15 +69,15 @@ pub struct VesselSensorFaults {
     pub heading_off_rad: f64,
     /// Error of every second heading, rad: two devices on one bus.
     pub heading_mixed_rad: f64,
-    /// Error of fixes to the north and up, m.
+    /// Error of fixes, north and up, m.
     pub gnss_off_m: [f64; 2],
     /// Inertial samples, fixes and headings repeat their first value.
     pub stuck: [bool; 3],
-    /// Error of the rate about the vessel's x axis, rad/s.
+    /// Error of the angular rate about the vessel's x axis, rad/s.
     pub gyro_off_radps: f64,
-    /// Bound of the measured specific force, m/s2; 0: no bound.
+    /// Clipping limit of the measured specific force, m/s2; 0: no limit.
     pub clip_mps2: f64,
-    /// Delay of measurements, s; they are stamped on arrival.
+    /// Delay of measurements, s; the vessel stamps them on arrival.
     pub late_s: f64,
     /// Rotation of the inertial sensor about the vessel's x axis, rad.
     pub mounting_rad: f64,
@@ -161,19 +161,19 @@ pub struct DroneSensorFaults {
     pub range_lost: bool,
     /// Ranges repeat their first value.
     pub range_stuck: bool,
-    /// Error of ranges, m; positive is too long.
+    /// Error of ranges, m; positive if ranges are too long.
     pub range_off_m: f64,
-    /// Ranges are 0, as from a device that measures nothing and does not report that.
+    /// Ranges are 0, as from a device that has no echo and does not report that.
     pub range_zero: bool,
-    /// Lost fraction of detections.
+    /// Fraction of detections that is lost.
     pub lost: f64,
     /// Additional standard deviation of detections, m: images are smeared.
     pub scatter_m: f64,
     /// Offset of the tag in every third detection, m to the right in the image.
     pub false_tag_m: f64,
-    /// Delay of the images' stamps, s.
+    /// Delay of the image stamps, s.
     pub images_late_s: f64,
-    /// Offset of another vessel, whose deck the cameras detect in place of this one's, NED, m.
+    /// Offset of another vessel, NED, m, whose deck the cameras detect instead of this vessel's.
     pub neighbour_offset_m: [f64; 3],
 }
 
@@ -248,12 +248,12 @@ fn spoil_detections<M: Plain>(
 /// Delay and offset of detections.
 struct DetectionShift {
     late: Span,
-    /// In camera axes, m.
+    /// Offset in camera axes, m.
     offset: Vector3<f64>,
 }
 
 impl DetectionShift {
-    /// Delay and offset for a drone with this attitude, as estimated by its autopilot.
+    /// Delay and offset for a drone with this attitude, as its autopilot estimates it.
     fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> DetectionShift {
         let offset = attitude.inverse() * Vector3::from(faults.neighbour_offset_m);
         DetectionShift {
@@ -270,7 +270,8 @@ impl DetectionShift {
     }
 }
 
-/// Uniform in 0 to 1 by the message's number, so that it is equal in each flight of a list.
+/// Pseudo-random number from 0 to 1 that depends only on the message's number, so that it is equal in every flight of a
+/// list.
 fn by_chance(sequence: u32, axis: u32) -> f64 {
     let mixed = sequence
         .wrapping_mul(4)
@@ -287,16 +288,16 @@ pub struct AutopilotFaults {
     pub cut: bool,
     /// Ids of messages that are not sent.
     pub muted: Vec<u32>,
-    /// Result with which it answers every command instead of executing it.
+    /// Result with which the autopilot answers every command instead of executing it.
     pub answer: Option<CommandResult>,
     pub no_battery: bool,
     /// The reported charge is frozen, or toggles by this amount above the frozen value.
     pub battery_stuck: Option<f64>,
-    /// Additional drain of its battery, 1/s.
+    /// Additional drain of the battery, 1/s.
     pub drain_per_s: f64,
-    /// Landed state that it reports.
+    /// Landed state that the autopilot reports.
     pub landed_report: Option<LandedState>,
-    /// Drift of its position to the north, m/s, as under a slow spoof.
+    /// Drift of the autopilot's position to the north, m/s, as under a slow spoofing attack.
     pub drift_mps: f64,
     /// The remote control's signal is lost.
     pub remote_control_lost: bool,

@@ -1,8 +1,8 @@
-//! Forecasts in which a part is replaced by the truth, for an error budget: the remaining error does not come from that
+//! Forecasts in which the truth replaces one part, for an error budget: the error that remains does not come from that
 //! part.
 //!
-//! Notation: `^` forecast, `*` truth, `d` and `e` the error of the odometry's position and velocity, in whose frame the
-//! drone flies:
+//! Notation: `^` forecast, `*` truth; `d` and `e` are the errors of the odometry's position and velocity. The drone
+//! flies in the odometry's frame:
 //!
 //! | part | deck position `t` ahead |
 //! |---|---|
@@ -33,8 +33,8 @@ const CONTACT_S: f64 = 0.5;
 /// Ticks to the end of the longest forecast: 4 s, at an age of up to 0.1 s.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
-/// The world's sea and vessel, simulated ahead of the world by [`AHEAD`] ticks. Drones do not move its deck, and a
-/// change of course that a descent causes is not part of it.
+/// The world's sea and vessel, simulated [`AHEAD`] ticks ahead of the world. Drones do not move this deck, and it does
+/// not include a change of course that a descent causes.
 pub(super) struct Foresight {
     config: ForesightConfig,
     ahead: Physics,
@@ -166,8 +166,8 @@ impl Now {
             ..*truth
         }
     }
-    /// Predicted motion from the true present state: an initial error of position or angle persists, one of a rate
-    /// decays as it does in the prediction.
+    /// Predicted motion from the true present state: an initial error of position or angle persists, and an error of a
+    /// rate decays as in the prediction.
     fn begun(&self, own: &DeckStage, t: f64) -> DeckStage {
         let fades = (-t / FADE_S).exp();
         let gone = FADE_S * (1.0 - fades);
@@ -201,7 +201,7 @@ impl Now {
     }
 }
 
-/// `own` with the degrees of freedom of `config` taken from `wanted`; surge and sway are along its heading.
+/// `own` with the degrees of freedom of `config` taken from `wanted`; surge and sway are in the axes of the heading.
 fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckStage {
     let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), own.euler[2]);
     let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));

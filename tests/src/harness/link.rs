@@ -45,7 +45,7 @@ impl Wire {
         }
     }
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
-        // Messages that the dialect lacks are not sent.
+        // Messages that are not in the dialect are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };
@@ -82,7 +82,7 @@ pub struct LinkedAutopilot {
 }
 
 impl LinkedAutopilot {
-    /// The wire's delays have the random streams `link.up` and `link.down`.
+    /// The random streams `link.up` and `link.down` give the wire's delays.
     pub fn new(
         config: &AutopilotConfig,
         streams: &Streams,

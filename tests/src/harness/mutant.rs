@@ -1,5 +1,5 @@
-//! Mutants: nodes with a defect that a storm must find. Each is a wrapper between one row and the bus in lock-step, and
-//! never in the program that flies.
+//! Mutants: nodes with a defect that a storm must find. Each mutant is a wrapper between one row and the bus in
+//! lock-step; the program that flies contains none.
 
 use core::cell::Cell;
 use std::rc::Rc;
@@ -28,9 +28,9 @@ const SILENT: Span = Span::from_millis(1500);
 pub enum Mutant {
     /// The mission ignores aborts during the descent.
     AbortIgnored,
-    /// The mission takes its last order to land for a new order.
+    /// The mission treats its last order to land as a new order.
     OrderKept,
-    /// The motors stop on the rangefinder alone.
+    /// The rangefinder alone stops the motors.
     StopsByRange,
     StaleForecast,
     StaleMission,
@@ -38,11 +38,11 @@ pub enum Mutant {
     FramesIgnored,
     /// An unreported thrust counts as zero.
     ThrustMissing,
-    /// An unreported or empty battery counts as full.
+    /// An unreported or empty battery counts as a full one.
     ReserveWaived,
-    /// Each drone takes the deck for its own, regardless of the grant.
+    /// Each drone treats the deck as its own, regardless of the grant.
     TwoOwners,
-    /// A silent vessel is taken to have released its deck.
+    /// The mutant assumes that a silent vessel has released its deck.
     DeckReleased,
     /// The offset between the two clocks keeps its first estimate.
     ClockKept,
@@ -65,8 +65,8 @@ impl Mutant {
         Mutant::ClockKept,
         Mutant::OldCheckpoint,
     ];
-    /// Installs the mutant between the rows of a drone's computer and their bus; `apart` is the drift of the vessel's
-    /// clock from the drone's since the start.
+    /// Installs the mutant between the rows of a drone's computer and their bus; `apart` is the change since the start
+    /// of the vessel's clock relative to the drone's.
     pub(super) fn stand(self, bus: &LockStep, drone: u32, apart: &Rc<Cell<Span>>) {
         match self {
             Mutant::AbortIgnored => abort_ignored(bus),
@@ -109,7 +109,7 @@ impl Mutant {
 /// Reservation of the deck on the drone's clock.
 type Grant = DeckGrant<DroneClock>;
 
-/// The grant, as if it were new and this drone's own.
+/// The grant, changed as if it were new and for this drone.
 fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     let mut own = *grant;
     (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
@@ -123,7 +123,7 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
     });
 }
 
-/// Renews the stamp of each message that is read.
+/// Renews the stamp of each message that a row reads; without a new message the row reads the last one again.
 fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     for row in PROCESSES {
         let mut last = None;
@@ -135,7 +135,7 @@ fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     }
 }
 
-/// Changes a row's messages by the newest state of the mission.
+/// Changes a row's messages according to the newest state of the mission.
 fn by_state<M: Plain>(
     bus: &LockStep,
     (row, way): (ProcessKind, BusSide),
@@ -173,7 +173,7 @@ fn order_kept(bus: &LockStep) {
             let landing = |c: &Command| c.kind == CommandKind::Land;
             ordered = commands.iter().copied().rfind(landing).or(ordered);
             if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
-                // Stamped as a new order.
+                // The stamp is that of a new order.
                 command.header.at = Time::from_nanos(now_ns);
                 command.header.sequence = command.header.sequence.wrapping_add(1);
                 commands.push(*command);

@@ -15,9 +15,9 @@ use serde::{Deserialize, Serialize};
 pub const MAX_CONTACT_MPS: f64 = 1.0;
 /// Maximum angle between the normals of deck and foot plane at first contact, rad.
 pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
-/// Maximum time from first contact to motor stop, s.
+/// Maximum time from first contact to the stop of the motors, s.
 pub const MAX_STOP_S: f64 = 2.0;
-/// Time between the stop of the motors and the rest on the deck, s.
+/// Time from the stop of the motors until the rest on the deck begins, s.
 pub const SETTLE_S: f64 = 1.0;
 pub const REST_S: f64 = 3.0;
 pub const TIME_LIMIT_S: f64 = 180.0;
@@ -25,11 +25,11 @@ pub const TIME_LIMIT_S: f64 = 180.0;
 pub const ON_DECK_M: f64 = 0.02;
 /// Speed above which an impact of any part, in any direction, at any time, is counted separately, m/s.
 pub const FAST_CONTACT_MPS: f64 = 2.0;
-/// Height of the lowest foot above which stopped motors are a stop in the air, m.
+/// Height of the lowest foot above which a stop of the motors is a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
 /// Maximum limit ratio of a trial that was not unsafe.
 const BELOW_LIMIT: f64 = 1.0 - 1e-9;
-/// Reason when the time limit passes and nothing else has failed.
+/// Reason if the time limit passes and nothing else has failed.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -79,9 +79,9 @@ impl Ending {
 /// One impact between the drone and another body, from the truth just before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
-    /// A foot touched; otherwise another part.
+    /// True: a foot touched; false: another part.
     pub foot: bool,
-    /// The upper surface of the deck was touched; otherwise its side.
+    /// True: the part touched the deck's upper surface; false: the side of the deck.
     pub on_deck: bool,
     pub normal_mps: f64,
     pub tangential_mps: f64,
@@ -102,7 +102,7 @@ pub struct TrialObservation<'a> {
     pub horizontal_m: f64,
     pub motors_on: bool,
     pub descending: bool,
-    /// Number of descents begun.
+    /// Number of descents that have begun.
     pub attempts: u32,
     pub gave_up: bool,
     /// Reason why the mission has not entered its next state.
@@ -120,19 +120,19 @@ impl TrialObservation<'_> {
     }
 }
 
-/// Outcome of a trial; values of the first contact are null when there was none.
+/// Outcome of a trial; values of the first contact are null if there was none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     pub outcome: Ending,
     /// `outcome` is `success`.
     pub success: bool,
-    /// The ending in text, with the value that decided it.
+    /// The ending as text, with the value that decided it.
     pub reason: String,
     pub seed: u64,
     /// Name of the sea, as the caller gave it.
     pub sea: String,
     pub planner: String,
-    /// Number of descents begun.
+    /// Number of descents that have begun.
     pub attempts: u32,
     /// Number of contacts that exceed the limits.
     pub unsafe_contacts: u32,
@@ -142,8 +142,8 @@ pub struct Outcome {
     pub collisions: u32,
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// Maximum over the contacts of metric divided by limit: 1 or more exactly when the trial was unsafe; 0 without a
-    /// contact.
+    /// Maximum over all contacts of the ratio of metric to limit: 1 or more exactly if the trial was unsafe; 0 without
+    /// a contact.
     #[serde(default)]
     pub limit_ratio: f64,
     /// Number of entries into keep-out volumes; absent without volumes.
@@ -195,8 +195,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// No landing was completed in time, and no contact exceeded a limit: the drone waited, aborted or descended too
-    /// late.
+    /// No landing was completed in time, and no contact exceeded a limit: the drone waited, aborted, or began its
+    /// descent too late.
     pub fn is_refused(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
@@ -451,8 +451,8 @@ impl Judge {
             wall_time_s: 0.0,
             digest: String::new(),
         };
-        // Unsafe endings without a metric have the ratio 1, too: motors that stop in the air or run on, water, an edge,
-        // another drone.
+        // Unsafe endings without a metric also have the ratio 1: motors that stop in the air or do not stop, water, an
+        // edge, another drone.
         outcome.limit_ratio = if outcome.is_unsafe() {
             outcome.limit_ratio.max(1.0)
         } else {

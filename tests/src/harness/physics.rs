@@ -1,7 +1,7 @@
 //! The simulated world without any of Alight's nodes: sea, vessel and drones with their sensors. The lock-step
 //! [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Each drone has contact with the nearest deck and the water only. Two drones whose spans overlap have collided: the
+//! Each drone makes contact with the nearest deck and the water only. When the extents of two drones overlap, the
 //! collision is counted, and they fly on. Drones fly through keep-out volumes; the judge counts these entries.
 
 mod neighbour;
@@ -39,7 +39,7 @@ use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 pub const TICK: Span = Span::from_millis(10);
 /// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
-/// Identity of the first simulated drone; the others have the following numbers.
+/// Identity of the first simulated drone; further drones have the numbers after it.
 pub const DRONE_ID: u32 = 1;
 /// Boot id of the simulated vehicles' own computers.
 pub const BOOT: u32 = 1;
@@ -91,8 +91,8 @@ impl Plant {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
-    /// Advances by a tick from `t` while the deck moves from `own[0]` to `own[1]`, and another boat's deck likewise:
-    /// the drone has contact with the nearer one.
+    /// Advances by a tick from `t` while the deck moves from `own[0]` to `own[1]`, and another boat's deck likewise;
+    /// the drone makes contact with the nearer deck.
     fn advance(
         &mut self,
         t: Time<TrueTime>,
@@ -146,7 +146,7 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// Truth of `seed` before the warm-up.
+    /// True state of the world of `seed` before the warm-up.
     pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
         let streams = seed.into();
@@ -229,7 +229,7 @@ impl Physics {
             config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
         }
         if k > 0 {
-            // All drones fly in the mean wind of the first.
+            // The mean wind of the first drone applies to all drones.
             let to_deg = wind_to_deg(&self.streams);
             config.wind.to_deg.get_or_insert(to_deg);
         }
@@ -328,8 +328,8 @@ impl Physics {
         }))
     }
 
-    /// Makes the vessel change course or speed after a drawn time, if its course is of that kind. The helmsman does not
-    /// know of the drone, so the nodes receive no notice.
+    /// Makes the vessel change course or speed after a random time, if its course has such a change. The helmsman does
+    /// not know of the drone, so the nodes receive no notice.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
     }
@@ -341,8 +341,8 @@ impl Physics {
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
     }
-    /// Advances one tick with motors. Several times a tick, `motors` receives the number and state of each drone and
-    /// returns its motor commands as fractions of a rotor's maximum thrust; None: all off.
+    /// Advances one tick with motors. Several times per tick, `motors` receives the number and state of each drone, and
+    /// returns its motor commands as fractions of a rotor's maximum thrust, or None if all motors are off.
     pub fn advance_with(
         &mut self,
         exchanges: u32,
@@ -421,7 +421,7 @@ impl Physics {
     pub fn time_since_start(&self) -> Span {
         self.t - self.started
     }
-    /// Whether drones appear on the deck.
+    /// Whether drones start on the deck.
     pub fn starts_on_deck(&self) -> bool {
         self.scenario.start.on_deck
     }
@@ -523,7 +523,7 @@ impl Physics {
             relative_euler: [roll, pitch, yaw],
             tilt_error: cos_tilt.clamp(-1.0, 1.0).acos(),
             horizontal_m: (drone.position.0 - deck.position.0).xy().norm(),
-            // Motors that never started have not been stopped.
+            // Motors that have never started do not count as stopped.
             motors_on: plant
                 .is_none_or(|p| p.motors_on || p.drone.as_ref().is_some_and(SimulatedDrone::on_pad)),
             descending: matches!(mission.state, State::Descent | State::Flare),

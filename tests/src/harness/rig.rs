@@ -1,4 +1,4 @@
-//! Test rig of one flight in the simulated world: commands, faults and measurements at chosen times.
+//! Test rig for one flight in the simulated world: commands and faults at chosen times, and measurements.
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
@@ -77,7 +77,7 @@ impl Rig {
     pub fn run(&mut self, seconds: f64) {
         self.until(seconds, |_| false);
     }
-    /// Runs until `done`, at most for `limit_s`; true if it was done.
+    /// Runs until `done`, for at most `limit_s`; true if `done` was reached.
     pub fn until(&mut self, limit_s: f64, mut done: impl FnMut(&Rig) -> bool) -> bool {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             if done(self) {
@@ -87,7 +87,7 @@ impl Rig {
         }
         done(self)
     }
-    /// Runs and calls `after` after every tick until it returns that the flight is over, at most for `limit_s`.
+    /// Runs, and calls `after` after every tick until that returns true (the flight is over), for at most `limit_s`.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             self.tick(&mut NoTap);
@@ -97,7 +97,7 @@ impl Rig {
         }
     }
 
-    /// Begins a fault of this kind and size, which replaces all others.
+    /// Begins a fault of this kind and size, which replaces every other fault.
     pub fn begin(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),

@@ -38,13 +38,13 @@ config! {
         /// Height above the still water, drawn uniformly between these, m.
         /// Source: ours, below and above the approach height of 15 m.
         pub height_m: [f64; 2] = [8.0, 20.0], in 2.0..=120.0;
-        /// The vessel's estimator runs this long before the landing is commanded, s.
+        /// Time for which the vessel's estimator runs before the landing is commanded, s.
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
         /// The drone stands in the middle of the deck, disarmed, instead of hovering next to the vessel.
         pub on_deck: bool = false;
-        /// The drone hovers this long before the landing is commanded, s.
-        /// Source: ours, the link has found the autopilot, and a pilot has given it the mode.
+        /// Time for which the drone hovers before the landing is commanded, s.
+        /// Source: ours; within it the link finds the autopilot, and a pilot gives it the mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;
     }
     check |this, at| {
@@ -60,13 +60,14 @@ config! {
 config! {
     /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame begins at its first fix.
     pub struct PlaceConfig {
-        /// Origin of the scene's own NED: one of these by the seed; the vessel's devices send bytes. Empty: both craft's frames are
-        /// the scene's, and the devices give quantities, because bytes state a latitude and a longitude.
+        /// Possible origins of the scene's own NED; the seed selects one, and the vessel's devices send bytes. Empty:
+        /// both craft use the scene's frame, and the devices give quantities, because bytes contain a latitude and a
+        /// longitude.
         pub among: Vec<Datum> = Vec::new();
-        /// A drone's autopilot began so far from where the drone starts, drawn uniformly between these, m.
-        /// Chosen: switched on ashore, or aboard some time before.
+        /// Distance from the origin of a drone's autopilot to the drone's start, drawn uniformly between these, m.
+        /// Chosen: the autopilot is switched on ashore, or aboard some time before.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
-        /// Height of that beginning above the still water, drawn uniformly between these, m.
+        /// Height of that origin above the still water, drawn uniformly between these, m.
         pub origin_height_m: [f64; 2] = [0.0, 30.0], in 0.0..=1000.0;
     }
     check |this, at| {
@@ -113,48 +114,48 @@ config! {
         pub sea: SeaConfig;
         /// The vessel.
         pub vessel: VesselConfig;
-        /// A response table that moves it, in the place of its hull.
+        /// A response table that moves the vessel, instead of the hull model.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub hull: Option<HullConfig> = None;
-        /// Recorded motion in its place.
+        /// Recorded motion of the deck, instead of the vessel's simulated motion.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub deck_motion: Option<DeckMotionConfig> = None;
-        /// The landing deck as it is.
+        /// The true landing deck.
         pub deck: DeckGeometry;
-        /// Keep-out volumes as they are, at most 8: boxes by two opposite corners in the vessel's body frame, m.
+        /// True keep-out volumes, at most 8: boxes by two opposite corners in the vessel's body frame, m.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
-        /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.
+        /// The drone's true geometry; mass and thrust errors are in `drone.airframe`.
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
         /// Place on Earth.
         pub place: PlaceConfig;
-        /// Another boat with the same tags lies so far from this one, between the decks' centres, m, and rocks by itself.
+        /// Distance of another boat with the same tags, between the decks' centres, m; it rocks independently.
         /// None: no neighbour.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
-        /// Differences from what the nodes know.
+        /// Differences between the true parameters and those in the nodes' configurations.
         pub draws: DrawConfig;
         /// Start of the drone.
         pub start: StartConfig;
-        /// Drones, each with its own computer. With several, each asks for a reservation of the deck.
+        /// Number of drones, each with its own computer. If there are several, each requests a reservation of the deck.
         pub drones: u32 = 1, in 1.0..=8.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
         pub radio: SimulatedRadioConfig;
-        /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
-        /// likely it succeeds: so predicted probability is compared with what happens.
+        /// Begin the descent at a random moment within 20 s after the drone is steady above the deck, and continue it
+        /// whatever its probability of success, to compare the predicted probability with the outcome.
         pub begin_anyway: bool = false;
-        /// Parts of the truth that the forecasts have, for an error budget.
+        /// Parts of the forecasts that the truth replaces, for an error budget.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub foresight: Option<ForesightConfig> = None;
-        /// From the planner's step to the plan's arrival at the pilot, s.
+        /// Time from the planner's step to the plan's arrival at the pilot, s.
         /// Source: One period of the planner at 50 Hz: the plan is used one period after its
         /// inputs.
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
-        /// The world runs on for so long after the outcome is known, s.
+        /// Time for which the world continues after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
         /// Faults, as in a storm's list; `lasts_s` may be `inf`.
         #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
@@ -203,7 +204,7 @@ impl Scenario {
         // Within the range of the simulated autopilot.
         self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));
     }
-    /// Sets the wind that raises this sea, along its waves.
+    /// Sets the wind that causes this sea, in the direction of its waves.
     pub fn raise_wind(&mut self) {
         let wind = &mut self.drone.wind;
         wind.mean_mps = SeaConfig::wind_of_height(self.sea.significant_height());
@@ -231,7 +232,7 @@ pub struct NodeConfigs {
     pub autopilot: AutopilotLinkConfig,
     /// Settings of the drone's other processes.
     pub drone: DroneSettings,
-    /// Baseline that flies in place of the drone's planner.
+    /// Baseline that flies instead of the drone's planner.
     pub baseline: Option<Baseline>,
 }
 

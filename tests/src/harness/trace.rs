@@ -11,7 +11,8 @@ pub struct TracePoint {
     pub deck_velocity: [f64; 3],
     /// Deck's yaw, rad.
     pub deck_yaw: f64,
-    /// From the deck centre to the feet's centroid, in the deck's axes: forward, starboard, and up from its plane, m.
+    /// From the deck centre to the feet's centroid, in the deck's axes: forward, starboard, and up from the deck's
+    /// plane, m.
     pub displacement: [f64; 3],
     /// Attitude of the drone relative to the deck's axes: roll, pitch, yaw, rad.
     pub relative_euler: [f64; 3],

@@ -22,7 +22,7 @@ pub enum Event {
     },
 }
 
-/// Outputs that a caller requests.
+/// Outputs that a caller requests in addition to the outcome.
 pub struct Watch<'a> {
     pub on_event: &'a mut dyn FnMut(&Event),
     /// Time between points of the trace, s; None: no trace.
@@ -72,7 +72,7 @@ pub fn fly_with(
     Ok(land(world, scenario, nodes, seed, sea, watch, tap))
 }
 
-/// Flies in a prepared world, starting before its warm-up.
+/// Flies in a prepared world whose warm-up has not begun.
 pub fn land(
     mut world: World,
     scenario: &Scenario,

@@ -24,9 +24,9 @@ use alight_usv::sensors::{
 };
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
-/// Name of the source of quantities.
+/// Name of the source that gives quantities instead of bytes.
 const QUANTITIES: &str = "quantities";
-/// Most late readings: ticks of half a second and more.
+/// Maximum number of late readings: ticks of half a second and more.
 const MAX_LATE: usize = 256;
 
 /// Rows of the computer, and the orders that it receives.
@@ -40,7 +40,7 @@ pub(super) struct VesselSide {
     sensors: SensorEdge,
     /// The computer is frozen: orders wait, measurements are lost.
     stands_still: bool,
-    /// Input that waits during a freeze.
+    /// Input that waits until a freeze ends.
     waiting: ComputerIn,
 }
 
@@ -54,14 +54,14 @@ struct SensorEdge {
     held: HeldReadings,
     /// Readings that arrive late.
     late: DelayLine<Readings>,
-    /// Devices that send bytes; None: devices give quantities.
+    /// Devices that send bytes; None: all devices give quantities.
     boat: Option<Boat>,
-    /// Index of the source of quantities.
+    /// Index of the source that gives quantities.
     given_by: usize,
 }
 
 impl SensorEdge {
-    /// Delays the readings measured at `t`; returns those that arrive then.
+    /// Delays the readings measured at `t`; returns those that arrive at `t`.
     fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
@@ -77,11 +77,11 @@ impl SensorEdge {
         }
         arrived
     }
-    /// Input of the sensors' node; `ahead`: lead of the vessel's clock.
+    /// Input of the sensors' node; `ahead` is the lead of the vessel's steady clock.
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
         shift(&mut readings, ahead);
-        // Quantities come from the last source.
+        // The last source gives the quantities.
         let bytes = bytes.unwrap_or_else(|| vec![rtcm]);
         let mut samples = vec![Vec::new(); self.given_by];
         samples.push(quantities(&readings, self.boat.is_none()));
@@ -151,8 +151,8 @@ impl VesselSide {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// Steps each row with the measurements of the devices, the second also with `received` messages; shows the steps
-    /// to `look`. `ahead` is the lead of its clock over the drawn one.
+    /// Steps each row with the measurements of the devices, and the second row also with `received` messages; shows the
+    /// steps to `look`. `ahead` is the lead of the computer's steady clock over its simulated clock model.
     pub(super) fn tick(
         &mut self,
         (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
@@ -195,9 +195,9 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, as an installer configures them. The last one gives the quantities of devices without
-/// bytes: of an attitude sensor, or of all devices in a scene without a place on Earth. Its latency is that of the kind
-/// that arrives first.
+/// Sources of the scene's vessel, as an installer configures them. The last source gives the quantities of devices
+/// without bytes: of an attitude sensor, or of all devices in a scene without a place on Earth. Its latency is the
+/// shortest of these devices' latencies.
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
@@ -219,14 +219,14 @@ pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss)
 }
 
-/// Devices of the sources that send bytes; None in a scene without a place on Earth.
+/// Devices that send bytes, one per source; None in a scene without a place on Earth.
 fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> Option<Boat> {
     let carries = Carries::assign(sources).filter(|_| !scenario.place.among.is_empty())?;
     Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
-/// Measurements that have arrived from devices that give quantities, stamped by their clock: of an attitude sensor
-/// only, or `all`.
+/// Measurements that have arrived from devices that give quantities, stamped by the devices' clock: those of an
+/// attitude sensor only, or `all`.
 fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

@@ -28,20 +28,20 @@ use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 
-/// Time constant with which a push rises, s: as a crew member shifts weight.
+/// Time constant with which a load on the vessel rises, s, as when a crew member shifts weight.
 const PUSH_RISE_S: f64 = 0.4;
-/// Reading of a steady clock when the processes start after a loss of power, s.
+/// Reading of a steady clock when the processes start after a power loss, s.
 const BOOT_S: f64 = 20.0;
 /// Period of the roll of another ship's wake, s.
 const WAKE_S: f64 = 2.5;
 
-/// Truth, nodes and what connects them.
+/// Truth, nodes, and the connections between them.
 pub struct World {
     physics: Physics,
-    /// Scenario for restarts of computers.
+    /// Scenario, kept for restarts of computers.
     scenario: Scenario,
     nodes: NodeConfigs,
-    /// True motion for the forecasts, if they use it.
+    /// True motion for the forecasts, if they are to use it.
     foresight: Option<Foresight>,
     // The vessel's computer.
     vessel: VesselSide,
@@ -62,7 +62,7 @@ pub struct World {
     wanted_push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
     wake_nm: f64,
-    /// Lead of the vessel's steady clock over the drawn one.
+    /// Lead of the vessel's steady clock over its simulated clock model.
     vessel_ahead: Span,
 }
 
@@ -115,7 +115,7 @@ impl World {
         (self.clock_rates, self.wanted_push, self.wake_nm) =
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
-    /// Runs the vessel's side until the start; the drones appear in the air shortly before.
+    /// Runs the vessel's side until the start; the drones appear in the air shortly before the start.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
         while self.warm_up_tick(tap) {}
     }
@@ -182,7 +182,7 @@ impl World {
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         self.physics.snag(k, foot, newton);
     }
-    /// A pilot has landed a drone on a pad at its present position, and disarmed it.
+    /// A pilot has landed a drone on a pad at its present position, and has disarmed it.
     pub fn stand_on_pad(&mut self, k: usize) {
         self.physics.stand_on_pad(k);
         self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
@@ -251,7 +251,7 @@ impl World {
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// Interrupts a drone's radio for this time, s; infinite: permanently. The first outage stays.
+    /// Interrupts a drone's radio for this time, s; infinite: permanently. A second outage does not replace the first.
     pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
         let from = self.physics.now();
         // An outage longer than any trial is permanent.
@@ -303,8 +303,8 @@ impl World {
             first.apart.set(self.vessel_ahead - first.ahead);
         }
     }
-    /// Applies the push on the vessel, which rises as the crew shifts its weight, and the moment of another ship's
-    /// wake.
+    /// Applies the load on the vessel, which rises as when a crew member shifts weight, and the moment of another
+    /// ship's wake.
     fn push_vessel(&mut self, t: Time<TrueTime>) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
@@ -358,7 +358,7 @@ impl World {
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
-    /// Whether a drone requests that the vessel keeps course and speed now.
+    /// Whether a drone requests at present that the vessel keep course and speed.
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();
         self.vessel

@@ -11,7 +11,7 @@ pub struct Jet {
 }
 
 impl Jet {
-    /// `(1 - b) a + b c` with its derivatives; the weight `b` is a jet, too.
+    /// `(1 - b) a + b c` with its derivatives; the weight `b` is a jet as well.
     pub fn blend(a: Jet, c: Jet, b: Jet) -> Jet {
         let (y, d, dd) = (c.y - a.y, c.d - a.d, c.dd - a.dd);
         Jet {

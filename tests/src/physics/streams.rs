@@ -9,8 +9,8 @@ use rand_chacha::rand_core::{Rng, SeedableRng, TryRng};
 /// Maximum number of moves of a family of streams.
 pub const MOVES: usize = 10;
 
-/// Moves every number of every stream by a step drawn from `seed`, which wraps around; `bits` binary digits smaller
-/// than the whole range. Numbers stay uniform, and a move is as probable as its reverse, which a Markov chain over
+/// Moves every number of every stream by a step drawn from `seed`, modulo the range; the step is `bits` binary digits
+/// smaller than the whole range. Numbers stay uniform, and a move is as probable as its reverse, as a Markov chain over
 /// random numbers requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Move {
@@ -91,7 +91,7 @@ impl From<u64> for Streams {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stream {
     plain: ChaCha8Rng,
-    /// Steps that are added to its numbers, one after another.
+    /// Sources of the steps that are added, one after another, to the stream's numbers.
     steps: Vec<(ChaCha8Rng, u32)>,
 }
 

@@ -2,8 +2,8 @@
 //! aligns its heading by the magnetometer.
 //!
 //! Measured with PX4 main of March 2026: the alignment follows 0.4 to 2 s after the origin is reported, and turns the
-//! heading by 50 to 118 deg. Before it, the attitude has an arbitrary heading, GNSS is not fused (which is reported),
-//! and OFFBOARD (GUIDED) and arming are denied. Meanwhile a pilot holds the drone in place.
+//! heading by 50 to 118 deg. Before the alignment, the attitude has an arbitrary heading, GNSS is not fused (which is
+//! reported), and OFFBOARD (GUIDED) and arming are denied. Meanwhile a pilot holds the drone in place.
 
 use core::f64::consts::TAU;
 
@@ -33,7 +33,7 @@ pub(super) struct Unaligned {
 }
 
 impl Unaligned {
-    /// Draws the order of the starts, the heading error and the delay.
+    /// Draws the order in which autopilot and processes start, the heading error and the delay.
     pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
@@ -48,11 +48,11 @@ impl Unaligned {
             due: first.then_some(now + after),
         }
     }
-    /// Whether it still boots, and neither receives nor sends.
+    /// Whether the autopilot is still booting, and neither receives nor sends.
     pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
         now < self.boots_until
     }
-    /// Starts the delay when the origin is reported.
+    /// Starts the delay once the origin is reported.
     pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
         self.due.get_or_insert(now + self.after);
     }
@@ -71,7 +71,7 @@ pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
     let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
     match (firmware, aligned) {
         (_, true) => height | estimator::ATTITUDE | estimator::VELOCITY_HORIZ | estimator::POSITION_HORIZ_ABS,
-        // The attitude flag is set as soon as the tilt is good.
+        // The attitude flag is set as soon as the tilt has converged.
         (Firmware::Px4, false) => height | estimator::ATTITUDE | estimator::CONSTANT_POSITION,
         (Firmware::ArduCopter, false) => 0,
     }

@@ -2,8 +2,8 @@
 //!
 //! PX4 (`imuConsistencyCheck`) compares its inertial sensors by COM_ARM_IMU_ACC and COM_ARM_IMU_GYR. Two sensors that
 //! are misaligned by 2 deg differ by 0.3 m/s² at rest, and by more when the deck accelerates and rotates them.
-//! ArduCopter (`AP_Arming::ins_checks`) requires the gyro calibration of its start, which fails on a rotating deck
-//! (INS_GYR_CAL), and a tilt below ANGLE_MAX.
+//! ArduCopter (`AP_Arming::ins_checks`) requires that the gyro calibration at its start succeeded, which fails on a
+//! rotating deck (INS_GYR_CAL), and that the tilt is below ANGLE_MAX.
 
 use alight_uav::autopilot::modes::Firmware;
 

@@ -110,7 +110,7 @@ impl RateLoop {
         self.mix(thrust, &moment)
     }
 
-    /// Rotor commands for a collective thrust and moments, as by PX4's default mixer.
+    /// Rotor commands for a collective thrust and moments, as PX4's default mixer computes them.
     fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; MAX_ROTORS] {
         let scale = 1.0 / (self.frame.count() as f64 * self.rotor_max);
         let [roll, pitch, yaw] = self.frame.axes();

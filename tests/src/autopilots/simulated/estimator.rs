@@ -1,4 +1,4 @@
-//! Sensors of the autopilot, and its estimate of its motion, by which it flies.
+//! Sensors of the autopilot, and the estimate of its motion, which its control loops use.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -40,7 +40,7 @@ pub(super) struct SimulatedEstimator {
     /// Drift of the barometer, which determines the height.
     barometer: GaussMarkov,
     attitude_error: [GaussMarkov; 3],
-    /// Additional heading errors, rad: by the hull's steel, and by resets of the estimate.
+    /// Additional heading errors, rad: due to the hull's steel, and due to resets of the estimate.
     steel: f64,
     reset: f64,
     /// Displacement of the position by resets, m.
@@ -127,7 +127,8 @@ impl SimulatedEstimator {
         e
     }
 
-    /// Position of the drone's navigation frame relative to the true one, m: its GNSS and barometer error, and its resets.
+    /// Position of the drone's navigation frame relative to the true one, m: the error of its GNSS and barometer, and
+    /// its resets.
     pub(super) fn offset(&self) -> Vector3<f64> {
         let wander = Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value;
         wander + self.displaced
@@ -138,8 +139,8 @@ impl SimulatedEstimator {
     pub(super) fn errors(&self) -> &SimulatedErrors {
         &self.errors
     }
-    /// Standard deviations of position (m; relative to the slow GNSS error, which is common to the fixes of the last
-    /// seconds) and velocity (m/s).
+    /// Standard deviations of position (m) and velocity (m/s). That of position is relative to the slow GNSS error,
+    /// which is common to the fixes of the last seconds.
     pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
@@ -154,7 +155,7 @@ impl SimulatedEstimator {
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
     }
-    /// Resets the position to another sensor, whose measurement differs by `by` (m).
+    /// Resets the position, as if the estimator changed to another sensor, whose measurement differs by `by` (m).
     pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
         self.displaced += by;
         self.estimate.position += by;

@@ -1,5 +1,5 @@
-//! Flight of the autopilot: modes, failsafe for lost set-points, position control, land detector. It uses its own
-//! estimate and the nominal airframe.
+//! Flight of the autopilot: modes, failsafe for lost set-points, position control, land detector. These use the
+//! autopilot's own estimate and the nominal airframe.
 
 mod position_control;
 
@@ -28,7 +28,7 @@ const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
 /// Validity of a landing target.
 const TARGET_STALE: Span = Span::from_millis(1000);
-/// Maximum speed of the hold point towards a landing target, m/s, reached at a distance of 1 m.
+/// Maximum speed with which the hold point moves to a landing target, m/s, reached at a distance of 1 m.
 const GUIDED_MPS: f64 = 2.0;
 
 /// Stream of set-points.
@@ -36,13 +36,13 @@ const GUIDED_MPS: f64 = 2.0;
 struct Received {
     newest: FlightReference,
     at: Time<TrueTime>,
-    /// Start of the time for which set-points are frequent enough for OFFBOARD.
+    /// Time since which set-points are frequent enough for OFFBOARD.
     since: Time<TrueTime>,
 }
 
 /// Publication of PX4's active controllers: the Commander publishes `vehicle_control_mode` at 2 Hz, and immediately
-/// when the status changes (arming, mode). The controllers therefore learn of another kind of set-point up to 0.5 s
-/// late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
+/// when the status changes (arming, mode). Therefore, when the kind of set-point changes, the controllers receive this
+/// up to 0.5 s late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
 #[derive(Clone, Copy, Debug)]
 struct ControlMode {
     /// Whether position control is active; None before the first publication.
@@ -53,7 +53,7 @@ struct ControlMode {
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
-    /// Whether position control is active at `now`, while position set-points are sent (`positions`) or others.
+    /// Whether position control is active at `now`; `positions`: the set-points sent now are of position.
     fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
@@ -79,7 +79,7 @@ pub(super) struct SimulatedFlight {
     track: Option<PositionReference>,
     /// Number of outer periods.
     period: u32,
-    /// Position to hold in other modes than OFFBOARD, and without a usable set-point.
+    /// Hold position in modes other than OFFBOARD, and without a usable set-point.
     hold: PositionReference,
     /// Destination of the return mode.
     pub(super) home: Vector3<f64>,
@@ -100,7 +100,7 @@ pub(super) struct SimulatedFlight {
 }
 
 impl SimulatedFlight {
-    /// Configures the mixer for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
+    /// Configures the mixer for a frame other than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
     /// FRAME_CLASS).
     pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         let mixer = self.rate_loop.mixer;
@@ -362,8 +362,8 @@ impl SimulatedFlight {
         self.detect_landing(estimate, dt);
     }
 
-    /// Steps ArduCopter's motors on the ground: they stand still, spin up when a set-point requests thrust, and idle
-    /// otherwise. Returns true while no control loop drives the rotors.
+    /// Steps ArduCopter's motors on the ground: they stand still, spin up when a set-point requests thrust, and
+    /// otherwise idle. Returns true while no control loop drives the rotors.
     fn spool_up(&mut self, newest: Option<FlightReference>, estimate: &Estimate, dt: f64) -> bool {
         let stands = self.landed == LandedState::OnGround;
         let wants = match (self.kind(), newest) {
@@ -385,8 +385,8 @@ impl SimulatedFlight {
         idles
     }
 
-    /// Follows a set-point. If position control has not learnt yet that it is inactive, it and the attitude set-points
-    /// write targets alternately; if it has not learnt yet that it is active, the last attitude persists.
+    /// Follows a set-point. Until position control has received that it is inactive, position control and the attitude
+    /// set-points write targets alternately; until it has received that it is active, the last attitude persists.
     fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
@@ -414,8 +414,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Handles set-points lost for COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT, and returns to OFFBOARD when
-    /// they resume. ArduCopter stays in GUIDED and stops.
+    /// Handles a loss of set-points for COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT, and returns to OFFBOARD
+    /// when set-points resume. ArduCopter stays in GUIDED and stops.
     fn lose_set_points(&mut self, some: bool, action: f64, estimate: &Estimate) {
         let offboard = self.firmware().mode(self.chosen) == AutopilotMode::Offboard;
         if !offboard || self.firmware() == Firmware::ArduCopter {
@@ -431,7 +431,7 @@ impl SimulatedFlight {
         self.enter(mode, estimate);
     }
 
-    /// Moves the hold point in modes with a destination.
+    /// Moves the hold point in modes that have a destination.
     fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
@@ -504,7 +504,7 @@ impl SimulatedFlight {
     }
 
     /// Simplified land detector of PX4: low thrust and low speed for a second. In the autopilot's own landing it then
-    /// disarms.
+    /// disarms the motors.
     fn detect_landing(&mut self, e: &Estimate, dt: f64) {
         let quiet = self.target.thrust < 0.6 * self.hover_thrust
             && e.velocity.z.abs() < 0.25
@@ -526,8 +526,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Inner loops, each step of `dt`, on the true state with the errors of the last estimate, which change far more
-    /// slowly than an outer period; None with the motors stopped.
+    /// Inner loops, each step of `dt`, on the true state plus the errors of the last estimate, which change far more
+    /// slowly than an outer period; None if the motors are stopped.
     pub(super) fn inner(
         &mut self,
         errors: &SimulatedErrors,
@@ -561,7 +561,7 @@ impl SimulatedFlight {
         )
     }
 
-    /// Active target at `now`: the newest that is older than the dead time.
+    /// Active target at `now`: the newest one that is older than the dead time.
     fn active_target(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {

@@ -11,14 +11,14 @@ const ROUNDING: f64 = 1e-9;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mixer {
     Px4 {
-        /// MC_AIRMODE 1: roll and pitch may raise the collective.
+        /// MC_AIRMODE 1: roll and pitch may raise the collective thrust.
         airmode: bool,
     },
     ArduCopter {
         /// Collective thrust of a hover.
         hover: f64,
-        /// Interpolation between the wanted collective and hover, up to which roll and pitch may raise it
-        /// (ATC_THR_MIX_MIN).
+        /// Interpolation between the wanted collective thrust and that of a hover; roll and pitch may raise the
+        /// collective up to this value (ATC_THR_MIX_MIN).
         mix: f64,
     },
 }
@@ -66,8 +66,8 @@ impl Mixer {
     }
 }
 
-/// PX4's `ControlAllocationSequentialDesaturation`. Without air mode thrust is never raised. Roll, then pitch, then yaw
-/// are reduced as far as rotors need to return to their range.
+/// PX4's `ControlAllocationSequentialDesaturation`. Without air mode, thrust is never raised. Roll, pitch and yaw are
+/// reduced in this order, until all rotors are within their range.
 fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], airmode: bool) -> Vec<f64> {
     let [roll, pitch, yaw] = axes;
     let less_thrust = [-1.0; MAX_ROTORS];
@@ -81,8 +81,8 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     out
 }
 
-/// Moves `out` along `axis` towards the range 0 to `most`, twice, the second time by half; only forward, or in both
-/// directions. Rotors on the axis (two of a hexarotor have no part in pitch) cannot be desaturated by it.
+/// Moves `out` along `axis` towards the range from 0 to `most`, twice, the second time by half; either only forward, or
+/// in both directions. Rotors without a part in the axis (two of a hexarotor for pitch) are not desaturated.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
@@ -104,8 +104,8 @@ fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: boo
     out.iter_mut().zip(axis).for_each(|(o, a)| *o += second * a);
 }
 
-/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective up to `raised`; beyond that they are scaled down
-/// together. Yaw gets the remaining range.
+/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective thrust up to `raised`; beyond that, both are
+/// scaled down by the same factor. Yaw gets the remaining range.
 fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64> {
     let base = raised.min(0.5);
     let room = |t: f64, y: f64| {
@@ -133,7 +133,7 @@ fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64>
     rpy.iter().map(|v| collective + v).collect()
 }
 
-/// Authority of the rotors along an axis.
+/// Control authority of the rotors about an axis.
 fn along(frame: RotorFrame, axis: &[f64; MAX_ROTORS], out: &[f64; MAX_ROTORS]) -> f64 {
     axis.iter().zip(out).map(|(a, o)| a * o).sum::<f64>() / frame.count() as f64
 }
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn px4_mixer_without_air_mode_at_little_thrust() {
-        // Pitch alone would leave no range; roll, a quarter of it, is dropped entirely.
+        // Pitch alone would use the whole range; roll, a quarter of pitch, is dropped entirely.
         let m = mix(PX4, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.1, 0.0, 0.1, 0.0]), "{:?}", given(&m));
         assert!(m.saturated[0] && m.saturated[1]);

@@ -46,89 +46,90 @@ use protocol::MessageSchedule;
 pub use mixer::Mixer;
 pub use modes::{mode_number, own_mission as own_mission_mode};
 
-/// Period of estimator, position control and reports.
+/// Period of the estimator, position control and reports.
 const OUTER: Span = Span::from_millis(10);
 /// Steps of the inner loops in that period.
 pub const INNER_PER_OUTER: u32 = 5;
 /// Phase of the outer loops in the first period: their report arrives just before the next period of a computer that
-/// works at the beginning of each period, as it does at a computer that the report wakes.
+/// works at the beginning of each period, as it would at a computer that the report wakes.
 const PHASE: Span = Span::from_millis(6);
 /// Time for which a toggling gauge stays on each side, s.
 const TOGGLES_S: f64 = 20.0;
-/// Most commands that are kept for a test.
+/// Maximum number of commands that are kept for a test.
 const MAX_COMMANDS: usize = 1000;
 
-/// The autopilot; the fields that a test changes are public.
+/// The simulated autopilot; the fields that a test changes are public.
 pub struct SimulatedAutopilot {
     pub address: Address,
-    /// Origin of its NED, with its height above the sea.
+    /// Origin of the autopilot's NED, with its height above the sea.
     pub origin: Datum,
-    /// Height of the sea above the ellipsoid, if its receiver reports both heights, m.
+    /// Height of the sea above the ellipsoid, m, if the receiver reports both heights.
     pub geoid_m: Option<f64>,
-    /// Whether its receiver reports both heights.
+    /// Whether the receiver reports both heights.
     pub gnss_ellipsoid: bool,
     /// Distance of the hull's steel, which disturbs the compass, m.
     pub steel_m: f64,
-    /// Origin of the true NED; None: its own origin is the true one.
+    /// Origin of the true NED; None: the autopilot's origin is the true one.
     place: Option<Datum>,
-    /// Parameters; requests for others are not answered.
+    /// Parameters; requests for parameters that are not in it are not answered.
     pub parameters: BTreeMap<&'static str, f64>,
-    /// Measurement range of its rangefinder, m.
+    /// Measurement range of the rangefinder, m.
     pub range_limits_m: [f64; 2],
-    /// Newest reading of its rangefinder, and its time of measurement.
+    /// Newest reading of the rangefinder, and its time of measurement.
     range: Option<(Time<TrueTime>, RangeSample)>,
-    /// Counter of its estimate's resets.
+    /// Counter of the estimate's resets.
     pub resets: u8,
-    /// True charge, 0 to 1.
+    /// True charge of the battery, 0 to 1.
     pub battery: f64,
     /// Hover time with a full battery, s.
     pub endurance_s: f64,
-    /// Whether it has a gauge.
+    /// Whether the drone has a battery gauge.
     pub battery_reported: bool,
-    /// Fault: gauge and voltage show the first charge, or toggle between it and one that is higher by the second value.
+    /// Fault: gauge and voltage keep their value from the start of the fault, or toggle between it and one that is
+    /// higher by the second value.
     pub battery_report: Option<[f64; 2]>,
-    /// Fault: sends nothing.
+    /// Fault: the autopilot sends nothing.
     pub silent: bool,
-    /// Fault: answers every command with this result instead of executing it.
+    /// Fault: the autopilot answers every command with this result instead of executing it.
     pub answer: Option<CommandResult>,
-    /// Fault: does not arm, and reports this text.
+    /// Fault: the autopilot does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
-    /// Home, with its height above the sea; None before a command has set it.
+    /// Home position, with its height above the sea; None until a command has set it.
     pub home: Option<Datum>,
-    /// Fault: does not send messages with these ids.
+    /// Fault: the autopilot does not send messages with these ids.
     pub muted: Vec<u32>,
-    /// Fault: reports this landed state, whatever its detector finds.
+    /// Fault: the autopilot reports this landed state, whatever its detector finds.
     pub landed_report: Option<LandedState>,
-    /// Fault: does not report its origin.
+    /// Fault: the autopilot does not report its origin.
     pub no_origin: bool,
-    /// Channels of the remote control, us; None: it has no receiver.
+    /// Channels of the remote control, us; None: the drone has no receiver.
     pub channels: Option<[u16; 18]>,
     /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
     /// Fault: the ground station's heartbeats have ceased.
     pub data_link_lost: bool,
-    /// The newest commands with their times.
+    /// The newest commands received, with their times.
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
     /// Number of received set-points.
     pub set_points: u32,
     pub rejected: u32,
-    /// Newest landing target that its guidance accepted, m, in the NED of its estimate.
+    /// Newest landing target that the guidance accepted, m, in the NED of the estimate.
     pub target: Option<Vector3<f64>>,
-    /// Number of landing targets that it rejected.
+    /// Number of landing targets that the guidance rejected.
     pub targets_rejected: u32,
     clock: ClockModel,
     /// State of the heading alignment; None: the heading is aligned.
     unaligned: Option<Unaligned>,
     estimator: SimulatedEstimator,
     flight: SimulatedFlight,
-    /// Rate of its rotation when it started, rad/s.
+    /// Rotation rate of the drone at the autopilot's start, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
     force: (Vector3<f64>, f64),
     streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
-    /// State of its mission as last sent by PX4, with the time.
+    /// State of the autopilot's own mission as last sent by PX4, with the time.
     reported_mission: Option<(Time<TrueTime>, u8)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
@@ -137,8 +138,8 @@ pub struct SimulatedAutopilot {
 
 impl SimulatedAutopilot {
     /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged. `hover`:
-    /// collective thrust in hover, fraction of the nominal maximum. Sensor errors come from the streams `drone.*`, its
-    /// clock from `autopilot.clock`.
+    /// collective thrust in hover, as a fraction of the nominal maximum. Sensor errors come from the streams `drone.*`,
+    /// the clock from `autopilot.clock`.
     pub fn new(
         config: &AutopilotConfig,
         navigation: &NavigationConfig,
@@ -205,17 +206,17 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// With a key it signs its messages, and accepts only signed ones.
+    /// With a key, the autopilot signs its messages and accepts only signed ones.
     pub fn set_signing(&mut self, signing: Option<Signing>) {
         self.decoder = Decoder::signed(signing.clone());
         self.encoder = Encoder::signed(signing);
     }
-    /// Configures its mixer for this frame; the default is a quadrotor.
+    /// Configures the mixer for this frame; the default is a quadrotor.
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         self.flight.set_frame(drone, frame);
     }
-    /// Sets the origin of its NED to `origin` (height above the ellipsoid), that of the true NED to `place`, and the
-    /// height of the sea above the ellipsoid to `geoid_m`, m.
+    /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), the origin of the true NED to
+    /// `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
         (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
         self.origin = Datum {
@@ -223,31 +224,31 @@ impl SimulatedAutopilot {
             ..origin
         };
     }
-    /// Passes a reading of its rangefinder, measured at `at`.
+    /// Passes a reading of the rangefinder, measured at `at`.
     pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
         self.range = Some((at, sample));
     }
-    /// Starts it as just switched on: before our processes or after them, and its heading is aligned only after its
-    /// origin is known. Times are drawn.
+    /// Starts the autopilot as if just switched on, before or after our processes; its heading is aligned only after
+    /// its origin is known. The times are random.
     pub fn start(&mut self, streams: &Streams) {
         self.unaligned = Some(Unaligned::drawn(streams, self.now));
     }
     pub fn is_aligned(&self) -> bool {
         self.unaligned.is_none()
     }
-    /// Resets the position of its estimator by this vector, m; `counted`: its reset counter counts the reset.
+    /// Resets the estimator's position by this vector, m; `counted`: the reset counter counts the reset.
     pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// Resets the heading of its estimator with this additional error, rad; its reset counter counts the reset.
+    /// Resets the estimator's heading with this additional error, rad; the reset counter counts the reset.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
     }
 
-    /// One step at the drone's true state, with the messages that have arrived: rotor commands, fractions of the
-    /// nominal maximum; None with the motors off.
+    /// One step at the drone's true state, with the messages that have arrived. Returns rotor commands as fractions of
+    /// the nominal maximum, or None if the motors are off.
     pub fn step(&mut self, truth: &PlantState, arrived: &[MavlinkMessage]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
@@ -264,17 +265,17 @@ impl SimulatedAutopilot {
         let motors = self.flight.inner(self.estimator.errors(), truth, dt);
         motors.filter(|_| !self.is_empty())
     }
-    /// Whether its battery is empty: the motors then stop, whatever it commands.
+    /// Whether the battery is empty: the motors then stop, whatever the autopilot commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
     }
-    /// Charge shown by its gauge and voltage.
+    /// Charge that gauge and voltage show.
     fn shown_charge(&self) -> f64 {
         let [charge, toggles_by] = self.battery_report.unwrap_or([self.battery, 0.0]);
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
-    /// A step with bytes of a wire in both directions.
+    /// A step with the bytes of a wire in both directions.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -288,7 +289,7 @@ impl SimulatedAutopilot {
         let encoded = sent.iter().filter_map(|m| self.encoder.frame(self.address, m));
         (motors, encoded.collect())
     }
-    /// Messages that it has sent since the last call.
+    /// Messages that the autopilot has sent since the last call.
     pub fn sent(&mut self) -> Vec<MavlinkMessage> {
         let sent = core::mem::take(&mut self.outbox);
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
@@ -312,18 +313,18 @@ impl SimulatedAutopilot {
         self.report();
     }
 
-    /// Uploads its own mission: positions in its own NED, m.
+    /// Uploads the autopilot's own mission: positions in the autopilot's NED, m.
     pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
         self.flight.own.upload(items);
     }
-    /// The pilot moves the mode switch; true when the mode was entered.
+    /// The pilot moves the mode switch; true if the autopilot entered the mode.
     pub fn choose(&mut self, mode: u32) -> bool {
         if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {
             return false;
         }
         self.flight.choose(mode, self.estimator.now(), self.now)
     }
-    /// The mode that was chosen last; the active one may be a failsafe's.
+    /// The mode that was chosen last; the active mode may be that of a failsafe.
     pub fn chosen(&self) -> u32 {
         self.flight.chosen()
     }
@@ -331,7 +332,7 @@ impl SimulatedAutopilot {
     pub fn mode(&self) -> u32 {
         self.flight.mode()
     }
-    /// The firmware that it imitates.
+    /// The firmware that the autopilot imitates.
     pub fn firmware(&self) -> Firmware {
         self.flight.firmware()
     }
@@ -339,11 +340,11 @@ impl SimulatedAutopilot {
     pub fn armed(&self) -> bool {
         self.flight.armed()
     }
-    /// The pilot arms or disarms it.
+    /// The pilot arms or disarms the drone.
     pub fn arm(&mut self, armed: bool) {
         self.flight.arm(armed, self.estimator.now());
     }
-    /// Position that the pilot holds in manual modes, its own NED, m.
+    /// Position that the pilot holds in manual modes, in the autopilot's NED, m.
     pub fn hold_at(&mut self, position: Vector3<f64>) {
         self.flight.hold_at(position);
     }
@@ -351,37 +352,37 @@ impl SimulatedAutopilot {
     pub fn thrust(&self) -> f64 {
         self.flight.thrust()
     }
-    /// Attitude reference of its loops.
+    /// Attitude reference of the inner loops.
     pub fn wanted(&self) -> UnitQuaternion<f64> {
         self.flight.wanted()
     }
-    /// Its estimate of the hover thrust.
+    /// The autopilot's estimate of the hover thrust.
     pub fn hover_thrust(&self) -> f64 {
         self.flight.hover_thrust()
     }
-    /// Its position estimate, its own NED, m.
+    /// The autopilot's position estimate, in its own NED, m.
     pub fn position(&self) -> Vector3<f64> {
         self.estimator.now().position
     }
-    /// Present displacement of its NED from the true one, m: the error of its GNSS.
+    /// Present displacement of the autopilot's NED from the true one, m: the error of its GNSS.
     pub fn frame_offset(&self) -> Vector3<f64> {
         self.estimator.offset()
     }
-    /// Restarts it in the air, as after a loss of power.
+    /// Restarts the autopilot in the air, as after a power loss.
     pub fn restart(&mut self) {
         self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
         self.streams = protocol::first_streams();
     }
-    /// Time of its own clock.
+    /// Time of the autopilot's clock.
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
-    /// Whether a failsafe's mode is active although the mode that takes set-points was chosen.
+    /// Whether a failsafe's mode is active, although the chosen mode is the one that takes set-points.
     pub fn holds_by_itself(&self) -> bool {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()
     }
-    /// Whether it is in the mode that takes set-points.
+    /// Whether the autopilot is in the mode that takes set-points.
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard
     }

@@ -17,7 +17,7 @@ pub(super) struct OwnFlight {
     /// Waypoints in the autopilot's NED, m.
     items: Vec<Vector3<f64>>,
     next: usize,
-    /// Newest waypoint that was reached, until it is reported.
+    /// Newest waypoint reached, until it has been reported.
     reached: Option<u16>,
 }
 
@@ -66,11 +66,11 @@ impl OwnFlight {
         }
         velocity
     }
-    /// Item that was reached since the last call.
+    /// Item that was reached since the last call, if any.
     pub(super) fn reached(&mut self) -> Option<u16> {
         self.reached.take()
     }
-    /// `MISSION_CURRENT`: number of items, and the state; `flies`: the mission's mode is active.
+    /// `MISSION_CURRENT`: number of items, and the state; `flies`: the mode of the own mission is active.
     pub(super) fn report(&self, flies: bool) -> (u16, u8) {
         let total = match self.items.len() {
             0 => u16::MAX,

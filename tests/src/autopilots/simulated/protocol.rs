@@ -1,4 +1,4 @@
-//! The autopilot's end of MAVLink, as of PX4 and ArduCopter (denials, requested rates, parameters, forced disarm).
+//! The autopilot's end of MAVLink, as in PX4 and ArduCopter (denials, requested rates, parameters, forced disarm).
 
 use std::collections::BTreeMap;
 
@@ -23,9 +23,9 @@ use crate::physics::drone::{AutopilotConfig, LossAction};
 /// Voltage of its empty battery of four cells, and the additional voltage of a full one, V.
 const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
-/// Period at which CURRENT_MODE is sent while the mode does not change.
+/// Period at which CURRENT_MODE is sent while the mode is unchanged.
 const MODE_PERIOD: Span = Span::from_millis(500);
-/// Age up to which a rangefinder's reading is sent.
+/// Maximum age of a rangefinder reading that is sent.
 const RANGE_LASTS: Span = Span::from_millis(100);
 /// Period at which PX4 sends MISSION_CURRENT.
 const MISSION_PERIOD: Span = Span::from_millis(1000);
@@ -43,10 +43,10 @@ const INTEGERS: [&str; 8] = [
 /// Highest rate of ArduCopter's telemetry streams, whatever is requested, Hz: 39 to 42 Hz were measured when 100 Hz
 /// were requested.
 const ARDUCOPTER_HZ: f64 = 40.0;
-/// Maximum value that a set-point may have.
+/// Maximum magnitude of a value in a set-point.
 const MAX_VALUE: f64 = 1e5;
 
-/// A message that is sent at a rate.
+/// A message that is sent periodically.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MessageSchedule {
     id: u32,
@@ -82,7 +82,7 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("COM_OBL_RC_ACT", action),
             ("MPC_ACC_UP_MAX", 8.0),
             ("MC_AIRMODE", 0.0),
-            // On a lost remote control PX4 returns, except in OFFBOARD; a lost data link has no effect.
+            // When the remote control is lost, PX4 returns, except in OFFBOARD; a lost data link has no effect.
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
@@ -300,7 +300,7 @@ impl SimulatedAutopilot {
                     (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
                     | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
-                    // It accepts the request, but its heartbeats keep their own rate.
+                    // The autopilot accepts the request, but its heartbeats keep their own rate.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
@@ -363,13 +363,13 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Reacts to a lost remote control or data link: the mode that the firmware's failsafe enters stays until another
-    /// one is chosen.
+    /// Reacts to a lost remote control or data link: the mode that the firmware's failsafe enters stays active until
+    /// another mode is chosen.
     pub(super) fn lose_connections(&mut self) {
         let offboard = self.in_offboard();
         let mode = match self.firmware() {
             Firmware::Px4 => {
-                // Exempt in OFFBOARD: bit 2.
+                // Bit 2: no failsafe in OFFBOARD.
                 let exempt = offboard && self.parameter("COM_RCL_EXCEPT") as u32 & 4 != 0;
                 let mode = |action: f64| match action as u32 {
                     1 => Some(AutopilotMode::Hold),
@@ -434,7 +434,7 @@ impl SimulatedAutopilot {
                 continue;
             }
             if which == id::CURRENT_MODE {
-                // On a change of mode, and twice a second with the vehicle's state.
+                // When the mode changes, and twice a second with the vehicle's state.
                 let mode = self.mode();
                 let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
                 if self.reported_mode.is_some_and(recent) {
@@ -522,8 +522,8 @@ impl SimulatedAutopilot {
                     .then_some(EMPTY_V + FULL_V * self.shown_charge()),
                 current_a: None,
             },
-            // While its signal is lost, PX4's receiver counts as absent; ArduCopter's counts as unhealthy, and the
-            // channels continue with the failsafe's values.
+            // While the signal is lost, PX4's receiver counts as absent; ArduCopter's receiver counts as unhealthy, and
+            // the channels continue with the failsafe's values.
             id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
             id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
                 count: 18,

@@ -2,10 +2,10 @@
 //! set-point directly, but a target that moves towards it with limited acceleration and feeds its rates forward.
 //!
 //! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and the limit
-//! `a` (ATC_ACCEL_R_MAX): `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))` beyond `|e| = a tc²`; the target's
-//! rate changes to `w_d` by at most `a dt`. The vehicle follows the target by `w = w_target + P e_target`
-//! (ATC_ANG_RLL_P). The response to a set-point of more than a few degrees is therefore slower than `tc`, which a
-//! linear model describes as dead time.
+//! `a` (ATC_ACCEL_R_MAX), the wanted rate is `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))` beyond `|e| = a
+//! tc²`; the target's rate changes to `w_d` by at most `a dt`. The vehicle follows the target by `w = w_target + P
+//! e_target` (ATC_ANG_RLL_P). The response to a set-point of more than a few degrees is therefore slower than `tc`; a
+//! linear model describes this as dead time.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -46,7 +46,7 @@ impl InputShaping {
         dt: f64,
     ) -> Vector3<f64> {
         let error = (self.attitude.inverse() * to.attitude).scaled_axis();
-        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates by it once too often.
+        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates into it once too often.
         let lead = to.attitude * to.rates + Vector3::z() * to.yaw_rate;
         for i in 0..3 {
             let limit = MAX_ACCELERATION[i];

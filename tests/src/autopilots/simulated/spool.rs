@@ -1,9 +1,8 @@
 //! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for ARMING_DELAY_SEC, a
 //! build-time constant. When thrust is requested, they spin up to idle speed within MOT_SPOOL_TIME, and produce thrust
 //! from then on.
-//!
 //! Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us in 0.5 s, then the requested
-//! output within one report. `ATTITUDE_TARGET` has no thrust until then, and the state "on ground" ends there. PX4's
+//! output within one report. Until then, `ATTITUDE_TARGET` has no thrust, and the landed state is "on ground". PX4's
 //! motors respond immediately.
 
 /// ARMING_DELAY_SEC, s.
@@ -34,7 +33,7 @@ impl Spool {
             ratio: 0.0,
         }
     }
-    /// Advances by `dt` (s), with thrust requested or not.
+    /// Advances by `dt` (s); `wants`: thrust is requested.
     pub(super) fn step(&mut self, wants: bool, dt: f64) {
         self.armed_s += dt;
         if wants && self.armed_s > ARMING_DELAY_S {
@@ -48,7 +47,7 @@ impl Spool {
     pub(super) fn gives_thrust(&self) -> bool {
         self.ratio >= 1.0
     }
-    /// Pulse width of an output with this requested thrust, 0 to 1, us.
+    /// Pulse width of an output for this requested thrust, 0 to 1, us.
     pub(super) fn pulse_us(&self, thrust: f64) -> f64 {
         let thrust = if self.gives_thrust() { thrust } else { 0.0 };
         PULSE_OFF_US + (PULSE_IDLE_US * self.ratio).max(PULSE_RANGE_US * thrust)
@@ -59,7 +58,7 @@ impl Spool {
 mod tests {
     use super::*;
 
-    /// As in ArduCopter's log of a take-off.
+    /// The values are from ArduCopter's log of a take-off.
     #[test]
     fn motors_after_arming() {
         let mut spool = Spool::begun();

@@ -60,7 +60,7 @@ impl Flown {
             impacts: Vec::new(),
         }
     }
-    /// A drone under set-points, which initially hold its position.
+    /// A drone that follows set-points, which initially hold its position.
     fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let mut f = Flown::new(c, seed, position);
         f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));
@@ -229,8 +229,8 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Tilt (rad) of a drone 0.3 s after a command to tilt by 0.2 rad, minimum and maximum over seeds. For 3 s before, it
-/// receives `first`.
+/// Minimum and maximum over seeds of the drone's tilt (rad), 0.3 s after a command to tilt by 0.2 rad. For 3 s before
+/// the command, the drone receives `first`.
 fn tilt_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
@@ -248,7 +248,7 @@ fn set_point_kind_changed_between_control_modes() {
     for (firmware, first, late) in [
         (Firmware::Px4, attitude(0.0, 0.34), false),
         (Firmware::ArduCopter, hover.clone(), false),
-        // Position control writes attitudes, too, until it learns of the change: immediately, or 0.5 s later.
+        // Position control also writes attitudes until it receives the change: immediately, or 0.5 s later.
         (Firmware::Px4, hover, true),
     ] {
         let [min, max] = tilt_after(firmware, &first);
@@ -357,7 +357,7 @@ fn remote_control_and_data_link_lost() {
         let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
-        // Set-points alone do not end a failsafe of that kind.
+        // Set-points alone do not end that kind of failsafe.
         (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
@@ -397,7 +397,7 @@ fn disarm_in_the_air_only_by_force_and_for_good() {
 
 #[test]
 fn streams_at_their_rate_and_denials() {
-    // ArduCopter's telemetry sends 40 Hz when more is requested.
+    // ArduCopter's telemetry sends 40 Hz if a higher rate is requested.
     for (firmware, which, denied, hz) in [
         (Firmware::Px4, id::ODOMETRY, id::SCALED_IMU, 50_usize),
         (Firmware::ArduCopter, id::LOCAL_POSITION_NED, id::ODOMETRY, 40),
@@ -450,7 +450,7 @@ proptest! {
         let mut f = Flown::offboard(&DroneConfig::default(), 9, Vector3::new(0.0, 0.0, -30.0));
         f.fly(3.0, |_| Some(track(Vector3::from(p), v, a)));
         prop_assert_eq!(f.a.rejected, 0);
-        // Still upright: the limits of the autopilot hold.
+        // The drone is still upright: the autopilot's limits hold.
         prop_assert!((f.drone.truth().attitude.0 * Vector3::z()).z > 0.4);
         prop_assert!(f.drone.mass_kg() * GRAVITY > 0.0);
     }

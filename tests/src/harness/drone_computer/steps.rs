@@ -41,7 +41,7 @@ impl Edge<Planner> for SolveTime<'_> {
         _ports: &mut PlannerPorts<B>,
     ) -> bool {
         if let Some(plan) = out.plan {
-            // A full delay line means that plans are not read: only the oldest state is lost.
+            // When the delay line is full, plans are not read; only the oldest state is lost.
             let _full = self.plans.push(self.arrives, plan);
         }
         true
@@ -66,7 +66,7 @@ impl SimulatedDroneComputer {
             self.waiting.extend(waiting);
             return;
         }
-        // Packets that waited are stamped when they are read.
+        // Packets that waited are stamped when the bridge reads them.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let mut packets: Vec<_> = waited.chain(packets).collect();
         let radio = &mut self.radio;
@@ -89,13 +89,13 @@ impl SimulatedDroneComputer {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
-            // PX4 rejects Offboard until set-points have been streamed for long enough: the pilot tries again.
+            // PX4 rejects Offboard until set-points have been streamed for long enough, so the pilot tries again.
             let autopilot = &mut linked.autopilot;
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
-        // A frozen process leaves its input on the wire.
+        // A frozen process leaves the bytes that it would read on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
         self.step_link((t, now), frames, tap);
     }
@@ -119,7 +119,7 @@ impl SimulatedDroneComputer {
         let step = link.step(|| now, &mut wire);
         tap.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
-    /// Steps the cameras with their exposures or with measurements of models, and feeds rangefinder, beacon and
+    /// Steps the cameras by their exposures, or by the detections of measurement models. Feeds rangefinder, beacon and
     /// receiver into the link's wires.
     pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics, tap: &mut impl Tap) {
         physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
@@ -203,7 +203,7 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// One step of a row if its process lives, `runs` and has a step due; shown to a tap.
+/// Steps a row if its process is alive, is in `runs`, and has a step due; shows the step to a tap.
 fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),

@@ -1,4 +1,4 @@
-//! A second boat with the same tags, rafted up alongside the vessel. It moves with the vessel and rocks in the waves at
+//! A second boat with the same tags, moored alongside the vessel. It moves with the vessel and rocks in the waves at
 //! its own position.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
@@ -21,7 +21,7 @@ pub(super) struct Neighbour {
 }
 
 impl Neighbour {
-    /// The neighbour of this seed, at the scenario's distance, in a direction from the stream `neighbour`.
+    /// The neighbour of this seed, at the scenario's distance, in a random direction from the stream `neighbour`.
     pub(super) fn new(
         scenario: &Scenario,
         sea: &Sea,

@@ -1,8 +1,8 @@
-//! Parameter errors of the nodes' configurations (data sheets, tape measures): true values are drawn per seed around
-//! the scenario's values, which the nodes have.
+//! Parameter errors of the nodes' configurations (data sheets, tape measures): per seed, true values are drawn around
+//! the scenario's values, which the nodes receive.
 //!
 //! Mass, thrust, lever arms, misalignment, biases and the camera's mount have keys of their own and are not drawn here.
-//! Each parameter has the random stream `draws/<name>`, so that a new one does not shift the others.
+//! The random stream `draws/<name>` of each parameter is separate, so that a new parameter does not shift the others.
 
 use alight_shared::config;
 
@@ -87,7 +87,7 @@ impl Draws<'_> {
 }
 
 impl Scenario {
-    /// Switches the draws on, so that true parameters differ from the nodes'. A GNSS mast within the landing deck moves
+    /// Enables the draws, so that true parameters differ from the nodes'. A GNSS mast within the landing deck is moved
     /// aft of it, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;
@@ -120,7 +120,8 @@ impl Scenario {
         world
     }
 
-    /// Moves all tags by `moved` and each by a small offset, and changes their size from the one that the nodes have.
+    /// Moves all tags by `moved` and each by a small random offset, and scales them relative to the size that the nodes
+    /// assume.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
         let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
         draws.vary("tag-side", &mut scale, c.tag_error);

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TruePart {
-    /// The motion from now on, starting at the estimated present state.
+    /// The motion from now on, relative to the estimated present state.
     #[default]
     Motion,
-    /// The present state; the motion from there is predicted.
+    /// The present state; the motion after it is predicted.
     State,
     Whole,
     /// The motion of the next half second.

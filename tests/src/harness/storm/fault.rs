@@ -1,5 +1,5 @@
-//! One fault: its kind, start, duration and permitted sizes, and how a single one is drawn. Scenarios have faults too,
-//! so that nothing here depends on the world.
+//! One fault: kind, start, duration and permitted sizes, and the draw of a single fault. Scenarios have faults, too, so
+//! that nothing here depends on the world.
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::msg::State;
@@ -15,7 +15,7 @@ use crate::sensors::noise::Noise;
 pub(super) const MAX_S: f64 = 60.0;
 /// Maximum number of the entry at which a fault begins.
 const MAX_ENTRY: u8 = 9;
-/// Name of the first contact among the states.
+/// Name of the first contact in the list of states.
 const CONTACT: &str = "Contact";
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ pub struct Fault {
     /// Moment from which the delay counts.
     #[serde(rename = "state")]
     pub moment: Moment,
-    /// Number of the state's entry in the flight, from 1; a first contact occurs once.
+    /// Number of the state's entry in the flight, from 1; the first contact occurs once.
     #[serde(default = "first")]
     pub entry: u8,
     #[serde(default)]
@@ -42,18 +42,18 @@ const fn first() -> u8 {
     1
 }
 
-/// Moment from which a fault's delay counts. A list has the state's name, or `Contact`.
+/// Moment from which a fault's delay counts. In a list it is the state's name, or `Contact`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Moment {
-    /// Entry of this state by the mission, the [`Fault::entry`]-th time. `Landed` begins when the motors stop.
+    /// The [`Fault::entry`]-th entry of the mission into this state. `Landed` begins when the motors stop.
     In(State),
     Contact,
 }
 
 impl Moment {
-    /// Maximum delay of a drawn fault after its moment, s: shorter than the phase usually lasts. After the stop of the
-    /// motors it covers a disarm that is denied at first.
+    /// Maximum delay of a drawn fault after its moment, s: shorter than the usual duration of the phase. After the
+    /// motors stop, it covers a disarm that the autopilot denies at first.
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
@@ -98,7 +98,7 @@ impl From<Moment> for String {
     }
 }
 
-/// Duration of a drawn freeze, s: shorter to longer than the time for which readers wait for messages.
+/// Duration of a drawn freeze, s: from shorter to longer than the time-outs of the readers.
 const FROZEN_S: [f64; 2] = [0.2, 2.0];
 /// Downtime of a killed process in lock-step, s: a supervisor restarts it after 0.1 s, and on a busy computer the start
 /// takes most of a second.
@@ -116,7 +116,7 @@ impl Fault {
             lasts_s,
         }
     }
-    /// A process fault within the phase of its moment; delay and duration are drawn from the seed.
+    /// A process fault within the phase that begins at its moment; delay and duration are drawn from the seed.
     pub fn drawn(kind: FaultKind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
@@ -138,7 +138,7 @@ impl Fault {
         }
         Ok(())
     }
-    /// Time at which its moment began, s, from the drone's states with their entry times and from its first contact.
+    /// Start time of the fault's moment, s, from the drone's states with their entry times and from its first contact.
     pub(crate) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
         match self.moment {
             Moment::In(state) => {
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!([1, 2, 3].map(|n| at(descent, n)), [Some(20.0), Some(31.0), None]);
         assert_eq!(at(Moment::In(State::Flare), 1), None);
         assert_eq!(at(Moment::In(State::Idle), 1), Some(0.0));
-        // A first contact occurs once.
+        // The first contact occurs once.
         assert_eq!(at(Moment::Contact, 2), Some(33.0));
     }
 

@@ -21,26 +21,26 @@ use crate::harness::tap::NoTap;
 
 /// Time after which an ended fault no longer counts as simultaneous, s.
 const TOGETHER_S: f64 = 5.0;
-/// Maximum time from an abort from ashore, or over MAVLink, to its arrival at the mission, if nothing else fails, s.
+/// Maximum time from an abort from ashore, or over MAVLink, to its arrival at the mission if nothing else fails, s.
 const ASHORE_S: f64 = 2.0;
-/// Duration from which a fault is noticed, s.
+/// Minimum duration of a fault that nodes notice, s.
 const NOTICED_S: f64 = 1.0;
 /// Time after the last fault for which a drone that gave up waits for the operator, s: longer than its climb.
 const GIVEN_UP_S: f64 = 20.0;
-/// Age of a descent up to which it may continue to its end, s.
+/// Age up to which a descent may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
-/// Charge that a drone waiting in our mode receives above the level at which its operator has to decide.
+/// Charge above the level at which the operator must decide; a drone that waits in our mode is set to it.
 const RUNS_LOW: f64 = 0.01;
-/// Maximum time from that charge until the drone is on the deck, s.
+/// Maximum time from the setting of that charge until the drone is on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
     pub ending: StormEnding,
-    /// Condition that it waited for at the end.
+    /// Condition for which the drone waited at the end.
     pub waits_for: Option<String>,
-    /// Ending of a wait in our mode that the battery alone decided.
+    /// Ending of a wait in our mode that only the battery ended.
     pub came_down: Option<StormEnding>,
     pub violation: Option<Violation>,
     /// Faults that began: kind, the mission's state at that time, and time, s after the order.
@@ -85,7 +85,7 @@ struct Run {
     rig: Rig,
     people: People,
     faults: Schedule,
-    /// Number of the first drone's entered states that were shown.
+    /// Number of states in the first drone's history that `show` has already received.
     shown: usize,
     watches: Vec<StormWatch>,
     /// Time at which a fault was last active, s.
@@ -94,7 +94,7 @@ struct Run {
     moved_s: f64,
     /// Time at which the mission last reported a condition of its next step, s.
     reported_s: f64,
-    /// Time at which a wait in our mode was left to the battery, s.
+    /// Time at which the battery of a drone that waits in our mode was left to run low, s.
     runs_low_s: Option<f64>,
     flown: Flown,
 }
@@ -130,7 +130,7 @@ impl Run {
         })
     }
 
-    /// Advances one tick, after the orders, begins and ends that are due before it; true while the flight goes on.
+    /// Advances one tick, after the orders, starts and ends that are due before it; true while the flight continues.
     fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
         let t_s = self.rig.t_s();
         if self.rig.entered(0).len() > self.shown {
@@ -168,7 +168,7 @@ impl Run {
         over.is_none()
     }
 
-    /// Leaves a drone that waits in our mode to its battery; false if another mode controls it.
+    /// Lets the battery run low while the drone waits in our mode; false if another mode controls the drone.
     fn run_low(&mut self, show: &mut dyn FnMut(f64, &str)) -> bool {
         let reserve = self.rig.nodes.drone.mission.battery_reserve;
         let waiting = self.rig.mission(0).waiting.to_string();
@@ -183,7 +183,7 @@ impl Run {
         self.runs_low_s = Some(t_s);
         true
     }
-    /// Ending of a wait that was left to the battery: on the deck, or elsewhere if the deck was not available.
+    /// Ending of a wait that the battery ended: on the deck, or elsewhere if the deck was not available.
     fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
         let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
@@ -216,7 +216,7 @@ impl Run {
         }
     }
 
-    /// The first rule that the last tick broke.
+    /// The first rule that was broken in the last tick.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
         let scene = StormScene {
@@ -227,7 +227,8 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// Ending of the flight, and the rule broken by a drone that had enough time undisturbed; None: the flight goes on.
+    /// Ending of the flight, and the rule broken by a drone that had enough undisturbed time; None: the flight
+    /// continues.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = |f: &Scheduled| f.timer.began_s.is_some() && !f.timer.over;
@@ -249,7 +250,7 @@ impl Run {
         let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
         let descends = matches!(rig.state(0), State::Descent | State::Flare);
         if !alone || descends && t_s < rig.entered_s(0) + DESCENDS_S {
-            // In a storm that is cut off, the drone did not have enough time undisturbed to be judged.
+            // In a storm that ends early, the drone did not have enough undisturbed time to be judged.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
         Some(
@@ -310,9 +311,9 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
     }
 }
 
-/// Times, s, at which the mission received the first and the newest abort, and at which it lost its order by the first
-/// abort or by a take-over that the link reported. An abort that stops nothing does not count: on a sortie away from
-/// the deck no landing is stopped.
+/// Times, s, of three events: the mission received the first abort; it received the newest abort; it lost its order by
+/// the first abort or by a take-over that the link reported. An abort without an effect does not count: on a sortie
+/// away from the deck there is no landing to stop.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(FaultKind) -> bool| {
@@ -323,8 +324,8 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
-    // From ashore by radio, relay and bridge, or over the autopilot's wire and the link: another fault may have stopped
-    // any of these.
+    // An abort from ashore passes radio, relay and bridge; one over MAVLink passes the autopilot's wire and the link.
+    // Another fault may have stopped any of these.
     let undisturbed = |at: f64, own: FaultKind| {
         let hides = |k: FaultKind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)

@@ -1,5 +1,5 @@
-//! Kinds of faults: the quantity that a size is, the ranges from which sizes and durations are drawn, the rules that a
-//! fault excuses, and its effect.
+//! Kinds of faults: the quantity that the size measures, the ranges from which sizes and durations are drawn, the rules
+//! that a fault excuses, and its effect.
 //!
 //! The effects are a column that only `effects.rs` reads. Nothing here depends on the world, so that a scenario can
 //! have faults.
@@ -7,12 +7,12 @@
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Capability that a fault takes from the drone; it excuses rules meanwhile.
+/// Capability that a fault removes from the drone, which excuses rules for that time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
     /// All rules hold.
     Nothing,
-    /// Set-points: the autopilot holds a fixed position, and the deck may rise into the drone.
+    /// Set-points: the autopilot holds a fixed position, and the deck may rise until it hits the drone.
     Command,
     Power,
 }
@@ -41,11 +41,11 @@ macro_rules! names {
             pub const fn name(self) -> &'static str {
                 match self { $(FaultKind::$kind => $name,)* }
             }
-            /// Whether half the size is a milder fault. It is not when the size is an identifier or a bound.
+            /// Whether half the size is a milder fault. It is not if the size is an identifier or a bound.
             pub const fn is_milder_by_half(self) -> bool {
                 !matches!(self, FaultKind::StreamStops | FaultKind::VesselImuClipped | FaultKind::BatteryAt)
             }
-            /// Whether the mission's process handles no messages meanwhile.
+            /// Whether the mission's process handles no messages during the fault.
             pub const fn stops_mission(self) -> bool {
                 matches!(
                     self,
@@ -58,18 +58,18 @@ macro_rules! names {
                         | FaultKind::ComputerClockSteps
                 )
             }
-            /// The process that it kills or freezes, when it is a single one.
+            /// The process that the fault kills or freezes, if it is a single one.
             pub fn process(self) -> Option<ProcessKind> {
                 STOPS.iter().find(|(kind, ..)| *kind == self).map(|(_, process, _)| *process)
             }
-            /// Whether it freezes that process, which is then not aware of the time that passed.
+            /// Whether the fault freezes that process, which afterwards is not aware of the elapsed time.
             pub fn freezes(self) -> bool {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
-            /// Whether it hits a moving base. Only a storm with one draws it.
+            /// Whether the fault affects a moving base. Only a storm with a moving base draws it.
             pub const fn needs_moving_base(self) -> bool {
                 matches!(self, FaultKind::CorrectionsLost | FaultKind::FixLost | FaultKind::FalseFix)
             }
@@ -84,7 +84,7 @@ macro_rules! names {
     };
 }
 
-/// Range when a fault has no size or no duration.
+/// Range of a fault without a size or duration.
 const NONE: [f64; 2] = [0.0, 0.0];
 /// Time until a process is restarted, s.
 const RESTART: [f64; 2] = [0.1, 1.0];
@@ -107,7 +107,7 @@ enum Stop {
 }
 use Stop::{Dies, Freezes};
 
-/// Kinds that hit one process.
+/// Kinds that affect one process.
 const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
     (FaultKind::PredictorKilled, ProcessKind::Predictor, Dies),
     (FaultKind::MissionKilled, ProcessKind::Mission, Dies),
@@ -125,7 +125,7 @@ const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
     (FaultKind::VesselFrozen, ProcessKind::Vessel, Freezes),
 ];
 
-/// Passes the kinds to a macro: name, quantity of the size, size, duration, means taken, effect.
+/// Passes the kinds to a macro: name, quantity of the size, size, duration, capability removed, effect.
 #[rustfmt::skip]
 macro_rules! each_kind { ($with:ident) => { $with! {
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
@@ -346,10 +346,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
     PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
         Events(|r, size| r.world.lighten(size), nothing);
-    /// The ground station commands the autopilot's hold mode meanwhile.
+    /// The ground station commands the autopilot's hold mode during the fault.
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
-    /// The ground station commands a return meanwhile.
+    /// The ground station commands a return during the fault.
     ReturnedByStation, "returned-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Return), |r, _| choose(r, AutopilotMode::Offboard));
     /// The pilot takes manual control, then gives the mode back.
@@ -370,10 +370,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The operator orders a drone that does not exist.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
-    /// The deck's sensor reports an obstacle meanwhile.
+    /// The deck's sensor reports an obstacle during the fault.
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
-    /// The crew closes the deck meanwhile.
+    /// The crew closes the deck during the fault.
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
     /// The frames of the moving base do not reach the drone's receiver.

@@ -1,7 +1,7 @@
 //! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and the rules
 //! that must hold in every tick ([`watch`]). A fault has a kind, a size, a duration, and a start: a delay after the
 //! mission enters a state. A list of faults is therefore a scenario, and the shortest list that still breaks a rule
-//! ([`shrink`]) is a test.
+//! ([`shrink`]) becomes a test.
 //!
 //! Source: Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed omits kinds).
 
@@ -56,13 +56,13 @@ pub struct Storm {
     pub wind_mps: f64,
     /// A landing requires a reservation of the deck.
     pub reserved: bool,
-    /// Number of drones ordered to land: 1, or 2 in a landing. Faults hit the first.
+    /// Number of drones ordered to land: 1, or 2 in a landing. Faults affect the first.
     #[serde(default = "one")]
     pub drones: u8,
     /// A mast forward of the deck and an A-frame abeam, which the vessel publishes as obstacles.
     #[serde(default)]
     pub mast: bool,
-    /// The vessel's GNSS receiver is the moving base of the drone's.
+    /// The vessel's GNSS receiver is the moving base of the drone's receiver.
     #[serde(default)]
     pub moving_base: bool,
     #[serde(default, rename = "fault")]
@@ -79,7 +79,7 @@ const MAST_M: [[[f64; 3]; 2]; 2] = [
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
 ];
 
-/// Why a list cannot be flown.
+/// Error of a list that cannot be flown.
 #[derive(Debug, Error, PartialEq)]
 pub enum StormError {
     /// The text is not the TOML of a storm.
@@ -214,7 +214,7 @@ mod tests {
         );
         let aimed = Storm::drawn(3, 4).aimed((FaultKind::FalseFix, State::Descent));
         assert!(aimed.moving_base && aimed.check().is_ok());
-        // From before that field existed.
+        // This list is from before that field existed.
         let former = include_str!("../../../storm/live-abort.toml");
         assert!(!Storm::read(former).unwrap().moving_base);
     }

@@ -1,7 +1,7 @@
-//! People of a storm's flight (operator, crew, skipper and pilot) and the orders that they give.
+//! People in a storm's flight (operator, crew, skipper and pilot) and the orders that they give.
 //!
-//! They give the next order when the last one has ended as intended. They do not resume what somebody else stopped,
-//! except for a take-off that ended on the deck, which they order again.
+//! They give the next order when the last one has ended as intended. They do not resume an operation that somebody else
+//! stopped, except for a take-off that ended on the deck, which they order again.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
@@ -12,11 +12,11 @@ use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
 use crate::harness::outcome::FALSE_STOP_M;
 use crate::harness::rig::Rig;
 
-/// Time from the crew's clearing of the deck to the order to take off, s.
+/// Time from the crew's clearance of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;
-/// Time from the start to the order of a station, s: the link has found the autopilot by then.
+/// Time from the start to the order of a station, s; the link has found the autopilot by then.
 const FOUND_S: f64 = 5.0;
-/// Time after an order until its result is checked, s.
+/// Time from an order to the check of its result, s.
 const LOOKS_S: f64 = 5.0;
 /// Time on the deck, disarmed, before the next order, s.
 const STANDS_S: f64 = 3.0;
@@ -50,7 +50,7 @@ enum Step {
     Stays,
     /// A ground station repeats the order to land until it is accepted.
     Calls,
-    /// A landing was ordered, or proceeds without an order.
+    /// A landing was ordered, or continues without an order.
     Lands,
 }
 
@@ -76,7 +76,7 @@ impl People {
             ..People::default()
         }
     }
-    /// Time of the last step, s: an action, or the event that it waited for.
+    /// Time of the last step, s: an action, or the event for which the people waited.
     pub(super) const fn since_s(&self) -> f64 {
         self.since_s
     }
@@ -146,7 +146,7 @@ impl People {
         waiting.is_empty().then_some(Step::Lands)
     }
 
-    /// Proceeds from the hold that ends a take-off, or orders the take-off again from the deck.
+    /// Continues from the hold that ends a take-off, or orders the take-off again if it ended on the deck.
     fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
         if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
             return match self.flight {
@@ -175,8 +175,8 @@ impl People {
         goes_again.then(|| self.clear(rig))
     }
 
-    /// Gives the order of a fault of this kind over MAVLink, if the flight's orders come that way; otherwise returns
-    /// false.
+    /// Gives the order of a fault of this kind over MAVLink, if the flight's orders come over MAVLink; otherwise
+    /// returns false.
     pub(super) fn give(&self, rig: &mut Rig, kind: FaultKind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
@@ -196,7 +196,7 @@ impl People {
             Step::Away | Step::Stays | Step::Calls => true,
         }
     }
-    /// Whether the drone holds at the end of a take-off, and nothing else is to come.
+    /// Whether the drone holds at the end of a take-off, and no further order follows.
     pub(super) fn is_up(&self, rig: &Rig) -> bool {
         let waits = matches!(
             rig.mission(0).waiting.code,

@@ -1,4 +1,4 @@
-//! Flight of a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
+//! Kind of flight of a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
@@ -28,7 +28,7 @@ pub enum FlightKind {
     Mavlink,
 }
 
-/// A state in which faults begin, its frequency in parts, and the maximum delay of a fault after its entry, s.
+/// A state in which faults begin, its relative frequency, and the maximum delay of a fault after the state's entry, s.
 pub(super) type PlannedPhase = (State, u32, f64);
 
 const LANDS: [PlannedPhase; 8] = [
@@ -139,7 +139,7 @@ impl FlightKind {
             FlightKind::Cycles => &CYCLES,
         }
     }
-    /// Frequency of the kind, in parts; a third of the flights are landings.
+    /// Relative frequency of the kind; a third of the flights are landings.
     pub(super) fn parts(&self) -> u32 {
         if *self == FlightKind::Landing { 4 } else { 1 }
     }
@@ -152,8 +152,8 @@ impl FlightKind {
     pub(super) const fn is_silent(self) -> bool {
         matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
     }
-    /// Whether a drone with a low battery may lack the deck's position. It then lands at the next place of its order,
-    /// which is in the water here.
+    /// Whether a drone with a low battery may lack the deck's position. It then lands at the next place in its order of
+    /// places, which is in the water here.
     pub(super) const fn may_land_elsewhere(self) -> bool {
         self.is_silent() || matches!(self, FlightKind::Sortie)
     }
@@ -168,8 +168,8 @@ impl FlightKind {
             | FlightKind::Cycles => 1,
         }
     }
-    /// Time limits, s. Within the first, after the last fault and the last order, the drone has landed or waits for a
-    /// stated reason; within the second, after the first order, the flight ends.
+    /// Time limits, s. The first, after the last fault and the last order: by then the drone has landed, or waits for a
+    /// stated reason. The second, after the first order: by then the flight ends.
     pub(super) const fn limits_s(self) -> [f64; 2] {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::TagAlone | FlightKind::Mavlink => {
@@ -181,7 +181,7 @@ impl FlightKind {
         }
     }
 
-    /// Changes the scenario and the configurations of a landing to this flight.
+    /// Adapts the scenario and the node configurations of a landing to this kind of flight.
     pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}

@@ -16,7 +16,7 @@ pub enum FaultTurn {
 #[derive(Clone, Copy, Debug)]
 pub struct FaultTimer {
     pub fault: Fault,
-    /// Time at which it began, s.
+    /// Time at which the fault began, s.
     pub began_s: Option<f64>,
     pub over: bool,
 }
@@ -33,7 +33,7 @@ impl FaultTimer {
     fn is_active(&self, t_s: f64) -> bool {
         self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
     }
-    /// The change that is due at `t_s`, if any; the fault's moment began at `moment_s`.
+    /// The start or end that is due at `t_s`, if any; the fault's moment began at `moment_s`.
     pub fn poll(&mut self, t_s: f64, moment_s: Option<f64>) -> Option<FaultTurn> {
         match self.began_s {
             None if moment_s.is_some_and(|at| t_s >= at + self.fault.after_s) => {
@@ -52,14 +52,15 @@ impl FaultTimer {
 /// A fault of a flight in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
-    /// When it began, an abort or take-over stopped an operation.
+    /// At the start of the fault, an abort or take-over stopped an operation.
     pub(super) stops: bool,
-    /// Charge left when the fault hit the battery, 0 to 1.
+    /// Charge left when the fault affected the battery, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
 impl Scheduled {
-    /// Begins or ends the fault if that is due. `begins` is called when it begins; true if it gave the order itself.
+    /// Begins or ends the fault if that is due. `begins` is called at its start, and returns true if it gave the order
+    /// itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let fault = self.timer.fault;
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {

@@ -1,4 +1,4 @@
-//! Shrinks a list to the shortest that still breaks the same rule: omits faults, then halves sizes and durations.
+//! Shrinks a list to the shortest one that still breaks the same rule: omits faults, then halves sizes and durations.
 
 use super::Storm;
 use super::watch::StormRule;
@@ -73,7 +73,7 @@ mod tests {
         let mut storm = storm;
         storm.faults[3].kind = FaultKind::Blind;
         storm.faults[3].lasts_s = 8.0;
-        // Blindness of 1 s or more breaks the rule.
+        // In this test, a vision outage of 1 s or more breaks the rule.
         let breaks = |s: &Storm| {
             let long = |f: &super::super::Fault| f.kind == FaultKind::Blind && f.lasts_s >= 1.0;
             s.faults.iter().any(long).then_some(StormRule::Water)

@@ -15,21 +15,21 @@ use crate::harness::rig::Rig;
 pub const RESUME_S: f64 = 1.5;
 /// Maximum contact speed along the deck's normal with several faults, m/s.
 const SEVERAL_MPS: f64 = 2.0;
-/// Time after the begin or end of a fault for which contacts are excused, s.
+/// Time after the start or end of a fault for which contacts are excused, s.
 const GRACE_S: f64 = 0.5;
-/// Maximum time for which rotors carry in `Landed`, s.
+/// Maximum time for which rotors carry the drone's weight in `Landed`, s.
 const CARRY_S: f64 = 3.0;
-/// Time after an excused impact from which rules count again, s, if the drone flies on.
+/// Time after an excused impact from which rules apply again, s, if the drone flies on.
 const STRUCK_S: f64 = 5.0;
 /// Maximum time from an abort to its effect, s.
 const ABORT_S: f64 = 1.0;
 
 /// Fraction of the battery's reserve below which a stopped landing continues without an order.
 pub(super) const SPENT_OF_RESERVE: f64 = 0.75;
-/// Fraction of the reserve, left by a fault, with which the drone must land safely.
+/// Fraction of the reserve above which a drone must land safely, although faults have drained its battery.
 const LANDS_WITH: f64 = 0.5;
 
-/// Time armed on the deck after which the status must report it, s.
+/// Time armed on the deck after which the status must report this, s.
 const ARMED_S: f64 = 10.0;
 /// Height above the deck, and distance from its centre, below which a drone is low over the deck, m.
 const LOW_M: f64 = 1.5;
@@ -65,17 +65,17 @@ pub enum StormRule {
     NotPermitted,
     KeepOut,
     TwoAtDeck,
-    /// The battery ran empty in the air, although faults had left the charge for a landing.
+    /// The battery ran empty in the air, although faults had left enough charge for a landing.
     BatterySpent,
     Collision,
-    /// Armed on the deck, and the status does not report it.
+    /// The drone is armed on the deck, and the status does not report it.
     StillArmed,
     NotFinite,
     /// Long after the last fault, the drone has neither landed nor stated a reason to wait.
     Stuck,
     /// The drone waited in our mode until its battery was spent, although the deck was free.
     NoLastResort,
-    /// The drone waits in the air, and its status has neither the charge (sufficient or low) nor the next step.
+    /// The drone waits in the air, and its status lacks the charge (sufficient or low) or the next step.
     WaitsUnsaid,
 }
 
@@ -122,7 +122,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// The faults, as far as they affect rules.
+/// The present faults, as far as they affect rules.
 #[derive(Clone, Copy, Debug)]
 pub struct StormScene {
     pub flight: FlightKind,
@@ -132,11 +132,12 @@ pub struct StormScene {
     pub newest_s: f64,
     /// No set-points are sent, or they have just resumed.
     pub uncommanded: bool,
-    /// A fault reduces the thrust.
+    /// A fault has reduced the thrust.
     pub without_power: bool,
     /// The drone waits until its battery runs low.
     pub runs_low: bool,
-    /// Charge that a fault has left in the battery, 0 to 1 (0 while the fault lasts); None if no fault hit the battery.
+    /// Charge that a fault has left in the battery, 0 to 1 (0 while the fault lasts); None if no fault affected the
+    /// battery.
     pub charge_left: Option<f64>,
     /// Time at which the mission received the first abort, s.
     pub aborted_s: Option<f64>,
@@ -151,7 +152,7 @@ impl StormScene {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
     }
-    /// The scene for drones that the faults do not hit.
+    /// The scene for drones that the faults do not affect.
     const fn of_others(&self) -> StormScene {
         StormScene {
             uncommanded: false,
@@ -171,7 +172,7 @@ pub struct StormWatch {
     turned: bool,
     /// Time of the last excused impact or fall into the water, s. Rules do not apply for [`STRUCK_S`] after it.
     struck_s: Option<f64>,
-    /// Time since which rotors carry in `Landed`, s.
+    /// Time since which rotors carry the drone's weight in `Landed`, s.
     carries_since_s: Option<f64>,
     /// Time since which the drone is low over the deck in a state that does not descend, s.
     low_since_s: Option<f64>,
@@ -201,7 +202,7 @@ impl StormWatch {
         })
     }
 
-    /// Checks contacts, the water, and motors that stop.
+    /// Checks contacts, the water, and stops of the motors.
     fn contacts(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -255,7 +256,7 @@ impl StormWatch {
         self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }
 
-    /// Checks a drone on the deck: carrying rotors, and an unreported armed state.
+    /// Checks a drone on the deck: rotors that carry its weight, and an unreported armed state.
     fn standing(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
@@ -278,7 +279,7 @@ impl StormWatch {
     /// Checks for an ignored abort, and for a descent whose order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-        // A mission that climbs, holds or has landed complies, and one that continues for a stated reason.
+        // A mission that climbs, holds or has landed complies, and so does one that continues for a stated reason.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
         let goes_on = !stated && goes_on(scene.flight, rig, k);
@@ -286,12 +287,13 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // After an abort, the operator keeps a part of the reserve; after a take-over, all of it serves the landing.
+        // After an abort, the operator keeps a part of the reserve; after a take-over, all of the reserve serves the
+        // landing.
         let fraction = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
         // A drone that waits until its battery runs low lands on the deck as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
-        // An abort after that declines the deck.
+        // An abort after that rejects the deck.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
         if self.spent_s.is_some_and(before) {
             return None;
@@ -300,7 +302,7 @@ impl StormWatch {
         descends.then_some((StormRule::Unordered, t_s - at))
     }
 
-    /// Checks prohibited positions, and set-points.
+    /// Checks prohibited positions and the set-points.
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -348,8 +350,8 @@ fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// Whether the operation that an abort stops continues: a landing, or a take-off before the feet leave the deck. The
-/// hold for the next order, in a flight that takes off, does not count.
+/// Whether the operation that an abort must stop continues: a landing, or a take-off before the feet leave the deck. In
+/// a flight that takes off, the hold for the next order does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
     let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
@@ -413,8 +415,7 @@ const fn names_battery(why: ReasonCode) -> bool {
     )
 }
 
-/// Time for which a condition of the previous step may still be reported, s: a step that is permitted waits for
-/// nothing.
+/// Time for which a condition of the previous step may still be reported, s; a permitted step waits for nothing.
 const REPORTS_S: f64 = 1.0;
 
 /// Violation, long after the last fault, of a drone in the air that follows our set-points and does not report why it
@@ -439,7 +440,7 @@ pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     })
 }
 
-/// Time for which the condition has held, s; `since` stores its begin.
+/// Time for which the condition has held, s; `since` stores its start.
 fn lasts(since: &mut Option<f64>, is_so: bool, t_s: f64) -> f64 {
     *since = is_so.then(|| since.unwrap_or(t_s));
     since.map_or(0.0, |at| t_s - at)

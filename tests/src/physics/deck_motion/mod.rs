@@ -1,5 +1,5 @@
-//! Motion of the deck: of the simulated vessel, of a vessel moved by a response table, or prescribed, which is recorded
-//! or sinusoidal ([`rocking`]).
+//! Motion of the deck: that of the simulated vessel, that of a vessel moved by a response table, or a prescribed
+//! motion, which is recorded or sinusoidal ([`rocking`]).
 //!
 //! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and any of heave (positive up),
 //! heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic splines make it twice
@@ -48,7 +48,7 @@ const SEA_STEP_S: f64 = 0.02;
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
 config! {
-    /// A recording and its playback, or a rocking instead.
+    /// A recording and its playback, or sinusoidal rocking instead.
     ///
     /// Defaults: as recorded, from the beginning.
     pub struct DeckMotionConfig {
@@ -88,7 +88,7 @@ config! {
     }
 }
 
-/// Facts about a recording before the flight.
+/// Facts about a recording, for a check before the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFacts {
     pub duration_s: f64,
@@ -98,7 +98,7 @@ pub struct RecordingFacts {
 }
 
 impl DeckMotionConfig {
-    /// Facts about its file for a trial of `trial_s` seconds; None without a file.
+    /// Facts about the recording's file for a trial of `trial_s` seconds; None without a file.
     pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
         if self.rocking.is_some() {
             return Ok(None);
@@ -163,7 +163,7 @@ impl DeckCarrier {
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
         }
     }
-    /// If the vessel's course has a turn or a speed change, starts it a drawn time after `t`.
+    /// If the vessel's course has a turn or a speed change, starts it a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
@@ -171,8 +171,8 @@ impl DeckCarrier {
             DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Applies a load to the vessel from now on: surge, sway, heave, roll, pitch and yaw of the body, N and Nm. A
-    /// vessel that only responds to waves, and a recorded one, ignore it.
+    /// Applies a load to the vessel from now on: surge, sway, heave, roll, pitch and yaw of the body, N and Nm. The
+    /// load has no effect on a vessel that only responds to waves, or on a recorded one.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.push(by_n_nm),
@@ -324,7 +324,7 @@ impl RecordedMotion {
         .begun(sea))
     }
 
-    /// Rocks by `rocking` and heaves with the sea, at a heading drawn per seed.
+    /// Rocks as configured in `rocking`, and heaves with the sea, at a heading drawn per seed.
     pub fn rocking(
         config: &DeckMotionConfig,
         rocking: &RockingConfig,
@@ -426,7 +426,7 @@ impl RecordedMotion {
     }
 }
 
-/// Heading of a motion without one, rad.
+/// Heading of a motion that has no recorded heading, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
 }

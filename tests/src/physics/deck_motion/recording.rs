@@ -29,13 +29,13 @@ const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Surge,
     Quantity::Sway,
 ];
-/// Maximum number of rows after gaps are bridged.
+/// Maximum number of rows once gaps are bridged.
 const MAX_ROWS: usize = 2_000_000;
 /// Sampling rate below which fast motion is lost, Hz.
 const SLOW_HZ: f64 = 4.9;
 const MAX_BRIDGE: usize = 2000;
 
-/// Why a recording was rejected.
+/// Error of a recording that was rejected.
 #[derive(Debug, Error)]
 pub enum DeckMotionError {
     #[error("reading deck motion {path}: {source}; check the path and its permissions")]
@@ -127,7 +127,7 @@ impl Recording {
         for t in &mut t {
             *t -= start;
         }
-        // A gap lacks five samples or more.
+        // A gap is where five samples or more are missing.
         let longest = 5.0 * usual;
         let knots = Knots {
             t: &t,
@@ -271,7 +271,7 @@ impl Own {
             if let (Quantity::Heading, Some(before)) = (quantity, y.last()) {
                 value = before + alight_shared::frames::wrap_angle(value - before);
             }
-            // The first of several rows with equal times counts.
+            // Of several rows with equal times, the first is used.
             if t.last().is_none_or(|last| *last < row.t) {
                 t.push(row.t);
                 y.push(value);
@@ -392,7 +392,7 @@ fn bridge(
     }
     let (mut out_t, mut out_y) = (Vec::with_capacity(t.len()), Vec::with_capacity(y.len()));
     let mut gaps = 0;
-    // Decay time of the motion at either side, s.
+    // Decay time of the motion on either side of the gap, s.
     let fade = 3.0 * median;
     for i in 0..t.len() {
         if i > 0 && t[i] - t[i - 1] > longest {

@@ -314,7 +314,7 @@ fn recording_with_a_bad_header_or_too_few_rows() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// The real recording, which is outside the repository.
+/// The real recording, which is not in the repository.
 fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     Recording::load(&path).unwrap()

@@ -28,8 +28,8 @@ impl AirframeMotion {
     pub(crate) fn point_velocity(&self, lever_arm: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.attitude * self.rates.cross(lever_arm)
     }
-    /// Motion after `dt` at constant linear (NED) and angular (body) accelerations `a` and `dw`, of second order in
-    /// position and attitude.
+    /// Motion after `dt` at constant linear (NED) and angular (body) accelerations `a` and `dw`; second-order accurate
+    /// in position and attitude.
     pub(crate) fn advanced(&self, a: &Vector3<f64>, dw: &Vector3<f64>, dt: f64) -> AirframeMotion {
         let turn = (self.rates + dw * (0.5 * dt)) * dt;
         let mut attitude = self.attitude * UnitQuaternion::from_scaled_axis(turn);
@@ -61,7 +61,7 @@ pub(crate) struct Airframe {
     parked_drag: f64,
     radius: f64,
     deck_half: [f64; 2],
-    /// Fractions of the maximum rotor speed.
+    /// Rotor speeds as fractions of the maximum.
     speeds: [f64; MAX_ROTORS],
 }
 
@@ -119,7 +119,7 @@ impl Airframe {
         &self.hubs
     }
 
-    /// Applies rotor commands (fractions of the maximum thrust, or None with motors stopped) for `dt`: `T ~ n²` and
+    /// Applies rotor commands (fractions of the maximum thrust, or None if motors are stopped) for `dt`: `T ~ n²` and
     /// `dn/dt = (n_c - n) / lag`, exact over `dt`.
     pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();
@@ -129,8 +129,8 @@ impl Airframe {
         }
     }
 
-    /// Drag coefficient, N/(m/s)²: that of the body alone with stopped rotors, plus that of turning rotors, which is
-    /// complete from idle speed on.
+    /// Drag coefficient, N/(m/s)²: that of the body alone if the motors are stopped, plus that of turning rotors, which
+    /// has its full value from idle speed on.
     fn drag(&self) -> f64 {
         let turning = (self.thrust() / self.idle.max(1e-4)).min(1.0).sqrt();
         self.parked_drag + (self.drag - self.parked_drag) * turning

@@ -1,4 +1,4 @@
-//! True parameters of the drone, which nodes do not receive.
+//! True parameters of the drone, which the nodes do not receive.
 
 use alight_shared::config;
 use alight_uav::autopilot::modes::Firmware;
@@ -27,9 +27,9 @@ config! {
     pub struct AirframeConfig {
         /// Rotor arrangement: quad-x or hexa-x.
         pub frame: RotorFrame = RotorFrame::QuadX;
-        /// True mass relative to the nominal mass, before the error drawn per seed.
+        /// True mass relative to the nominal mass, before the random error of the seed.
         pub mass_factor: f64 = 1.0, in 0.3..=2.0;
-        /// True thrust relative to the nominal thrust, before the error drawn per seed.
+        /// True thrust relative to the nominal thrust, before the random error of the seed.
         pub thrust_factor: f64 = 1.0, in 0.3..=2.0;
         /// Bound of the relative error of the true mass, drawn uniformly per seed.
         /// Source: +-5 %, unknown to the nodes.
@@ -67,7 +67,7 @@ config! {
         /// Coefficient of restitution.
         pub restitution: f64 = 0.3, in 0.0..=0.95;
         /// Radius of a foot, m.
-        /// Chosen: the rubber end of a leg.
+        /// Chosen: the rubber foot of a leg.
         pub foot_radius_m: f64 = 0.015, in 0.005..=0.2;
         /// Thickness of the deck, m.
         pub deck_thickness_m: f64 = 0.30, in 0.05..=2.0;
@@ -77,7 +77,7 @@ config! {
 config! {
     /// Mean wind and gusts.
     pub struct WindConfig {
-        /// Mean wind speed U10, 10 m above the water, m/s; the profile over waves reduces it at lower heights.
+        /// Mean wind speed U10, 10 m above the water, m/s; by the wind profile it is lower below that height.
         /// Source: the paper's simulations have no wind.
         pub mean_mps: f64 = 0.0, in 0.0..=30.0;
         /// Direction towards which the wind blows, deg from north towards east; drawn per seed if missing.
@@ -110,8 +110,8 @@ config! {
         /// Firmware whose behaviour is imitated: px4, or ardupilot, which has its own position and velocity gains in
         /// place of those below, and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
-        /// Time constant of the response to a tilt set-point, s; missing: the firmware's own. For PX4 it is the inverse
-        /// of the attitude loop's gain, for ArduCopter that of the input shaping (ATC_INPUT_TC).
+        /// Time constant of the response to a tilt set-point, s; if missing, that of the firmware. For PX4 it is the
+        /// inverse of the attitude loop's gain, for ArduCopter that of the input shaping (ATC_INPUT_TC).
         /// Source: fits to flights of PX4 main of March 2026 (0.10 s) and of ArduCopter 4.7-dev (0.15 s).
         #[serde(skip_serializing_if = "Option::is_none")]
         pub attitude_lag_s: Option<f64> = None;
@@ -241,7 +241,7 @@ config! {
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
-        /// Report the height above the ellipsoid, too (`alt_ellipsoid` of `GPS_RAW_INT`).
+        /// Report the height above the ellipsoid as well (`alt_ellipsoid` of `GPS_RAW_INT`).
         pub gnss_ellipsoid: bool = true;
         /// GNSS rate, Hz.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;

@@ -1,9 +1,9 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
 //! Free flight is integrated in double precision. Rapier runs only near the deck, and its result is used only in
-//! sub-steps in which a contact carries an impulse or the deck holds a foot. Its frame has its origin at the deck's
-//! centre and moves with it during one sub-step, so that single precision resolves micrometres and the deck only
-//! rotates.
+//! sub-steps in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at the
+//! deck's centre and moves with it during one sub-step, so that single precision resolves micrometres, and the deck's
+//! only motion is a rotation.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -31,7 +31,7 @@ pub struct Impact {
     pub part: Part,
     /// Approach speed along the deck's normal just before the impact, m/s.
     pub normal_mps: f64,
-    /// Relative speed across the normal just before the impact, m/s.
+    /// Relative speed perpendicular to the normal just before the impact, m/s.
     pub tangential_mps: f64,
     /// Point of impact, deck frame, m.
     pub position: Point<Deck>,
@@ -78,7 +78,7 @@ struct PartContact {
     /// Centre of the shape in the body frame, m, and its radius.
     offset: Vector3<f64>,
     radius: f64,
-    /// Number of sub-steps since its last impulse.
+    /// Number of sub-steps since the part's last impulse.
     idle: u32,
 }
 
@@ -99,7 +99,7 @@ pub(crate) struct GearContact {
 /// Number of sub-steps (10 ms) for which a part counts as touching after its last impulse, since a resting foot's
 /// impulse may vanish for single sub-steps.
 const HOLD_STEPS: u32 = 5;
-/// Speed below which a renewed contact within the hold is the same contact, m/s.
+/// Maximum speed at which a renewed contact within that time counts as the same contact, m/s.
 const RENEWED_MPS: f64 = 0.05;
 /// Radius of the arm's end (motor), m. Chosen.
 const ARM_RADIUS_M: f64 = 0.03;
@@ -209,7 +209,7 @@ impl GearContact {
         }
     }
 
-    /// Holds a foot down with a force of `newton`, N.
+    /// Holds a foot down with this force, N.
     pub(crate) fn snag(&mut self, foot: usize, newton: f64) {
         self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
@@ -241,7 +241,7 @@ impl GearContact {
         outside.map(|d| d.max(0.0)).norm() - self.reach
     }
 
-    /// Ages the contact history while the drone is away from the deck.
+    /// Increases the age of the last contacts while the drone is away from the deck.
     pub(crate) fn away(&mut self) {
         for t in &mut self.parts {
             t.idle = t.idle.saturating_add(1);
@@ -260,8 +260,8 @@ impl GearContact {
         dt: f64,
         impacts: &mut Vec<Impact>,
     ) -> Option<AirframeMotion> {
-        // Applied as a force, so that rapier distributes it over its own sub-steps and balances it by its stored
-        // friction.
+        // The load is applied as a force, so that rapier distributes it over its own sub-steps and balances it by the
+        // friction impulse that it has stored.
         let (hold, hold_moment) = self.hold(before, deck);
         let force = dv * (self.mass / dt) + hold;
         let moment = before.attitude * dw.component_mul(&self.inertia) / dt + hold_moment;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of rotors, and length of per-rotor arrays; entries beyond a frame's count are zero.
+/// Maximum number of rotors, and length of the arrays by rotor; entries beyond the rotors of a frame are zero.
 pub const MAX_ROTORS: usize = 6;
 
 /// Rotor arrangement, numbered and turning as in PX4's airframe reference.

@@ -69,13 +69,13 @@ pub struct SimulatedDrone {
     /// Obstacles around the deck, which have wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
-    /// Extent of its parts below and above the centre of mass, m.
+    /// Extent of the drone's parts below and above its centre of mass, m.
     reach: [f64; 2],
     motion: AirframeMotion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
     nominal_max_n: f64,
-    /// Height (NED z, m) of the pad on which it stands before a firmware's take-off.
+    /// Height (NED z, m) of the pad on which the drone stands before a firmware's take-off.
     pad: Option<f64>,
     /// Specific force over the last step, body frame, m/s².
     specific_force: Vector3<f64>,
@@ -117,8 +117,8 @@ pub fn wind_to_deg(streams: &Streams) -> f64 {
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start` among the obstacles around the deck. True mass, thrust and wind come from the
-    /// streams `drone.airframe`, `wind` and `wind/wake`.
+    /// A drone that hovers at `start` among the obstacles around the deck. True mass, thrust and wind are drawn from
+    /// the streams `drone.airframe`, `wind` and `wind/wake`.
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
@@ -169,7 +169,7 @@ impl SimulatedDrone {
         };
         self.airframe.stand_still();
     }
-    /// Holds a foot down with a force of `newton`, N.
+    /// Holds a foot down with this force, N.
     pub fn snag(&mut self, foot: usize, newton: f64) {
         self.contact.snag(foot, newton);
     }
@@ -253,11 +253,11 @@ impl SimulatedDrone {
         report
     }
 
-    /// The drone has not taken off from its pad.
+    /// Whether the drone stands on its pad and has not taken off.
     pub fn on_pad(&self) -> bool {
         self.pad.is_some()
     }
-    /// Holds a drone that has not taken off on the pad, level and at rest. The pad is removed once the drone is above
+    /// Keeps a drone that has not taken off on its pad, level and at rest. The pad is removed once the drone is above
     /// it.
     fn rest_on_pad(&mut self) {
         const LEFT_M: f64 = 0.5;

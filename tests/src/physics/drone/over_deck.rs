@@ -7,7 +7,7 @@ use nalgebra::{Vector2, Vector3};
 /// Kinematic viscosity of air at 15 deg C, m²/s.
 pub(crate) const VISCOSITY: f64 = 1.46e-5;
 /// PRIME: speed deficit behind the lee face, and turbulence intensity of the wake far behind the box, horizontal and
-/// vertical; near the box it is 1.7 times that (Weil 1996).
+/// vertical; near the box the intensity is 1.7 times as high (Weil 1996).
 const DEFICIT: f64 = 0.7;
 const INTENSITY: [f64; 3] = [0.08, 0.08, 0.06];
 const NEAR: f64 = 1.7;
@@ -44,8 +44,8 @@ pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
     ((up_to(high) - up_to(low)) / (high - low)).sqrt()
 }
 
-/// Distance from a position over a deck with these half lengths to its windward edge, against `towards`, m; None off
-/// the deck.
+/// Distance from a position over a deck with these half lengths to the deck's windward edge, in the direction opposite
+/// to `towards`, m; None off the deck.
 pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>) -> Option<f64> {
     let to_edge = |i: usize| (half[i] + place[i] * towards[i].signum()) / towards[i].abs().max(1e-9);
     let over = (0..2).all(|i| place[i].abs() <= half[i]);

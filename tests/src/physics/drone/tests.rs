@@ -61,7 +61,7 @@ fn rest(w: &mut SimulatedDrone, deck: &RigidState<Deck>, seconds: f64) -> Vec<Im
         .flat_map(|k| tick(w, k as f64 * DT, deck, deck, 100.0).impacts)
         .collect()
 }
-/// Sets the drone's motion, with motors off and stopped.
+/// Sets the drone's motion; the motors are off and the rotors stand still.
 fn drop_from(w: &mut SimulatedDrone, m: AirframeMotion) {
     w.airframe.spin(None, 100.0);
     w.motion = m;
@@ -218,7 +218,7 @@ fn contact_sliding_deceleration() {
 #[test]
 fn drone_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
-    // Wide enough for the drone to come to rest on it.
+    // The deck is wide enough for the drone to come to rest on it.
     let wide = DeckGeometry {
         width_m: 20.0,
         ..DeckGeometry::default()
@@ -287,7 +287,7 @@ fn drone_at_rest_on_a_rocking_deck() {
 
 #[test]
 fn free_fall_across_the_hand_over_to_rapier() {
-    // The drone falls past the deck's edge: rapier runs near it, but nothing touches.
+    // The drone falls past the deck's edge: rapier runs near the edge, but nothing touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
     (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
@@ -308,7 +308,7 @@ fn free_fall_across_the_hand_over_to_rapier() {
 
 #[test]
 fn rapier_against_free_flight() {
-    // One sub-step of rapier without contact, compared with double precision.
+    // One sub-step of rapier without contact is compared with the integration in double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let m = AirframeMotion {
         position: Vector3::new(1000.2, 200.3, -2.5),

@@ -15,7 +15,7 @@ const FOOT_M: f64 = 0.3048;
 /// Height of the wind speed in a scenario, and of the speed for the gust model (20 ft), m.
 const STATED_M: f64 = 10.0;
 const DRYDEN_M: f64 = 20.0 * FOOT_M;
-/// Minimum height of the profile, m: there is no wind between the waves.
+/// Minimum height of the profile, m: between the waves, the wind is zero.
 const LOWEST_M: f64 = 0.1;
 /// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
 const KARMAN: f64 = 0.4;
@@ -50,7 +50,7 @@ impl Profile {
     }
 }
 
-/// A drone over a vessel, which affects its wind.
+/// A drone over a vessel, and the vessel's effect on its wind.
 pub(crate) struct OverDeck<'a> {
     /// Rotation NED from deck, and the velocity of the deck's centre, NED.
     pub(crate) turn: UnitQuaternion<f64>,
@@ -77,7 +77,7 @@ pub(crate) struct SimulatedWind {
     lateral: [f64; 2],
     vertical: [f64; 2],
     rng: Stream,
-    /// Eddies of a wake along the deck's axes, of unit variance, with a separate stream.
+    /// Eddies of a wake along the deck's axes, of unit variance, from a separate stream.
     eddies: Vector3<f64>,
     wake_rng: Stream,
     now: Vector3<f64>,
@@ -273,7 +273,7 @@ mod tests {
         let (mean, sd) = spread(8.0, 1.8, &over(&cube, lee));
         assert!(mean.x.abs() < 0.5 * free.x.abs(), "{mean} of {free}");
         assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
-        // The vessel's own motion in still air makes a wind, too.
+        // The vessel's own motion in still air also causes a relative wind.
         let config = WindConfig::default();
         let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let mut under_way = over(&cube, lee);

@@ -1,4 +1,4 @@
-//! Kinds of sea: the paper's three-component sea, an irregular sea by spectrum, or calm water.
+//! Kinds of sea: the paper's sea of three components, an irregular sea with a spectrum, or calm water.
 
 use core::f64::consts::TAU;
 use core::str::FromStr;
@@ -40,7 +40,7 @@ config! {
     ///
     /// Defaults: those of [`SeaConfig`].
     pub struct WaveSystem {
-        /// Shape of its spectrum.
+        /// Shape of the system's spectrum.
         pub spectrum: Spectrum = Spectrum::Jonswap;
         /// Significant height, m.
         pub significant_height_m: f64 = 1.0, in 0.0..=20.0;
@@ -100,7 +100,8 @@ config! {
     }
     check |this, at| {
         if this.kind == SeaKind::Paper {
-            // Each of the three components has k A of the middle one; the sum must stay below 1 (no loops).
+            // Each of the three components has the steepness k A of the middle one; the sum must stay below 1 (no
+            // loops).
             let k = (TAU / this.period_s).powi(2) / GRAVITY;
             at.range("amplitude_m", this.amplitude_m, 0.0, 0.95 / (3.0 * k))?;
         }
@@ -194,7 +195,7 @@ impl SeaConfig {
         match self.kind {
             SeaKind::Calm => 0.0,
             SeaKind::Paper => {
-                // If the scale is drawn, its mean.
+                // If the scale is drawn, the mean of its range is used.
                 let s = self.wavelength_scale.unwrap_or(1.3);
                 4.0 * self.amplitude_m * (0.5 * (1.0 + s * s + 1.0 / (s * s))).sqrt()
             }
@@ -248,7 +249,7 @@ impl FromStr for SeaConfig {
         if a == 0.0 && t == 0.0 {
             return Ok(Self::paper(0.0, 5.0));
         }
-        // Checked before `paper`, so that the error names a negative or absurd value.
+        // The amplitude is checked before `paper` is called, so that the error names a negative or absurd value.
         let sea = SeaConfig {
             amplitude_m: a,
             period_s: t,

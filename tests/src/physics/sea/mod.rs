@@ -112,8 +112,8 @@ impl Sea {
         }
     }
 
-    /// This sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular. For a
-    /// vessel whose response is linear in the waves of the displayed water.
+    /// This sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular, for a vessel
+    /// whose response is linear in the waves of the displayed water.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
         let systems = config.wave_systems().len().max(1);
@@ -145,7 +145,7 @@ impl Sea {
         )])
     }
 
-    /// A sea of these waves, without those beyond [`MAX_COMPONENTS`] and those with zero amplitude.
+    /// A sea of these waves, without those beyond [`MAX_COMPONENTS`] and those of zero amplitude.
     pub fn from_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         components.truncate(MAX_COMPONENTS);
@@ -315,15 +315,15 @@ struct Precomputed {
     k: Vector2<f64>,
     /// Phase at the origin now, rad.
     base: f64,
-    /// q A d, m.
+    /// Horizontal displacement amplitude q A d, m.
     reach: Vector2<f64>,
-    /// q A k d d': north-north, north-east, east-east.
+    /// Its gradient q A k d d': north-north, north-east, east-east.
     bend: [f64; 3],
-    /// exp(-k h).
+    /// Decay with depth, exp(-k h).
     decay: f64,
 }
 
-/// Sine and cosine of the sum of two angles, from theirs.
+/// Sine and cosine of the sum of two angles, from those of each angle.
 #[inline(always)]
 fn turned(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0 * b.1 + a.1 * b.0, a.1 * b.1 - a.0 * b.0)
@@ -365,7 +365,7 @@ fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
     config.mean_direction_deg.map_or(drawn, f64::to_radians)
 }
 
-/// Waves of `config`; `each` is the number per irregular system.
+/// Waves of `config`; `each` is the number of waves per irregular system.
 fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<SeaComponent> {
     if config.kind == SeaKind::Paper {
         let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
@@ -390,8 +390,8 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
     systems.iter().enumerate().flat_map(of_system).collect()
 }
 
-/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The first
-/// system's streams have no number in their names.
+/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The stream names
+/// of the first system have no number.
 fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<SeaComponent> {
     let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
     let stream = |name: &str| match k {

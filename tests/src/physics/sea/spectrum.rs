@@ -6,7 +6,7 @@ use rand::{Rng, RngExt};
 
 /// JONSWAP (Hasselmann 1973) without its energy scale, at angular frequency `w` with the peak `peak`, rad/s: `w^-5
 /// exp(-1.25 (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak and 0.09 above. The caller
-/// scales it to the significant height, which cancels the normalisation.
+/// scales the spectrum to the significant height, so that the normalisation cancels.
 pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     if w <= 0.0 {
         return 0.0;
@@ -46,13 +46,13 @@ fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64
         .collect()
 }
 
-/// `n` angular frequencies, rad/s, one drawn in each of `n` parts of equal energy: each component has the same energy,
-/// and no two frequencies have a common period.
+/// `n` angular frequencies, rad/s, one drawn at random in each of `n` parts of equal energy, so that all components
+/// have the same energy and no two frequencies have a common period.
 pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f64> {
     let fractions: Vec<f64> = (0..n)
         .map(|i| (i as f64 + rng.random::<f64>()) / n as f64)
         .collect();
-    // Above three times the peak (2 % of the energy) waves are shorter than the hull.
+    // Above three times the peak frequency (2 % of the energy), waves are shorter than the hull.
     quantiles(
         |w| jonswap_shape(w, peak, gamma),
         0.5 * peak,

@@ -13,7 +13,7 @@ pub enum VesselCourse {
     Straight,
     /// A square with turns to starboard, the first leg along the starting heading.
     Square,
-    /// Turns by 20 to 40 deg to alternate sides every 10 to 20 s, about the starting heading.
+    /// Turns by 20 to 40 deg to alternate sides of the starting heading every 10 to 20 s.
     Zigzag,
     /// Straight, with one turn of 45 to 120 deg to either side.
     Turn,
@@ -95,8 +95,8 @@ config! {
         pub linear_yaw_drag_nms: f64 = 400.0, in 0.0..=2e4;
         /// Quadratic yaw drag, Nm/(rad/s)².
         pub quadratic_yaw_drag_nms2: f64 = 800.0, in 0.0..=2e4;
-        /// Fraction of the water's horizontal motion that acts on surge, sway and yaw: 1 is physical; 0 is the stock
-        /// simulator, whose buoyancy is purely vertical.
+        /// Fraction of the water's horizontal motion that acts on surge, sway and yaw: 1 is physical; 0 is as in the
+        /// original simulator, whose buoyancy is purely vertical.
         pub sideways_coupling: f64 = 1.0, in 0.0..=1.0;
         /// Maximum forward thrust of each of the two engines, N.
         pub thrust_forward_n: f64 = 250.0, in 0.0..=1e5;
@@ -106,8 +106,8 @@ config! {
         pub course: VesselCourse = VesselCourse::Drift;
         /// Speed of the vessel through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
-        /// Start of a course's turn or speed change, s of true time. If missing, it starts 0 to 6 s (drawn) after the
-        /// first descent of a trial, and no node knows it.
+        /// Start of a course's turn or speed change, s of true time. If missing, it starts at a random time 0 to 6 s
+        /// after the first descent of a trial, and no node knows that time.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub change_at_s: Option<f64> = None, in 0.0..=1e6;
         /// Side of the square, m.
@@ -143,7 +143,7 @@ config! {
 }
 
 impl VesselConfig {
-    /// Sets the engines' thrust to that of the quadratic drag at this speed (m/s) with a reserve, at least the thrust
+    /// Sets the engines' thrust to the quadratic drag at this speed (m/s) plus a reserve, and at least to the thrust
     /// for 1.5 m/s.
     pub fn power_for(&mut self, speed_mps: f64) {
         let more = (speed_mps / 1.5).powi(2).max(1.0);

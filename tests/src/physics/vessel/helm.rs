@@ -33,7 +33,7 @@ pub struct Helm {
 
 /// Look-ahead of the line-of-sight guidance, m. Chosen: three times half the default vessel's length.
 const LOOK_AHEAD_M: f64 = 8.0;
-/// Minimum look-ahead in time, s: without it a fast vessel would overshoot its line.
+/// Minimum look-ahead in time, s; without this minimum a fast vessel would overshoot its line.
 const LOOK_AHEAD_S: f64 = 4.0;
 /// Speed up to which the heading loop is that of a slow vessel, m/s. Above it the gain increases with the hull's Munk
 /// moment, which turns the hull across its course with the square of the speed.
@@ -68,7 +68,7 @@ impl Helm {
         }
     }
 
-    /// Starts the course's turn or speed change a drawn time after `t`, s.
+    /// Starts the course's turn or speed change a random time after `t`, s.
     pub fn ask_change(&mut self, t: f64) {
         self.path.ask_change(t);
     }
@@ -97,7 +97,7 @@ impl Helm {
         }
     }
 
-    /// Joint effect of rode, wind and thrusters: a soft spring towards the mean path, with no effect at wave
+    /// Combined effect of anchor rode, wind and thrusters: a soft spring towards the mean path, with no effect at wave
     /// frequencies.
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
@@ -134,7 +134,7 @@ impl Helm {
         let force =
             self.drag[0] * speed + self.drag[1] * speed * speed + mass / SPEED_TIME_S * lack + self.integral;
 
-        // Steering has priority; the common thrust of the engines yields.
+        // Steering has priority: the common thrust of the engines is reduced when they saturate.
         let turn = (0.5 * moment / self.engine_offset).clamp(0.5 * (low - high), 0.5 * (high - low));
         let common = (0.5 * force).clamp(low + turn.abs(), high - turn.abs());
         // More thrust of the port engine turns the bow to starboard.

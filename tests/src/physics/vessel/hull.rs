@@ -6,7 +6,8 @@ use super::config::VesselConfig;
 use crate::physics::sea::WATER_DENSITY;
 
 /// Submerged part of a half-circle section of radius `r` whose keel is `depth` below the water: area (m²), and distance
-/// of its centroid below the circle's centre (m). A section below its flat top has the half circle.
+/// of its centroid below the circle's centre (m). A section whose flat top is submerged has the values of the half
+/// circle.
 pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     let d = depth.clamp(0.0, r);
     if d <= 0.0 {

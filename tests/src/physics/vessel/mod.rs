@@ -85,8 +85,8 @@ pub struct Vessel {
 }
 
 impl Vessel {
-    /// The vessel of `config`, floating at the origin at time zero, at a heading drawn from `vessel/heading` unless
-    /// configured. It moves with the water, and at its set speed unless it drifts.
+    /// The vessel of `config`, floating at the origin at time zero, at a heading drawn from `vessel/heading` unless it
+    /// is configured. The vessel moves with the water, and at its set speed unless its course is to drift.
     pub fn new(config: &VesselConfig, sea: &Sea, streams: &Streams) -> Vessel {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = config.heading_deg.map_or(drawn, f64::to_radians);
@@ -184,7 +184,7 @@ impl Vessel {
             .sum::<Vector6<f64>>()
             + self.pushed;
         core::mem::swap(&mut self.before, &mut self.after);
-        // Future positions of the sections: their error only matters by the slope times the square of dt.
+        // These are future positions of the sections; their error matters only by the slope times the square of dt.
         let here = self.motion;
         let (v, _) = world_rates(&here);
         self.motion.position += v * dt_s;
@@ -224,7 +224,7 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// Starts the course's turn or speed change a drawn time after `t`.
+    /// Starts the course's turn or speed change a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
@@ -330,8 +330,8 @@ impl Vessel {
         let gravity = join(weight, self.centre_of_gravity.cross(&weight));
         let [surge, sway, yaw] = self.steering.into();
         let engines = Vector6::new(surge, sway, 0.0, 0.0, 0.0, yaw);
-        // Hulls that leave the water lose added mass and drag: full above half of the rest volume, proportional below.
-        // With its whole added mass the boat could not fall off a steep crest.
+        // Hulls that leave the water lose added mass and drag: both are full above half of the volume at rest, and
+        // proportional to the volume below. With its full added mass, the boat could not fall off a steep crest.
         let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);
         let from_water = self.added_mass * nu_w_dot
             - coriolis(&self.added_mass, &nu_r)

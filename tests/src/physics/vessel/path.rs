@@ -11,8 +11,8 @@ use super::config::{VesselConfig, VesselCourse};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
-/// Duration of a turn by 90 deg, s; other turns are proportional. Chosen: 11 deg/s, at which a small boat does not
-/// heel.
+/// Duration of a turn by 90 deg, s; for other turns it is proportional to the angle. Chosen: 11 deg/s, at which a small
+/// boat does not heel.
 const TURN_S: f64 = 8.0;
 /// Number of parts of a turn over which the path is integrated.
 const TURN_PARTS: usize = 400;
@@ -20,17 +20,17 @@ const TURN_PARTS: usize = 400;
 const SPEED_CHANGE_S: f64 = 5.0;
 /// Maximum delay of a turn or speed change after the first descent, s: the helmsman does not know of the descent.
 const CHANGE_WITHIN_S: f64 = 4.0;
-/// Longer than any trial, s.
+/// A time longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
-/// Harmonics of a limit cycle: the free drift is a parabola; a thruster pulse is its kink, which the thruster's lag
-/// rounds.
+/// Number of harmonics of a limit cycle. The free drift is a parabola; a thruster pulse is a kink, which the thruster's
+/// lag rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// North and east, m.
     pub position: Vector2<f64>,
-    /// Their derivative, m/s.
+    /// Their derivatives, m/s.
     pub velocity: Vector2<f64>,
     pub heading: f64,
 }
@@ -62,7 +62,7 @@ enum Shape {
 struct Begin {
     /// Start, s; infinite until [`Begin::ask`] is called.
     at: f64,
-    /// Delay after the call, s.
+    /// Delay of the start after that call, s.
     delay: f64,
 }
 
@@ -116,7 +116,7 @@ impl MeanPath {
             VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
             VesselCourse::Zigzag => {
                 let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
-                // The heading of the first leg is half a turn's angle off the mean course.
+                // The heading of the first leg differs from the mean course by half a turn's angle.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
             }
@@ -132,7 +132,7 @@ impl MeanPath {
         path
     }
 
-    /// Starts a course's turn or speed change a drawn time after `t`, s, unless the start is fixed.
+    /// Starts a course's turn or speed change a random time after `t`, s, unless the start is fixed.
     pub fn ask_change(&mut self, t: f64) {
         match &mut self.shape {
             Shape::Turns(turns) => turns.begins.ask(t),
@@ -282,7 +282,7 @@ impl Turns {
         };
         Turns::new(speed, first, FRAC_PI_2, turn, (side - 2.0 * reach) / speed)
     }
-    /// Turns to alternate sides, `between` seconds from one turn to the next.
+    /// Turns to alternate sides; turns begin `between` seconds apart.
     fn zigzag(speed: f64, angle: f64, between: f64) -> Turns {
         let turn = TURN_S * angle.abs() / FRAC_PI_2;
         let first = Begin {
@@ -299,7 +299,7 @@ impl Turns {
         Turns::new(speed, begins, angle, turn, FOR_GOOD_S)
     }
 
-    /// Number of the last turn begun (negative before the first), and the time since its start, s.
+    /// Number of the last turn that has begun (negative before the first), and the time since its start, s.
     fn phase(&self, t: f64) -> (f64, f64) {
         let since = t - self.begins.at;
         if since < 0.0 {
@@ -331,7 +331,7 @@ impl Turns {
             return straight(Vector2::zeros(), speed, first_heading, t);
         }
         let turn = turn as u64;
-        // Four corners close a square; two turns of a zigzag continue along its mean course.
+        // Four corners close a square; after two turns of a zigzag, the path continues along its mean course.
         let cycle = if self.alternates { 2 } else { 4 };
         let steps = |n: u64| (0..n).map(|k| self.step(k, speed)).sum::<Vector2<f64>>();
         let rounds = if self.alternates {

@@ -15,8 +15,8 @@ const ACCELERATION_LIMIT: f64 = 0.5;
 /// Product of a window's bandwidth and length, Hz s.
 const BANDWIDTH: f64 = 1.25;
 const MAX_WINDOW_S: f64 = 1.5;
-/// Ratio of levels between successive orders of differences above which noise is white; sampled motion decreases by
-/// half or more.
+/// Ratio of levels between successive orders of differences above which noise counts as white; for sampled motion the
+/// level decreases by half or more.
 const WHITE: f64 = 0.85;
 
 pub(super) struct Knots<'a> {
@@ -86,8 +86,8 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     Some(text)
 }
 
-/// Shortest window for the permitted error of the second derivative, s: for white noise `sd` at the interval `dt` (`sd
-/// sqrt(720 dt / W^5)`), and for steps of `size`, whose error lasts (worst case `12 size / W²`).
+/// Shortest window for the permitted error of the second derivative, s. White noise `sd` at the interval `dt` causes
+/// `sd sqrt(720 dt / W^5)`; steps of `size`, whose error lasts, cause at worst `12 size / W²`.
 fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     let white = (720.0 * dt * (sd / ACCELERATION_LIMIT).powi(2)).powf(0.2);
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
@@ -235,7 +235,7 @@ fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
                 normal += row * row.transpose() * weight;
                 right += row * (weight * (values[j] - values[i]));
             }
-            // Fewer than four samples, next to a gap, are not smoothed.
+            // Rows with fewer than four samples in the window, next to a gap, are not smoothed.
             let fit = normal.cholesky().map_or(0.0, |l| l.solve(&right)[0]);
             values[i] + fit
         })

@@ -54,10 +54,10 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
 
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
-/// Step of the numerical derivatives in a turn: the world's tick, so that two of three poses are known.
+/// Step of the numerical derivatives in a turn: the world's tick, so that two of the three poses are already known.
 const TURN_STEP: Span = Span::from_millis(10);
 
-/// Why a hull was rejected.
+/// Error of a hull that was rejected.
 #[derive(Debug, Error)]
 pub enum HullError {
     #[error(
@@ -72,7 +72,7 @@ pub enum HullError {
         line: usize,
         message: String,
     },
-    /// The places are invalid.
+    /// The file of the equipment's places is invalid.
     #[error("places of a hull, {origin}: {message}")]
     Places { origin: String, message: String },
 }
@@ -142,7 +142,7 @@ struct Wave {
     k: Vector2<f64>,
     /// Phase at the origin at time zero, rad.
     phase: f64,
-    /// Direction towards which it runs, clockwise from north, rad.
+    /// Direction towards which the wave runs, clockwise from north, rad.
     towards: f64,
     responses: ResponseAtFrequency,
 }
@@ -164,7 +164,7 @@ pub struct ResponseVessel {
 }
 
 impl ResponseVessel {
-    /// The vessel of `hull` in `sea`, at the origin at time zero, at a heading drawn from `vessel/heading` unless
+    /// The vessel of `hull` in `sea`, at the origin at time zero, at a heading drawn from `vessel/heading` unless it is
     /// configured.
     pub fn new(
         hull: &HullFiles,
@@ -202,7 +202,7 @@ impl ResponseVessel {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    /// Starts the course's turn or speed change a drawn time after `t`.
+    /// Starts the course's turn or speed change a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }

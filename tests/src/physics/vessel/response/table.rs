@@ -90,7 +90,7 @@ impl ResponseTable {
             direction: Vec::new(),
             responses: Vec::new(),
         };
-        // Grid position of the next row.
+        // Position of the next row in the grid.
         let (mut column, mut last) = (0, first);
         for (line, row) in rows {
             last = line;
@@ -197,7 +197,7 @@ impl ResponseTable {
             ])
         };
         let inner: Vec<(f64, Response)> = (0..n).map(|j| (self.direction[j], node(j))).collect();
-        // One node beyond either end, which mirrors its neighbour.
+        // The interpolation has one further node beyond either end, which mirrors its neighbour.
         let mut nodes = Vec::with_capacity(n + 2);
         let mirror = |about: f64, (d, r): (f64, Response)| (2.0 * about - d, r.mirrored());
         nodes.push(mirror(0.0, inner[1]));
