@@ -72,7 +72,7 @@ impl Why {
         };
         text.into()
     }
-    /// Remedy, if it is a fault.
+    /// Remedy; None if the reason is not a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
             Why::NotRead
@@ -118,7 +118,7 @@ struct Stamps {
 pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
-    /// Number of two-antenna headings with a float carrier solution, and of all valid ones.
+    /// Number of two-antenna headings with a float carrier solution, and number of all valid two-antenna headings.
     antennas: [u64; 2],
     /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,

@@ -161,7 +161,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
         let t = 0.1 * f64::from(k);
         let attitude = AttitudeFix {
             header: header(t),
-            // With the rounding errors of a rotation.
+            // The rotation adds rounding errors.
             tilt: [0.0175 + 1e-17 * f64::from(k % 3), -0.0175],
             heave: Some(0.0),
             ..AttitudeFix::default()
@@ -196,7 +196,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
 
 #[test]
 fn calm_water_turn_with_a_coarse_attitude() {
-    // A circle in flat water: heading and position change, an attitude in whole degrees does not.
+    // A circle in flat water: heading and position change, but an attitude in whole degrees does not.
     let mut boat = Movement::default();
     for k in 0..3000 {
         let t = 0.1 * f64::from(k);
