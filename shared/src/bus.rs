@@ -100,8 +100,8 @@ pub trait Ports<B: Bus>: Sized {
     fn unsent(&self) -> u64;
 }
 
-/// Checkpoint topic of a node. A node reads its predecessor's checkpoint until it writes its first own one. After that
-/// it does not read, because it would read its own checkpoint back.
+/// Checkpoint topic of a node. A node reads its predecessor's checkpoint until it first writes its own. After that it
+/// stops reading, because it would read its own checkpoint back.
 pub struct Saved<B: Bus, M: Plain> {
     own: B::Writer<M>,
     predecessor: Option<B::Reader<M>>,

@@ -254,7 +254,8 @@ mod tests {
             }
         }
 
-        /// The innovations are linear in the measurement, and the height innovation in the mount's rotation.
+        /// The innovations are linear in the measurement, and the innovation of the height is also linear in the
+        /// mount's rotation.
         #[test]
         fn innovation_variance_by_propagation((u, mut o) in case()) {
             const STEP: f64 = 1e-3;

@@ -70,7 +70,7 @@ pub struct PredictorIn {
 pub struct PredictorOut {
     /// Forecast of the deck, at the predictor's rate, if the deck's position is known.
     pub forecast: Option<DeckForecast>,
-    /// Checkpoint for a successor, with each forecast once the camera has detected the deck.
+    /// Checkpoint for a successor. Published with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 

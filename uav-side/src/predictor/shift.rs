@@ -255,8 +255,8 @@ mod tests {
 
     #[test]
     fn deck_by_relative_place_at_a_jump() {
-        // The receiver measures the deck 2 m off the radio's position, 55 m away. There is no detection that a change
-        // of heading rotates.
+        // The receiver measures the deck 2 m off the radio's position, 55 m away. No detection exists, so a jump of the
+        // heading rotates nothing.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));

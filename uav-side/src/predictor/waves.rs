@@ -83,7 +83,6 @@ impl DeckModes {
             step: modes.modes.iter().map(|m| (m.pole * step_s).exp()).collect(),
         }
     }
-    /// Advances by one step.
     pub fn advance(&mut self) {
         for ((_, c), step) in self.modes.iter_mut().zip(&self.step) {
             for c in c {
@@ -310,7 +309,7 @@ impl Waves {
         begun
     }
 
-    /// Time of validity of the newest modes. None before the first, and after [`Waves::hand_over`].
+    /// Time of validity of the newest modes. None before the first modes, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }

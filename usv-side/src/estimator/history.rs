@@ -113,7 +113,7 @@ mod tests {
     fn history_interpolation() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
-            // The velocity jumps at the third step, which the present acceleration does not show.
+            // The velocity jumps at the third step. The present acceleration does not show the jump.
             eta: [f64::from(k); 3],
             nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
             tilt: Tilt::default(),

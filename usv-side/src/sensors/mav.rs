@@ -46,7 +46,6 @@ const FAILED: u8 = u8::MAX;
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
 
-/// Decodes MAVLink.
 #[derive(Default)]
 pub struct MavlinkDecoder {
     mounting: Mounting,
@@ -78,7 +77,6 @@ fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
 }
 
 impl MavlinkDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),

@@ -49,7 +49,6 @@ const MAX_SPREAD: usize = 1000;
 /// Maximum age of a rate of turn that has its own time, ns.
 const RATE_AGE_NS: i64 = 200_000_000;
 
-/// Decodes NMEA 0183.
 #[derive(Clone, Debug)]
 pub struct NmeaDecoder {
     mounting: Mounting,
@@ -150,7 +149,6 @@ impl Untimed {
 }
 
 impl NmeaDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),

@@ -26,7 +26,6 @@ const PULSE_NS: i64 = 2_000_000_000;
 /// Fraction of a receiver's stated error that changes within a minute (our choice).
 const FAST_FRACTION: f64 = 0.3;
 
-/// Decodes UBX.
 pub struct UbxDecoder {
     mounting: Mounting,
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
@@ -109,7 +108,6 @@ fn name(of: (u8, u8)) -> String {
 }
 
 impl UbxDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         UbxDecoder {
             mounting: mounting.clone(),

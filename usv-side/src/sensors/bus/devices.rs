@@ -37,7 +37,6 @@ const DEGREE_M: f64 = 111_120.0;
 /// Maximum number of devices listed in a remark.
 const MAX_LISTED: usize = 8;
 
-/// Number of groups.
 pub(super) const GROUPS: usize = 8;
 /// Indices of the groups of headings, rates of turn, angular rates, attitudes, positions and velocities.
 pub(in crate::sensors) const HEADINGS: usize = 0;

@@ -33,7 +33,6 @@ struct Open {
     data: Vec<u8>,
 }
 
-/// Decodes NMEA 2000.
 #[derive(Clone, Debug)]
 pub struct N2kDecoder {
     lines: LineBuffer,
@@ -55,7 +54,6 @@ pub(super) fn is_line(text: &str) -> bool {
 }
 
 impl N2kDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         N2kDecoder {
             lines: LineBuffer::new(MAX_LINE),

@@ -83,7 +83,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     const ANGLE: f64 = 1e-4;
     // Valid directions are from zero to a full turn.
     let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
-    // Reference: true or magnetic north. If it is invalid or not stated, so is the angle.
+    // Reference: true or magnetic north. If the reference is invalid or not stated, the angle is not used.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
         1 => Some(true),

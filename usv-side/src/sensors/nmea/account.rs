@@ -11,8 +11,8 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Fraction of one kind's sentences above which repeated time stamps are normal for the source rather than duplicate
-/// datagrams, and headings of a float carrier solution are not a start-up effect.
+/// Fraction of one kind's sentences above which an irregularity is normal for the source: repeated time stamps are then
+/// not duplicate datagrams, and headings of a float carrier solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
 /// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).

@@ -123,7 +123,6 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// Creates a decoder for a source with this mounting.
     pub(super) fn new(mounting: &Mounting) -> Self {
         Carried {
             decoder: N2kDecoder::new(mounting),
@@ -291,7 +290,6 @@ impl Carried {
     }
 }
 
-/// Parses hexadecimal digits.
 fn hex(text: &str) -> Option<Vec<u8>> {
     HEXUPPER_PERMISSIVE.decode(text.as_bytes()).ok()
 }

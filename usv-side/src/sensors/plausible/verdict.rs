@@ -82,7 +82,6 @@ impl ChannelState {
         }
         self.out && !was_out
     }
-    /// Counts a value.
     pub(super) fn count(&mut self, believed: bool) {
         self.taken += 1;
         self.left_out += u64::from(!believed);

@@ -40,7 +40,6 @@ struct When {
     stamp_ns: Option<i64>,
 }
 
-/// Decodes Signal K.
 #[derive(Clone, Debug)]
 pub struct SignalKDecoder {
     lines: LineBuffer,
@@ -69,7 +68,6 @@ pub struct SignalKDecoder {
 }
 
 impl SignalKDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         let mut bus = SensorBus::new(mounting);
         bus.name(MAX_SOURCES as u32, ["others", ""]);
