@@ -236,7 +236,7 @@ impl BeaconTrack {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
-        // The measured part of the slow error decays with it.
+        // The measured part of the slow error decays with the error's correlation time.
         let (offset, slow) = self.offset.map_or((Vector2::zeros(), slow), |(at, offset)| {
             let keeps = (-(now - at).secs().max(0.0) / BIAS_TIME_S).exp();
             (offset * keeps, slow * (1.0 - keeps * keeps))
@@ -377,7 +377,7 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame has moved, and with it the position.
+        // The drone's frame has moved, so the position has moved too.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()

@@ -199,7 +199,7 @@ impl Filter {
                 // The starting point of an integrated velocity is arbitrary and not wave motion.
                 a.x[if course { MEAN } else { HEAD }] += change.value[i];
                 a.x[HEAD + 1] += change.rate[i];
-                // Pseudo-measurement: according to the vessel, the newer modes leave a residual of the usual size.
+                // Pseudo-measurement: the newer modes leave a residual of the size that the vessel states.
                 if let Some(o) = oscillators.first() {
                     let var = o.sd[i].powi(2);
                     if !course {
@@ -486,7 +486,8 @@ fn turning(s: &FilterState) -> Option<Turning> {
 }
 
 /// Rotates the mean velocity of a turning vessel over the last `dt` (s): `v' = omega x v`, the coordinated turn
-/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7). Only the means are rotated. Heel and trim rotate as well.
+/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7). Heel and trim are rotated as well. Only the means are rotated,
+/// not the covariances.
 fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;

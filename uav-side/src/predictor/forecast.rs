@@ -340,7 +340,7 @@ mod tests {
         let [first, .., last] = &stages[..] else {
             panic!("{} stages", stages.len());
         };
-        // Heel and trim are constant in the vessel's axes, and so is the height of the deck.
+        // In the vessel's axes, heel, trim and the height of the deck are constant.
         for s in [first, last] {
             assert!(s.velocity[2].abs() < 1e-3, "{:?}", s.velocity);
             assert!(

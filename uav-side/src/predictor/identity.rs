@@ -61,8 +61,8 @@ const MIN_VARIANCE: f64 = 0.05;
 /// Sampling interval of the tilt, s, chosen because errors of successive images are correlated; and minimum number of
 /// samples per deck, which covers half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Interval between independent samples, s. Errors keep their sign for this long, tags are viewed from one side for
-/// this long, and half a wave takes as long.
+/// Interval between independent samples, s. Errors keep their sign for this long, for example while tags are viewed
+/// from one side. It is also half a wave period.
 const INDEPENDENT_S: f64 = 3.0;
 /// Minimum log likelihood ratio of each single motion. Tilt and height belong to one hull, so none of them may
 /// contradict the others.

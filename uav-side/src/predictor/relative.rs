@@ -211,7 +211,7 @@ impl RelativeTrust {
         let recent = |d: &MeanDifference| (0.0..=MEAN_TIME_S).contains(&(tag.at - d.at).secs());
         let (mean, n) = self.difference.filter(recent).map_or((apart, 1.0), |d| {
             let n = d.n + 1.0;
-            // Plain mean at first.
+            // The first samples have equal weights.
             let gain = low_pass_gain((tag.at - d.at).secs(), MEAN_TIME_S).max(1.0 / n);
             (d.mean + (apart - d.mean) * gain, n)
         });

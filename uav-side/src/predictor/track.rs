@@ -213,7 +213,7 @@ mod tests {
         let before = t.at(Time::from_secs(1.0)).unwrap();
         assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
         assert!((before.position.x - 1.0).abs() < 1e-9);
-        // The detection is now two metres north of the drone.
+        // The detection was two metres north of the drone, about which it is rotated.
         let point = jump.of(&Vector3::new(3.01, 0.0, 1.0));
         assert!((point - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }

@@ -39,7 +39,8 @@ const WANTED: [(u32, f32); 6] = [
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: attitude valid.
 const ATTITUDE_GOOD: u16 = 1;
-/// Number of attitudes rejected after a report without that flag, unless a report with it arrives: 10 s at 25 Hz.
+/// Number of attitudes rejected after a report without that flag: 10 s at 25 Hz. A report with the flag ends the
+/// rejection.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;

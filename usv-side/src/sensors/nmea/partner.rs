@@ -19,7 +19,7 @@ pub(in crate::sensors) struct Partner {
 }
 
 impl Default for Partner {
-    /// A part that never arrived and is not waited for.
+    /// State of a part that has never arrived and is not awaited.
     fn default() -> Self {
         Partner {
             newest_ns: None,
