@@ -17,7 +17,7 @@ use crate::step::{Parts, Recorded, Step};
 use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
-/// Transport of topics between rows.
+/// Transport of topics between the rows of a computer.
 pub trait Bus {
     /// Error when a port cannot be opened.
     type Error;
@@ -73,9 +73,9 @@ pub trait Wired: Node<In: Recorded + Clone + DeserializeOwned, Out: Recorded> + 
     /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
 
-    /// Shows the parts of an input that topics bring, each an `Option` or a `Vec` of messages.
+    /// Passes the parts of an input that come from topics to `each`. Each part is an `Option` or a `Vec` of messages.
     fn read_parts(input: &mut Self::In, each: &mut dyn FnMut(&mut dyn Any));
-    /// Shows the parts of an output that go to topics, each a collection of messages.
+    /// Passes the parts of an output that go to topics to `each`. Each part is a collection of messages.
     fn written_parts(out: &Self::Out, each: &mut dyn FnMut(&dyn Any));
 }
 
@@ -90,7 +90,7 @@ pub trait Ports<B: Bus>: Sized {
     fn join(bus: &B) -> Result<Self, B::Error>;
     /// Opens the signals that wake the node.
     fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error>;
-    /// Reads all input since the last read; `now_ns` is on the computer's clock.
+    /// Reads all input that arrived since the last read; `now_ns` is on the computer's clock.
     fn read(&mut self, now_ns: i64) -> Self::In;
     /// Writes an output, its checkpoint first. Returns whether it contained anything besides the checkpoint.
     fn write(&mut self, out: &Self::Out) -> bool;
@@ -100,8 +100,8 @@ pub trait Ports<B: Bus>: Sized {
     fn unsent(&self) -> u64;
 }
 
-/// Checkpoint topic of a node. The node reads its predecessor's checkpoint until it writes its own, which it would
-/// otherwise read back.
+/// Checkpoint topic of a node. A node reads its predecessor's checkpoint until it first writes its own. After that it
+/// stops reading, because it would read its own checkpoint back.
 pub struct Saved<B: Bus, M: Plain> {
     own: B::Writer<M>,
     predecessor: Option<B::Reader<M>>,
@@ -146,7 +146,7 @@ impl<N: Wired> Edge<N> for () {}
 /// Maximum time between two steps of a row without messages.
 pub const MAX_WAIT: Span = Span::from_millis(20);
 
-/// Node with its ports, run by one process.
+/// A node with its ports, run by one process.
 pub struct Row<N: Wired, B: Bus> {
     /// The node.
     pub node: N,
@@ -172,7 +172,7 @@ pub struct RowStep<N: Node> {
 }
 
 impl<N: Wired> RowStep<N> {
-    /// The step as an observer sees it, from the start of a process with this boot id.
+    /// This step as an observer sees it, from a start of a process with this boot id.
     pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
         Step {
             process,
@@ -271,7 +271,7 @@ impl ReadCounts {
                 self.missed += ahead as u64 - 1;
                 self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
-            // An overtaken message that was counted as missed, or a repeated one.
+            // A message that was counted as missed because others overtook it, or a repeated message.
             Some(behind @ -63..=0) => {
                 let own = 1 << -behind;
                 self.missed -= u64::from(self.read & own == 0);
@@ -365,9 +365,9 @@ macro_rules! computer {
                 make(nodes, boot)
             }
         })*
-        /// Operation on a row, for any node type.
+        /// Operation that can be performed on the row of any node type.
         pub trait $visitor: Sized {
-            /// Result for a row.
+            /// Result of the operation.
             type Found;
             /// Performs the operation on the row of this node.
             fn row<N: $kind + 'static>(self) -> Self::Found;
@@ -419,7 +419,7 @@ pub use crate::readers;
 /// ```
 ///
 /// Inputs from an edge (packets, frames of a link) stay empty and are filled by the owner of the edge. `edge` and
-/// `saves` are optional. The macro does not compile if a field of the input is not named.
+/// `saves` are optional. The code does not compile if a field of the input is not named.
 #[macro_export]
 macro_rules! wiring {
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
@@ -613,7 +613,7 @@ mod tests {
         let again = ports.read(0);
         assert!(again.plan_in.is_none() && again.ranges.is_empty());
 
-        // The checkpoint is written first. From then on, the predecessor's is not read any more.
+        // The checkpoint is written first. From then on, the predecessor's checkpoint is not read any more.
         assert!(!ports.write(&Out {
             kept: Some(MissionCheckpoint::default()),
             ..Out::default()

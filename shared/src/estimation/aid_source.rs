@@ -1,13 +1,13 @@
-//! Record of one measurement source of a filter, modelled on the aid sources of PX4's EKF2. From it the filter decides
-//! whether to use the source, to stop using it, or to accept it again after rejections.
+//! Record of one measurement source of a filter, modelled on the aid sources of PX4's EKF2. The filter uses it to
+//! decide whether to use the source, to stop using it, or to accept it again after rejections.
 
 use crate::time::{Clock, Time};
 
-/// Maximum ratio between the innovations of one run of rejections. A jump of the source is roughly constant; noise is
-/// not.
+/// Maximum ratio between the innovations of one run of rejections. The innovations of a jump are roughly constant;
+/// those of noise are not.
 const CONSISTENT: f64 = 2.0;
 
-/// Newest measurement of a source, compared with a filter's prediction.
+/// Newest measurement of a source and its innovation in a filter.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AidSource<C: Clock> {
     /// Time of the newest measurement.

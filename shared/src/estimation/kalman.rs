@@ -159,8 +159,8 @@ impl Gaussian {
             .sum()
     }
 
-    /// Fuses with the last [`Gaussian::project`]ed row: `x += P h' nu / S`, and [`reduce_covariance`].
-    /// `s` may exceed `h P h' + r` when the innovation carries further independent errors.
+    /// Fuses a measurement with the row that was last passed to [`Gaussian::project`]: `x += P h' nu / S`, and
+    /// [`reduce_covariance`]. `s` may exceed `h P h' + r` if the innovation contains other independent errors.
     pub fn fuse_projected(&mut self, innovation: f64, s: f64) {
         self.x.axpy(innovation * (1.0 / s), &self.column, 1.0);
         let n = self.len();

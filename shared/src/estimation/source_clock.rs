@@ -1,12 +1,12 @@
 //! Offset between a sensor's clock and the local clock.
 //!
-//! A sensor answers no time requests; the only constraint is that no measurement arrives before it is made. The
-//! smallest difference between arrival time and source time is the clock offset plus the minimum delay, from which the
-//! configured latency of the sensor may be subtracted. Measurements keep the intervals given by their source, however
-//! they were delayed.
+//! A sensor answers no time requests, so the only constraint is that no measurement arrives before it is made. The
+//! smallest difference between arrival time and source time is the clock offset plus the minimum delay. The configured
+//! latency of the sensor may be subtracted from it. Measurements keep the intervals given by their source, however long
+//! each of them was delayed.
 //!
-//! A wrong time stamp that lies ahead also produces a small difference. No other measurement comes near it, so it is
-//! discarded after a timeout.
+//! A wrong time stamp that lies in the future also produces a small difference. No other measurement confirms it, so it
+//! is discarded after a timeout.
 
 use super::OffsetBounds;
 use crate::time::{Clock, Span, Time};
@@ -16,22 +16,22 @@ pub const CLOCK_DRIFT: f64 = 1e-4;
 /// Maximum deviation from the offset that counts as delay, s. Beyond it, the time stamp is wrong or the source has
 /// restarted.
 const MAX_DELAY_S: f64 = 2.0;
-/// Number of consecutive times, all later by the same amount and by more than any delay, after which the source is
-/// assumed to have restarted.
+/// Number of consecutive times that are all later by the same amount, which exceeds any delay, after which the source
+/// is assumed to have restarted.
 const AGREEING: u32 = 10;
-/// Maximum arrival jitter, s. An admitted fix or heading is at most about this old.
+/// Maximum arrival jitter, s. It is also roughly the maximum age of an admitted fix or heading.
 pub const JITTER_S: f64 = 0.3;
 /// Time over which consecutive time stamps must deviate from the offset by the same amount before the source's clock is
-/// assumed to have been set, s. It applies when no delay explains the deviation: a time stamp was repeated while
+/// assumed to have been set, s. It applies to deviations that no delay explains. Either a time stamp was repeated while
 /// messages kept arriving (set back, as at a leap second), or the measurement would arrive before it was made (set
 /// forward). Two time stamps at 1 Hz with arrival jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// Same for deviations that a delay may explain, s. A backlog is cleared within this time.
+/// Equal time for deviations that a delay may explain, s. A backlog is cleared within this time.
 pub const HELD_UP_S: f64 = 10.0;
-/// Maximum difference at which a second offset confirms a smaller one, s.
+/// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;
-/// Time without confirmation after which an offset is discarded, s. [`AGREEING`] others are required as well, and the
-/// offset is kept for at least as long as it was confirmed, because a line may be congested.
+/// Time without confirmation after which an offset is discarded, s. This also requires [`AGREEING`] other offsets, and
+/// the offset is kept for at least as long as it was confirmed, because a line may be congested.
 const UNSUPPORTED_S: f64 = 3.0;
 
 /// Estimate of a source's clock offset.
@@ -39,7 +39,7 @@ const UNSUPPORTED_S: f64 = 3.0;
 pub struct SourceClock<C: Clock> {
     /// Local clock minus source clock, at the last update.
     offset: Option<Smallest<C>>,
-    /// A different offset observed since.
+    /// A different offset that was observed since the last update.
     other: Option<Other<C>>,
     /// Newest source time, ns.
     newest_ns: Option<i64>,
@@ -55,7 +55,7 @@ struct Smallest<C: Clock> {
     /// Times of the first and the newest offset that confirm it.
     since: Time<C>,
     supported: Time<C>,
-    /// Smallest of the later offsets that do not confirm it, and their number.
+    /// Smallest of the later offsets that do not confirm this one, and number of these offsets.
     later: (Span, u32),
 }
 
@@ -68,8 +68,8 @@ impl<C: Clock> Smallest<C> {
             later: (Span::MAX, 0),
         }
     }
-    /// Minimum of this offset, `drifted`, and `measured`. Falls back to the later ones if this one is no longer
-    /// confirmed.
+    /// Minimum of this offset, propagated as `drifted`, and `measured`. Falls back to the later offsets if this one is
+    /// no longer confirmed.
     fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
         let now = measured.at;
         let excess_s = (measured.high - drifted.high).secs();
@@ -106,7 +106,7 @@ struct Other<C: Clock> {
     max: Span,
     count: u32,
     since: Time<C>,
-    /// The first time stamp cannot be explained by a delay.
+    /// Whether the first time stamp cannot be explained by a delay.
     stepped: bool,
 }
 
@@ -143,10 +143,10 @@ impl<C: Clock> SourceClock<C> {
             (self.offset, self.newest_ns) = (Some(Smallest::new(measured)), Some(at_ns));
             return Some(now - latency);
         };
-        // Smallest offset so far, plus the maximum drift since.
+        // Smallest offset so far, plus the maximum drift since then.
         let drifted = known.bounds.drifted(now, CLOCK_DRIFT);
         let excess = measured.high - drifted.high;
-        // A clock that is set back repeats a time while messages keep arriving.
+        // After it is set back, a clock repeats a time while messages keep arriving.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
         if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
             self.other = None;
@@ -161,8 +161,8 @@ impl<C: Clock> SourceClock<C> {
         }
         Some(Time::from_nanos(at_ns) + self.offset?.bounds.high - latency)
     }
-    /// Counts an offset that deviates by `excess`; `again` if its time was repeated. Returns the new offset once it is
-    /// confirmed.
+    /// Counts an offset that deviates by `excess`. `again`: its time stamp was repeated. Returns the new offset once it
+    /// is confirmed.
     fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
         let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
         let own = Other {
@@ -179,7 +179,8 @@ impl<C: Clock> SourceClock<C> {
             count: o.count.saturating_add(1),
             ..o
         });
-        // A running clock keeps its offset. The offset drifts if the clock stands still or a backlog is being cleared.
+        // If the source's clock runs, its offset is constant. The offset drifts if the clock stands still or a backlog
+        // is being cleared.
         let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
         let other = if agrees { other } else { own };
         self.other = Some(other);
@@ -247,8 +248,8 @@ mod tests {
         assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
     }
 
-    /// Time stamps at 5 Hz with 50 ms arrival jitter. Returns the errors of the local times from `from` s on; None
-    /// where rejected.
+    /// Decodes time stamps at 5 Hz with 50 ms arrival jitter. Returns the errors of the local times from `from` s on;
+    /// None for a rejected time.
     fn dated(
         step_at_s: f64,
         step_s: f64,
@@ -331,7 +332,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
-        /// Runs of time stamps that lie ahead: local times are correct again after the duration of a run plus 4 s.
+        /// After a run of time stamps in the future, local times are correct again within the duration of the run plus
+        /// 4 s.
         #[test]
         fn source_clock_after_runs_of_stamps_ahead(
             hz in 5_i64..50,

@@ -13,7 +13,7 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Its address on the autopilot's link: a tracker with its own system id.
+/// Address on the autopilot's link: a tracker with its own system id.
 pub const BEACON: Address = Address::new(42, 1);
 
 config! {

@@ -1,5 +1,5 @@
-//! Agreement of independent measurements of the deck: its height by the rangefinder and by the camera, its position by
-//! the camera and by the radio. A fault in one of them shows as a disagreement: images with late time stamps show a
+//! Agreement of independent measurements of the deck: its height by the rangefinder and by the camera, and its position
+//! by the camera and by the radio. A fault in one of them shows as a disagreement: images with late time stamps show a
 //! heaving deck at a past height; the tags of a neighbouring deck have the right ids at the wrong position.
 
 use alight_shared::estimation::low_pass;
@@ -59,8 +59,8 @@ impl HeightAgreement {
 }
 
 /// Horizontal distance between the positions by vision and by radio, and its limit from the spread of both, m. `offset`
-/// is vision minus radio, north and east; `taken` is the part caused by jumps of the autopilot's estimate since the
-/// deck was detected; `more` is a further variance of the offset, m².
+/// is vision minus radio, north and east. `taken` is the part of the offset caused by jumps of the autopilot's estimate
+/// since the deck was detected. `more` is an additional variance of the offset, m².
 pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
@@ -87,7 +87,7 @@ mod tests {
     #[test]
     fn rangefinder_that_contradicts_for_seconds() {
         let at = Time::from_secs(6.0);
-        // Errors as stated; one false echo; late images of a heaving deck.
+        // Errors as stated, a single false echo, and late images of a heaving deck.
         let sound = after(6.0, |t| 1.4 * (40.0 * t).sin()).value(at).unwrap();
         assert!((0.7..1.6).contains(&sound), "{sound}");
         let gull = after(6.0, |t| if (3.0..3.1).contains(&t) { 40.0 } else { 1.0 })
@@ -96,7 +96,7 @@ mod tests {
         assert!(gull < 9.0, "{gull}");
         let late = after(6.0, |t| 6.0 * (1.3 * t).sin()).value(at).unwrap();
         assert!(late > 12.0, "{late}");
-        // The first reading after a station without readings; a lasting contradiction is found.
+        // The first reading after a time without readings is not a contradiction; a lasting contradiction is found.
         let mut station = after(6.0, |_| 1.0);
         station.take(Time::from_secs(60.0), 40.0);
         let spot = station.value(Time::from_secs(60.0)).unwrap();

@@ -1,17 +1,17 @@
 //! Kalman filter of one degree of freedom of the deck.
 //!
 //! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of vision,
-//! (value, rate) per oscillator]`. The deck is `mean + sum of values`. The radio measures the deck plus its own slow
-//! error (the vessel's GNSS and compass errors), vision the deck plus its own (the drone's GNSS error, camera mount).
-//! Both errors are first-order Gauss-Markov processes. So is the drift, the velocity error of the odometry, which
-//! integrates into vision's slow error. The rotation (camera mount, attitude) shifts distant detections north and east
-//! and becomes observable during the descent. The oscillators are Fossen's wave filter (2011, section 8.2.6),
-//! discretised exactly.
+//! (value, rate) per oscillator]`. The deck's position or angle is `mean + sum of values`. The radio measures it with
+//! the radio's slow error (errors of the vessel's GNSS and compass), vision with vision's slow error (drone's GNSS
+//! error, camera mount). Both errors are first-order Gauss-Markov processes. The drift is another one: the velocity
+//! error of the odometry, which integrates into vision's slow error. The rotation (camera mount, attitude) shifts
+//! distant detections north and east and becomes observable during the descent. The oscillators are Fossen's wave
+//! filter (2011, section 8.2.6), discretised exactly.
 //!
-//! The degrees of freedom are chosen to be decoupled: position of the deck's centre (not of the vessel's reference
-//! point) in NED, its height for a level vessel (see `lever_arm_heave`), and the tilt for a vessel that heads north by
-//! its own compass, so that a turn does not affect the waves. Six filters of at most 18 states cost a tenth of a joint
-//! one.
+//! The degrees of freedom are chosen to be decoupled. They are the position of the deck's centre (not of the vessel's
+//! reference point) in NED, with its height for a level vessel (see `lever_arm_heave`), and the tilt for a vessel that
+//! heads north by its own compass, so that a turn does not affect the waves. Six filters of at most 18 states cost a
+//! tenth of a joint filter.
 
 use alight_shared::estimation::reduce_covariance;
 
@@ -30,7 +30,8 @@ pub const RADIO: usize = 2;
 pub const VISION: usize = 3;
 /// Drift of vision: velocity error of the odometry.
 pub const DRIFT: usize = 4;
-/// Rotation of vision, rad. Times the distance along the line of sight, it is the shift of a detection along this axis.
+/// Rotation of vision, rad. Multiplied by the distance along the line of sight, it gives the shift of a detection along
+/// this axis.
 pub const TURN: usize = 5;
 /// Maximum number of states.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
@@ -50,15 +51,15 @@ pub enum MeasurementRow {
     Radio,
     /// Position in the drone's frame: level plus vision's slow error.
     Vision,
-    /// Camera measurement; the value is the lever arm of vision's rotation, m.
+    /// Camera measurement: level plus vision's slow error and rotation. The value is the lever arm of the rotation, m.
     Camera(f64),
     /// Vision's slow error minus the radio's.
     Offset,
     /// Vision's rotation.
     Turn,
-    /// Rate of mean and waves.
+    /// Rate of the level, i.e. of mean and waves.
     Rate,
-    /// Residual of the modes.
+    /// Residual of the modes: sum of the oscillators.
     Residual,
     /// Rate of the residual.
     ResidualRate,
@@ -77,7 +78,7 @@ pub struct Innovation {
 
 /// Non-zero entries of measurement matrix row `row`, for a filter with `n` states.
 fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> {
-    // Entries of the head, and index of the first oscillator included.
+    // Entries of the head, and index of the first oscillator that is included.
     let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
         MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
         MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
@@ -108,9 +109,9 @@ pub struct AxisNoise {
     pub mean_walk: f64,
     /// Variance per second of the mean rate's random walk.
     pub rate_walk: f64,
-    /// Random walk of the mean rate (1 s) as a fraction of the mean speed.
+    /// Random walk of the mean rate after 1 s, as a fraction of the mean speed.
     pub speed_walk: f64,
-    /// Random walk of the mean rate (1 s) per lateral acceleration in a turn, s.
+    /// Random walk of the mean rate after 1 s, per lateral acceleration in a turn, s.
     pub turn_walk: f64,
     /// Decay time of the mean rate, s.
     pub rate_time: f64,
@@ -142,11 +143,11 @@ pub struct OscillatorStep {
     /// Time step, s.
     pub dt: f64,
     pub count: usize,
-    /// By degree of freedom.
+    /// Transitions by degree of freedom.
     transitions: [OscillatorTransition; AXES],
 }
 
-/// Blocks by oscillator.
+/// Transition and noise of the oscillators, in blocks by oscillator.
 #[derive(Clone, Copy, Debug)]
 pub struct OscillatorTransition {
     /// Row-major 2 x 2 blocks.
@@ -205,7 +206,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Level with standard deviation `sd`, rate with `rate_sd`, waves and errors at their stationary spread.
+    /// Starts at this level with standard deviation `sd`, a rate of zero with `rate_sd`, and waves and errors with
+    /// their stationary spread.
     pub fn new(
         noise: &AxisNoise,
         oscillators: &[Oscillator],
@@ -267,7 +269,7 @@ impl Axis {
             }
         }
     }
-    /// Replaces all oscillators by one, their sum, with covariance `T P T'`.
+    /// Replaces all oscillators by a single one that is their sum, with covariance `T P T'`.
     pub fn fold_oscillators(&mut self) {
         for k in (HEAD + 2..self.n).step_by(2) {
             for (to, from) in [(HEAD, k), (HEAD + 1, k + 1)] {

@@ -1,5 +1,5 @@
-//! Position of the vessel from its beacon or from its last known position: a Kalman filter of position and velocity per
-//! horizontal axis, plus the beacon's slow error, which the camera measures once it detects the deck.
+//! Position of the vessel from its beacon or from its last known position. Each horizontal axis has a Kalman filter of
+//! position and velocity. The beacon's slow error is measured by the camera once it detects the deck.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
@@ -20,7 +20,7 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Correlation time of a receiver's slow error, s; same as for the vessel's receiver.
+/// Correlation time of a receiver's slow error, s; the same as for the vessel's receiver.
 const BIAS_TIME_S: f64 = 300.0;
 /// Fraction of a beacon's stated error that is white between messages.
 const WHITE: f64 = 1.0 / 3.0;
@@ -30,21 +30,20 @@ const VELOCITY_WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
 /// Error of the drone's own receiver per axis, m.
 const OWN_SD_M: f64 = 1.0;
-/// Error of mean sea level as the water level, m: tides, geoid, the receiver's height. Half the maximum that the
-/// mission allows when it checks a height against the sea.
+/// Difference between mean sea level and the water level, m: tides, geoid, the receiver's height. It is half the
+/// maximum that the mission allows when it checks a height against the sea.
 const SEA_SD_M: f64 = 4.0;
 /// Tilt (rad) and heave rate (m/s) of an undetected deck: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
-/// Silence after which a beacon may be replaced by another of at least equal accuracy, s: three messages of slow
-/// beacons.
+/// Silence after which another beacon of at least equal accuracy replaces a beacon, s: three messages of slow beacons.
 const REPLACED_AFTER_S: f64 = 3.0;
-/// Maximum error of a second beacon, as a fraction of the active one's, for it to replace an active beacon: half the
-/// variance. A change discards velocity and offset of the track, and two beacons of similar accuracy must not
+/// Maximum error of a second beacon that replaces an active beacon, as a fraction of the active beacon's error: half
+/// the variance. A change discards velocity and offset of the track, and two beacons of similar accuracy must not
 /// alternate.
 const MORE_EXACT: f64 = 0.7;
-/// Time for which the last velocity is extrapolated when nothing is received or detected any more, s. By then even a
-/// vessel at rest may be outside the range of a search.
+/// Time for which the last velocity is extrapolated once nothing is received or detected any more, s. After that time,
+/// even a vessel at rest may be outside the range of a search.
 const LAST_KNOWN_S: f64 = 300.0;
 /// Minimum speed at which the course is used as heading, m/s.
 const COURSE_MPS: f64 = 0.5;
@@ -63,7 +62,7 @@ impl Axis {
             p: Matrix2::from_diagonal(&noise(m)),
         }
     }
-    /// State `dt` s later, for a vessel at this speed, m/s.
+    /// State after another `dt` seconds, for a vessel at this speed, m/s.
     fn after(&self, dt: f64, speed_mps: f64) -> Axis {
         let f = Matrix2::new(1.0, dt, 0.0, 1.0);
         let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
@@ -88,7 +87,7 @@ fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
 
-/// Present estimate by the beacon.
+/// Present estimate from the beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconEstimate {
     /// Centre of the deck, north and east in the drone's NED, m.
@@ -175,7 +174,7 @@ impl BeaconTrack {
         let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
         (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
     }
-    /// Adds a checked message to the track. A message from another source replaces the track if the current one has
+    /// Adds a checked message to the track. A message from another source replaces the track if the current track has
     /// ended, is clearly less accurate, or is silent and not more accurate. Returns whether the message is used.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
@@ -221,7 +220,7 @@ impl BeaconTrack {
             *offset += jump.moved.xy() - jump.datum.xy();
         }
     }
-    /// Position by the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
+    /// Position by the beacon alone, in the drone's NED, m. None if the vessel is too far away for a tangent plane.
     fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
         let origin = Datum {
             height_m: 0.0,
@@ -237,7 +236,7 @@ impl BeaconTrack {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
-        // The measured part of the slow error decays with it.
+        // The measured part of the slow error decays with the error's correlation time.
         let (offset, slow) = self.offset.map_or((Vector2::zeros(), slow), |(at, offset)| {
             let keeps = (-(now - at).secs().max(0.0) / BIAS_TIME_S).exp();
             (offset * keeps, slow * (1.0 - keeps * keeps))
@@ -254,7 +253,7 @@ impl BeaconTrack {
 }
 
 impl BeaconEstimate {
-    /// Distance of `o` from the beacon's position, and its limit, m.
+    /// Distance of the observation `o` from the beacon's position, and the limit of that distance, m.
     pub(super) fn apart(&self, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
@@ -349,8 +348,8 @@ mod tests {
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
     }
 
-    /// Reception ends with the vessel known to 0.3 m and 0.1 m/s: the position becomes as uncertain as that of a
-    /// sortie's beacon.
+    /// When reception ends, the vessel is known to 0.3 m and 0.1 m/s. Its position then becomes as uncertain as that of
+    /// a sortie's beacon.
     #[test]
     fn vessel_known_last() {
         let level = |value, sd| Level { value, sd };
@@ -378,7 +377,7 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame has moved, and the position with it.
+        // The drone's frame has moved, so the position has moved too.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()
@@ -424,7 +423,7 @@ mod tests {
         let (mut track, now) = (followed(20), Time::from_secs(23.5));
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
-        // The error of an old message exceeds the stated one.
+        // An old message has a larger error than its stated one.
         let now = Time::from_secs(200.0);
         for (at_s, counts) in [(20.0, false), (200.0, true)] {
             let mut track = None;

@@ -1,6 +1,6 @@
-//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. In the last half metre
-//! the camera cannot detect the deck, so a predictor restarted there would know its position only to the error of two
-//! GNSS receivers.
+//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. The camera cannot
+//! detect the deck in the last half metre, so a predictor that restarts there without a checkpoint would know its
+//! position only to the error of two GNSS receivers.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
@@ -32,7 +32,7 @@ pub(super) fn variances(
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
-/// Whether the odometry's origin is unchanged: the drone has moved according to its velocities.
+/// Whether the odometry's origin is unchanged, i.e. the drone has moved as its velocities predict.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
         return false;
@@ -48,8 +48,8 @@ fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     (moved - mean * dt).norm() <= JUMP_M
 }
 
-/// Variance of an offset after `age` (s). Both slow errors continue; the odometry's drift is constant in the worst
-/// case.
+/// Variance of an offset after `age` (s). Both slow errors continue to change; the odometry's drift is constant in the
+/// worst case.
 fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
     let walk = |(sd, time): (f64, f64)| 2.0 * sd * sd * age / time;
     variance + walk(noise.radio) + walk(noise.vision) + (noise.drift.0 * age).powi(2)

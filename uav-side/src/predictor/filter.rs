@@ -34,12 +34,12 @@ const MAX_BEND_RAD: f64 = 1.0;
 /// Degrees of freedom that are rejected as a group.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 
-/// Outcome of an observation.
+/// Outcome of fusing an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fused {
     /// Fused completely.
     All,
-    /// Number of groups of degrees of freedom rejected as outliers.
+    /// Partly or not fused: number of groups of degrees of freedom rejected as outliers.
     Gated(u32),
     /// Older than the stored history.
     Late,
@@ -62,7 +62,7 @@ struct Entry {
 pub struct Filter {
     noise: [AxisNoise; AXES],
     gate: f64,
-    /// Error of the vessel's tilt that all its estimates share, rad.
+    /// Tilt error of the vessel that is common to all its estimates, rad.
     common_tilt: f64,
     entries: VecDeque<Entry>,
     spare: Vec<Box<FilterState>>,
@@ -73,13 +73,14 @@ pub struct Filter {
     observed: [bool; AXES],
     /// Whether the newest position in the drone's frame is a relative position of the moving base.
     by_relative: bool,
-    /// Jumps of the autopilot's estimate that separate vision's slow error from the radio's, north and east, m.
+    /// Sum of the jumps of the autopilot's estimate that changed vision's slow error relative to the radio's, north and
+    /// east, m.
     taken: [f64; 2],
     started: Time<DroneClock>,
 }
 
 impl Filter {
-    /// Initialises the filters from `first`. Degrees of freedom that it lacks start level.
+    /// Initialises the filters from `first`. Degrees of freedom that `first` does not contain start level.
     pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &DeckObservation) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
@@ -157,7 +158,7 @@ impl Filter {
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
-    /// Noise parameters in state `s`. Under way the helmsman and the waves change the mean velocity; in a turn it
+    /// Noise parameters in state `s`. Under way, the helmsman and the waves change the mean velocity. In a turn it
     /// changes by more than the turn itself, because the hull slips sideways and slows down. Without the radio a
     /// constant course is assumed, because vision cannot distinguish a change of the mean velocity from waves.
     pub fn noise(&self, s: &FilterState) -> [AxisNoise; AXES] {
@@ -178,8 +179,8 @@ impl Filter {
             .is_some_and(|e| e.after.iter().all(Axis::is_finite))
     }
 
-    /// Propagates a state between two times, from the newest modes at `from` to the newest at `to`. The difference
-    /// between two messages is not motion of the deck, so it is moved into the residual.
+    /// Propagates a state between two times, from the newest modes at `from` to the newest modes at `to`. The
+    /// difference between the modes of two messages is not motion of the deck, so it is moved into the residual.
     fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -198,7 +199,7 @@ impl Filter {
                 // The starting point of an integrated velocity is arbitrary and not wave motion.
                 a.x[if course { MEAN } else { HEAD }] += change.value[i];
                 a.x[HEAD + 1] += change.rate[i];
-                // Pseudo-measurement: according to the vessel, the newer modes leave a residual of the usual size.
+                // Pseudo-measurement: the newer modes leave a residual of the size that the vessel states.
                 if let Some(o) = oscillators.first() {
                     let var = o.sd[i].powi(2);
                     if !course {
@@ -209,7 +210,7 @@ impl Filter {
             }
         }
     }
-    /// Drops all but the newest state: older ones were computed with other oscillators.
+    /// Drops all states except the newest, because older states were computed with other oscillators.
     fn keep_newest(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -217,7 +218,8 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
-    /// Fuses the predecessor's difference between vision's slow error and the radio's, with its variance now.
+    /// Fuses the predecessor's difference between vision's slow error and the radio's, with the variance that the
+    /// difference has now.
     pub fn resume(&mut self, m: &PredictorCheckpoint, variance: &[f64; AXES]) {
         self.observed = [true; AXES];
         self.sources[ObservationKind::Tag as usize].fused_at = m.tag_at;
@@ -407,8 +409,9 @@ impl Filter {
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// Distance of a detection from the radio's position and its limit, m, if the limit is exceeded; `s` is the state
-    /// at its time. None as well for a `followed` deck that is detected at its previous position.
+    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at the time of the
+    /// detection. None if the distance is within the limit, or if a `followed` deck is detected at its previous
+    /// position.
     pub fn elsewhere(
         &self,
         waves: &Waves,
@@ -424,7 +427,8 @@ impl Filter {
         let [apart, limit] = self.apart(waves, s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at its time.
+    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at the time of the
+    /// detection.
     pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
         let variance = |i: usize| {
@@ -436,8 +440,8 @@ impl Filter {
         Some(agreement::place(apart, more, &self.noise, self.taken))
     }
 
-    /// Records the result. A source that is rejected many times in a row is taken as right and the filter as wrong: the
-    /// uncertainty of the states concerned is increased.
+    /// Records the result. After many consecutive rejections of a source, the source is assumed right and the filter
+    /// wrong, so the uncertainty of the states concerned is increased.
     fn record(&mut self, o: &DeckObservation, gated: u32) {
         let source = &mut self.sources[o.kind as usize];
         source.record(o.at, 0.0, gated == 0);
@@ -482,7 +486,8 @@ fn turning(s: &FilterState) -> Option<Turning> {
 }
 
 /// Rotates the mean velocity of a turning vessel over the last `dt` (s): `v' = omega x v`, the coordinated turn
-/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), means only. Heel and trim rotate as well.
+/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7). Heel and trim are rotated as well. Only the means are rotated,
+/// not the covariances.
 fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
@@ -503,7 +508,7 @@ fn propagate_turn(s: &mut FilterState, dt: f64) {
     }
 }
 
-/// Innovations of a detection's position, north and east, as if measured by `row`.
+/// Innovations of a detection's position, north and east, with `row` as their measurement row.
 fn place(
     s: &FilterState,
     waves: &Waves,
@@ -517,12 +522,12 @@ fn place(
     Some([(0, north), (1, east)].map(|(i, (v, r))| s[i].innovation(row, v - modes[i], r)))
 }
 
-/// Updates vision's rotation from the tag's attitude: measured minus predicted tilt. `common` (rad) is the error of the
-/// vessel's own tilt; it is in all measurements, so it does not average out.
+/// Updates vision's rotation from the tag's attitude, i.e. from measured minus predicted tilt. `common` (rad) is the
+/// error of the vessel's own tilt. It is in all measurements, so it does not average out.
 fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>; AXES], common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some(nu) = &innovations[j] else { continue };
-        // Relative to the level without vision's slow error.
+        // The measured tilt is relative to the level without vision's slow error.
         let measured = nu.value + s[j].x[VISION];
         let (_, var) = s[j].project(MeasurementRow::Level);
         s[i].update(

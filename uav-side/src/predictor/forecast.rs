@@ -15,7 +15,7 @@ use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
 /// Stages at which the variance is computed; in between it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
-/// Minimum normal force per mass, m/s²; below it nothing stays on the deck.
+/// Minimum normal force per mass, m/s², below which nothing stays on the deck.
 const MIN_NORMAL_MPS2: f64 = 0.5;
 /// Half-width of the averaging window of the apparent slope, in steps; the window is one second.
 const SLOPE_STEPS: usize = 2;
@@ -57,9 +57,9 @@ impl Horizon {
         self.oscillators.copy_from_slice(oscillators);
     }
 
-    /// Stages of the forecast from the state `axes`. `common` holds the variances (value, rate) of constant errors by
-    /// degree of freedom, `clock_var` (s²) shifts everything along its motion, and `waves` holds the modes and the
-    /// deck's position on the vessel, from time `now` on.
+    /// Stages of the forecast from the state `axes`, from time `now` on. `common` holds the variances (value, rate) of
+    /// constant errors by degree of freedom. The clock variance `clock_var` (s²) shifts everything along its motion.
+    /// `waves` holds the modes and the deck's position on the vessel.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -137,7 +137,7 @@ impl Horizon {
         out
     }
 
-    /// Propagates the means by one stage. The mean velocity of a turning vessel turns with it, as do heel and trim.
+    /// Propagates the means by one stage. For a turning vessel, mean velocity, heel and trim are rotated with the turn.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -173,8 +173,8 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are in the drone's frame, which moves with the present drift of the odometry. Its
-        // unknown future drift is omitted: it moves drone and plan alike until the next detection.
+        // Position and heading are in the drone's frame, which moves with the present drift of the odometry. The
+        // unknown future drift is omitted, because it moves drone and plan alike until the next detection.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
         if in_vision_frame(axis) {
@@ -236,7 +236,7 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
-        // Without way, the mean rate of turn is not a turn of the vessel.
+        // If the vessel makes no way, its mean rate of turn does not bend its path.
         let turn = if bent { mean[5][RATE] } else { 0.0 };
         let heel = TILT.map(|i| mean[i][MEAN]);
         r[TILT[0]] -= turn * heel[1];
@@ -246,7 +246,7 @@ impl Horizon {
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
-        // For a turning vessel, the axes turn under a constant tilt.
+        // In a turning vessel, the axes turn under a constant tilt.
         let rates = [dr + turn * pitch, dp - turn * roll];
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], rates, [ddr, ddp]);
@@ -340,7 +340,7 @@ mod tests {
         let [first, .., last] = &stages[..] else {
             panic!("{} stages", stages.len());
         };
-        // Heel and trim are constant in the vessel's axes, and so is the height of the deck.
+        // In the vessel's axes, heel, trim and the height of the deck are constant.
         for s in [first, last] {
             assert!(s.velocity[2].abs() < 1e-3, "{:?}", s.velocity);
             assert!(

@@ -2,21 +2,21 @@
 //!
 //! A place at which tags are detected repeatedly is a deck. A single deck is accepted unless its rocking differs from
 //! what the radio reports. That test uses the sum of squares over a block of [`BLOCK`] samples, which is chi-square
-//! distributed for the own deck. Among several, the own deck is, in this order: the deck that was followed before the
-//! others appeared (continuity of place, only without the radio), or the deck whose log likelihood exceeds that of
-//! every other one by [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
+//! distributed for the own deck. Among several decks, the deck that was followed before the others appeared is the own
+//! one (continuity of place, only without the radio). Otherwise it is the deck whose log likelihood exceeds that of
+//! every other deck by [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
 //!
 //! ```text
 //! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
 //!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
 //! ```
 //!
-//! The last terms are the ratios for normal values of unknown variances `s` (about the mean), of which the own deck has
-//! the smaller one. They grow with the number of independent samples `n` only if the decks move differently, not by
-//! chance, however large both errors are.
+//! The last terms are the ratios for normal values of unknown variances `s` (about the mean). The own deck has the
+//! smaller variance. However large both errors are, these terms grow with the number of independent samples `n` only if
+//! the decks really move differently.
 //!
 //! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's values
-//! minus the radio's at the same time; the height is taken about its low-pass, because the drone's own height drifts.
+//! minus the radio's at the same time. The height is relative to its low-pass, because the drone's own height drifts.
 //! During the approach the height discriminates better than the tilt, which is measured only to ten degrees at that
 //! distance. Boats moored side by side have the same heading but rock differently, because a wave reaches one before
 //! the other. The error of the camera's mount is the same for both and is part of the mean. Until the decision no deck
@@ -39,11 +39,11 @@ const MAX_DECKS: usize = 4;
 const MAX_REPORTS: usize = 48;
 /// Maximum time over which a report is extrapolated with its rates, forward or backward, s.
 const HOLDS_S: f64 = 0.2;
-/// Maximum distance between detections of the same deck, m. Two decks do not overlap, and the narrowest one that a
-/// drone lands on is wider.
+/// Maximum distance between detections of the same deck, m. Two decks do not overlap, and every deck on which a drone
+/// lands is wider.
 const SAME_M: f64 = 0.8;
-/// Increase of this distance per second since the last detection, m/s, in addition to the vessel's motion, and per
-/// metre of range: attitude and heading error of the drone.
+/// Increase of this distance with time since the last detection, in addition to the vessel's motion, m/s; and increase
+/// per metre of range, from attitude and heading error of the drone.
 const SAME_MPS: f64 = 0.3;
 const SAME_PER_M: f64 = 0.05;
 /// Minimum distance between two decks whose tags were never detected in one image, m. Below it, they may be one deck
@@ -51,27 +51,27 @@ const SAME_PER_M: f64 = 0.05;
 const APART_M: f64 = 5.0;
 /// Minimum number of images for a deck to count: a single misread tag is not a deck.
 const CONFIRMED: u32 = 5;
-/// Time for which an undetected deck is remembered, s; equal to that of the forecast by vision alone.
+/// Time for which an undetected deck is remembered, s; the same as that of the forecast by vision alone.
 const MEMORY_S: f64 = 30.0;
 /// Time after which a single deck is followed without the radio, s.
 const FOLLOWED_S: f64 = 2.0;
-/// Minimum of a mean square, in units of the stated variance; smaller values are due to chance or to a variance stated
-/// too large.
+/// Minimum of a mean square, in units of the stated variance. Smaller values are due to chance or to an overestimated
+/// variance.
 const MIN_VARIANCE: f64 = 0.05;
-/// Sampling interval of the tilt, s, since errors of successive images are correlated; the minimum number of samples
-/// per deck covers half a wave.
+/// Sampling interval of the tilt, s, chosen because errors of successive images are correlated; and minimum number of
+/// samples per deck, which covers half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Interval between independent samples, s. Errors keep their sign for this long, as do tags viewed from one side, and
-/// half a wave.
+/// Interval between independent samples, s. Errors keep their sign for this long, for example while tags are viewed
+/// from one side. It is also half a wave period.
 const INDEPENDENT_S: f64 = 3.0;
-/// Minimum log likelihood ratio of each single motion: tilt and height belong to one hull, so none may contradict the
-/// others.
+/// Minimum log likelihood ratio of each single motion. Tilt and height belong to one hull, so none of them may
+/// contradict the others.
 const AGAINST: f64 = -1.0;
 const MIN_SAMPLES: f64 = 15.0;
-/// Maximum difference in tilt, rad. A larger one is a tag solved for the wrong minimum, as no drone lands on a deck
-/// that tilts so much.
+/// Maximum difference in tilt, rad. A larger difference is a tag solved for the wrong minimum, because no drone lands
+/// on a deck with such a tilt.
 const MAX_TILT_RAD: f64 = 0.3;
-/// Minimum log likelihood ratio against any other deck: 1 wrong decision in 10 000.
+/// Minimum log likelihood ratio against any other deck, for 1 wrong decision in 10 000.
 const MARGIN: f64 = 9.2;
 /// Combined yaw error of compass and camera, rad; tilt error of the vessel by radio, and minimum tilt error of a tag,
 /// rad.
@@ -81,10 +81,10 @@ const TILT_SD_RAD: f64 = 0.009;
 const HEAVE_SD_M: f64 = 0.1;
 /// Time constant of the mean height residual, s: follows the drone's own drift and passes most of a wave.
 const LEVEL_TIME_S: f64 = 4.0;
-/// Number of tilt samples in a block that is compared with the radio: 5 s, a wave period.
+/// Number of tilt samples in a block that is compared with the radio: a wave period, 5 s.
 const BLOCK: f64 = 25.0;
-/// Maximum sum of squares of a block for the own deck: 99.99 % of a chi-square with 48 degrees of freedom (two angles
-/// about their means) is 93, here with errors twice as large as stated.
+/// Maximum sum of squares of a block for the own deck. The 99.99 % point of a chi-square with 48 degrees of freedom
+/// (two angles about their means) is 93; the factor 4 is for errors twice as large as stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
 /// Upper limit on one squared sample: a tag misread or flipped once is not a contradiction.
 const MAX_SAMPLE: f64 = 30.0;
@@ -190,20 +190,20 @@ impl Deck {
         self.level = Some((height - after, n));
         self.residual.squares[2] += (before * after / variance).min(MAX_SAMPLE);
     }
-    /// Whether the deck lies where the vessel may be.
+    /// Whether the position of the deck is consistent with that of the vessel.
     fn is_admissible(&self) -> bool {
         self.apart_sd.is_none_or(|sd| sd <= PLACE_SD)
     }
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
     }
-    /// Whether the other may be the own deck as well: it is present, and not a poor detection of the same deck.
+    /// Whether the other deck may be the own one as well, i.e. it is present and is not a poor detection of this deck.
     fn rivals(&self, other: &Deck) -> bool {
         let in_one_image = other.at == self.at && other.is_admissible();
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// Whether this deck rather than the other is the own one.
+    /// Whether this deck, and not the other, is the own one.
     fn is_clear_of(&self, other: &Deck) -> bool {
         let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
         let place = 0.5 * (apart(other) - apart(self));
@@ -228,14 +228,14 @@ pub(super) enum Verdict {
 pub(super) struct Decks {
     decks: Vec<Deck>,
     reports: VecDeque<Report>,
-    /// Index of the own deck in `decks`, once decided.
+    /// Index of the own deck in `decks`, once the own deck is decided.
     own: Option<usize>,
     /// Time and number of decks of the last ambiguity.
     several: Option<(Time<DroneClock>, u32)>,
 }
 
 impl Decks {
-    /// Adds an estimate received by radio; `height` is that of the deck's centre, down, m, and its rate, m/s.
+    /// Adds an estimate received by radio. `height` has the height of the deck's centre, down, m, and its rate, m/s.
     pub(super) fn report(&mut self, o: &DeckObservation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
@@ -342,7 +342,7 @@ impl Decks {
         };
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
-        // Seen from the side, a tag's tilt is not reliable.
+        // If a tag is seen from the side, its tilt is not reliable.
         if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }
@@ -360,7 +360,7 @@ impl Decks {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
             self.own = self.own.filter(|own| *own != k);
-            // The own deck is a different one.
+            // The own deck is not this deck.
             self.several = Some((o.at, 2));
             return Verdict::Other;
         }
@@ -391,7 +391,7 @@ impl Decks {
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
-                // With the radio, a second deck at the vessel's position may still come into view.
+                // While the radio is received, a second deck at the vessel's position may still come into view.
                 return (now - deck.since).secs() >= FOLLOWED_S && !radio;
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))
@@ -424,7 +424,7 @@ impl Decks {
             d.level = None;
         }
     }
-    /// Number of decks among which the own one is not yet decided; 0 if decided, or without a deck.
+    /// Number of decks among which the own one is undecided; 0 if it is decided, or without a deck.
     pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
@@ -460,7 +460,7 @@ mod tests {
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         with_tilt_sd(0.02, seconds, radio, later_s)
     }
-    /// Same, with this standard deviation of a tag's tilt, rad.
+    /// Same, for a tag whose tilt has this standard deviation, rad.
     fn with_tilt_sd(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
@@ -516,7 +516,7 @@ mod tests {
         assert_eq!(with_tilt_sd(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
     }
 
-    /// A single deck that rocks by 7 deg as reported by radio, or half a period later.
+    /// A single deck that rocks by 7 deg as reported by radio, or half a period later than reported.
     #[test]
     fn lone_deck_against_the_radio() {
         for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {

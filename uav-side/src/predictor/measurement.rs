@@ -15,9 +15,9 @@
 //! b + s(t, y)`, and the relative position is `d + b` north and east. `b` is that of vision, because the same odometry
 //! is used for the conversion.
 //!
-//! The filters are not coupled: each one is corrected with its own block of the Jacobian, the tilt with the inverse of
-//! its block. Among the other states, only the camera's mount adds uncertainty to the height: errors by lever-arm heave
-//! and compass affect forecast and measurement equally.
+//! The filters are not coupled. Each filter is corrected with its own block of the Jacobian, the tilt with the inverse
+//! of its block. Among the other states, only the camera's mount adds uncertainty to the height: errors by lever-arm
+//! heave and compass affect forecast and measurement equally.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::vessel_model::turn_tilt;
@@ -67,7 +67,8 @@ fn mount_slopes(o: &DeckObservation) -> [f64; 2] {
     [o.from_drone.y, -o.from_drone.x]
 }
 
-/// Measurement `h` for these arguments, and `dh/du`. `lever_arm` is that of the deck's centre on the vessel, m.
+/// Measurement `h` for these arguments, and its Jacobian `dh/du`. `lever_arm` is the position of the deck's centre on
+/// the vessel, m.
 fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (SVector<f64, AXES>, Jacobian) {
     let (lever, mount) = (o.lever(), mount_slopes(o));
     let (tilt, by_tilt) = turned([u[3] + u[MOUNT[0]], u[4] + u[MOUNT[1]]], u[COMPASS]);
@@ -87,7 +88,7 @@ fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (S
         slopes[(2, MOUNT[k])] = mount[k];
     }
     for k in 0..3 {
-        // Tilt about north, tilt about east and heading, treated as rates.
+        // The angles are tilt about north, tilt about east and heading; their derivatives are treated as rates.
         let rates = [by_level[(0, k)], by_level[(1, k)]];
         let [_, slope, _] = lever_arm_heave(lever_arm, euler, rates, [0.0; 2]);
         slopes[(2, 3 + k)] = slope;
@@ -253,7 +254,8 @@ mod tests {
             }
         }
 
-        /// The innovations are linear in the measurement, and the height innovation in the mount's rotation.
+        /// The innovations are linear in the measurement, and the innovation of the height is also linear in the
+        /// mount's rotation.
         #[test]
         fn innovation_variance_by_propagation((u, mut o) in case()) {
             const STEP: f64 = 1e-3;

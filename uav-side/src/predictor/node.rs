@@ -70,7 +70,7 @@ pub struct PredictorIn {
 pub struct PredictorOut {
     /// Forecast of the deck, at the predictor's rate, if the deck's position is known.
     pub forecast: Option<DeckForecast>,
-    /// Checkpoint for a successor, with each forecast once the camera has detected the deck.
+    /// Checkpoint for a successor. Published with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
@@ -115,7 +115,7 @@ pub struct Predictor {
     far: Horizon,
     track: DroneTrack,
     clock_sd_s: f64,
-    /// Variances stated by the vessel (value, rate), from its newest estimate.
+    /// Variances stated by the vessel (value, rate), from the newest estimate.
     stated: [(f64, f64); AXES],
     radio_sequence: Option<(u32, u32)>,
     /// Last detection of another vessel's tags: time, and distance from the position by radio with its limit, m.
@@ -176,8 +176,9 @@ impl Predictor {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// Configures a restart after a possible crash: the predictor first waits for its predecessor's checkpoint and
-    /// publishes nothing until then. A forecast by the radio alone may be off by metres and would end a landing.
+    /// Configures a restart after a possible crash. The predictor first waits for its predecessor's checkpoint and
+    /// publishes nothing until then, because a forecast by the radio alone may be off by metres and would end a
+    /// landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
@@ -202,7 +203,7 @@ impl Predictor {
         let filter = self.filter.as_ref()?;
         kinds.iter().filter_map(|k| filter.source(*k).fused_at).max()
     }
-    /// Time since the newest fused observation of these kinds, s; infinite without one.
+    /// Time since the newest fused observation of these kinds, s; infinite before the first one.
     fn age_s(&self, now: Time<DroneClock>, kinds: &[ObservationKind]) -> f64 {
         self.fused_at(kinds)
             .map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
@@ -223,7 +224,7 @@ impl Predictor {
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
-            // Part of it was fused: it counts both as used and as an outlier.
+            // Part of the observation was fused, so it counts both as used and as an outlier.
             Fused::Gated(n)
                 if n < 3 && !matches!(o.kind, ObservationKind::Range | ObservationKind::Relative) =>
             {
@@ -391,7 +392,7 @@ impl Predictor {
         if let Some(m) = &input.surroundings {
             let admitted = Self::admit(now, m);
             if admitted.is_ok() {
-                // Obstacles stay valid until others are reported.
+                // Obstacles stay valid until new ones are reported.
                 self.surroundings = m.surroundings;
             }
             self.count(admitted);
@@ -407,7 +408,8 @@ impl Predictor {
         }
     }
 
-    /// Identifies the vessel's motion on board while the radio is silent. The last received modes are kept until then.
+    /// Identifies the vessel's motion on board while the radio is silent. Until that succeeds, the last received modes
+    /// are kept.
     fn identify(&mut self, now: Time<DroneClock>) {
         if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
             self.own = None;
@@ -422,7 +424,7 @@ impl Predictor {
         }
     }
 
-    /// Source with fresh measurements.
+    /// Source whose measurements are fresh.
     fn source(&self, radio_age_s: f64, vision_age_s: f64) -> Source {
         let fresh = |age_s: f64| age_s < self.config.fresh_s;
         match (fresh(radio_age_s), fresh(vision_age_s)) {
@@ -462,7 +464,7 @@ impl Predictor {
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
-            // Vision does not depend on the clock offset.
+            // The error of vision does not depend on the clock offset.
             Source::Vision | Source::None => 0.0,
         };
         let stages = self.horizon.stages(
@@ -530,7 +532,7 @@ impl Predictor {
             Vector3::from_fn(|i, _| axes[i].project(MeasurementRow::Vision).0) - d.position()
         });
         let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
-        // A scale error lies along the line of sight.
+        // The scale error of a detection lies along the line of sight.
         let mount = |i: usize| {
             self.config.camera_mount_sd_m.powi(2) + (self.config.vision_scale_sd * lever_arm[i]).powi(2)
         };

@@ -11,11 +11,12 @@ use super::track::{FrameJump, Pose};
 use super::waves::AXES;
 
 /// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction of its
-/// height, or as a distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
+/// height, or as a distance, m. Our choice, from seeds 100 to 111 of Table II and a hover at 1.5 m.
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// Errors of the vessel's filter that last for seconds, standard deviation of value and rate, m, rad, and per second:
-/// GNSS errors between noise, which that filter averages, and the slow error, which is a state here. Chosen.
+/// Standard deviations of the vessel filter's errors that last for seconds, of value and rate, m, rad, and per second.
+/// They are GNSS errors that last longer than the noise, which that filter averages, and shorter than the slow error,
+/// which is a state here. Chosen.
 const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +25,7 @@ pub enum ObservationKind {
     Tag,
     Uvdar,
     Range,
-    /// A receiver with the vessel as its moving base.
+    /// Receiver with the vessel as its moving base.
     Relative,
 }
 
@@ -36,23 +37,23 @@ impl ObservationKind {
 pub type Measured = Option<(f64, f64)>;
 
 /// Values and rates of the deck at one time, by degree of freedom, as measured. For the radio, the height is that of
-/// the deck on a level vessel and the tilt that of a vessel heading north by its own compass. Otherwise the height is
-/// that of the deck, and north is by the drone's compass.
+/// the deck on a level vessel, and the tilt is that of a vessel heading north by its own compass. For the other kinds,
+/// the height is that of the deck, and north is by the drone's compass.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
     pub at: Time<DroneClock>,
     pub kind: ObservationKind,
-    /// Position of the deck's centre, tilt for a deck heading north, heading.
+    /// Position of the deck's centre, tilt of a deck that heads north, and heading.
     pub value: [Measured; AXES],
     pub rate: [Measured; AXES],
-    /// Deck's centre relative to the drone, NED, m; zero if not measured along that line.
+    /// Deck's centre relative to the drone, NED, m; zero if the measurement is not along that line.
     pub from_drone: Vector3<f64>,
 }
 
 impl DeckObservation {
-    /// Shift of the north value per rotation of vision about east, and of the east value about north, m/rad. Zero for a
-    /// view from the side, where errors of heading and distance shift the detection as much and would be mistaken for
-    /// the rotation. Above the deck they are small.
+    /// Shift of the north value per rotation of vision about east, and of the east value per rotation about north,
+    /// m/rad. Zero for a view from the side, because errors of heading and distance then shift the detection as much
+    /// and would be mistaken for the rotation. Above the deck those errors are small.
     pub fn lever(&self) -> [f64; 2] {
         let (fraction, lateral_m) = OVERHEAD;
         let [x, y, z]: [f64; 3] = self.from_drone.into();
@@ -62,8 +63,8 @@ impl DeckObservation {
             [0.0; 2]
         }
     }
-    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, radio values move with the
-    /// datum, and a relative position stays in the frame whatever the drone's heading.
+    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, and radio values move with
+    /// the datum. A relative position stays in the frame, even if the drone's heading jumps.
     pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
             ObservationKind::Estimate => (jump.datum, 0.0),
@@ -73,7 +74,7 @@ impl DeckObservation {
                     let place = Vector3::new(n, e, d);
                     (jump.of(&place) - place, jump.yaw)
                 }
-                // A range: a rotation about the vertical does not change the height.
+                // A rangefinder measures only a height, which a rotation about the vertical does not change.
                 _ => (jump.moved, 0.0),
             },
         };
@@ -148,7 +149,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     }
 }
 
-/// Height of the deck's centre by the vessel's estimate (down, m) and its rate, m/s, including the effect of tilt.
+/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s. Both include the effect of tilt.
 pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let dot = e.eta_dot.map(f64::from);

@@ -1,5 +1,5 @@
-//! Modes of the vessel identified by the drone itself from camera and rangefinder, for a vessel without radio or one
-//! whose radio has failed.
+//! Modes of the vessel that the drone itself identifies from camera and rangefinder, for a vessel without radio or
+//! after a failure of the radio.
 //!
 //! A separate filter with the broad default oscillators samples the deck's motion ten times per second for the same
 //! model with which a vessel identifies its own ([`alight_shared::motion_model`]). The result is extrapolated as if
@@ -22,7 +22,7 @@ use super::waves::{AXES, Oscillator, Spread, Waves};
 
 /// Age of the state that is sampled, so that late images are included.
 const SAMPLE_AGE: Span = Span::from_millis(80);
-/// Time without a detection after which the deck is not sampled, s; the motion would be the filter's own.
+/// Time without a detection after which the deck is not sampled, s, because the motion would only be the filter's own.
 const UNOBSERVED_S: f64 = 0.5;
 /// Observation time after which the modes are used, s. After 30 s the measured error is still too small: 2 of 12
 /// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12. It is also the time that a vessel needs to
@@ -50,8 +50,8 @@ impl OwnModel {
             slope: Default::default(),
         }
     }
-    /// Fuses an observation. The first one initialises the camera's rotation from the forecast's filter, which knows it
-    /// through the radio.
+    /// Fuses an observation. The first observation initialises the camera's rotation from the forecast's filter, in
+    /// which the radio makes the rotation observable.
     pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation, known: Option<&FilterState>) {
         let waves = &self.waves;
         let filter = self.filter.get_or_insert_with(|| {
@@ -69,9 +69,9 @@ impl OwnModel {
             f.shift(jump);
         }
     }
-    /// Advances to `now`. Returns true if there is a newer sample, and therefore newer modes.
+    /// Advances to `now`. Returns true if there is a newer sample and therefore there are newer modes.
     pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
-        // The heading only rotates modes, of which this filter has none.
+        // The heading only rotates modes. This filter has no modes, so its heading is zero.
         self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
         let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
@@ -101,8 +101,8 @@ impl OwnModel {
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
-    /// Passes its modes and their measured error to `waves`. Returns their time of validity and whether they replace
-    /// the default oscillators. None until enough motion has been observed.
+    /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and whether they
+    /// replace the default oscillators. None until enough motion has been observed.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;

@@ -1,4 +1,4 @@
-//! Placement of the vessel's estimate in the drone's frame, by both origins on the ellipsoid.
+//! Placement of the vessel's estimate in the drone's frame, from the positions of both origins on the ellipsoid.
 
 use alight_shared::frames::{DroneNed, Vector, VesselNed, wrap_angle};
 use alight_shared::geodesy::Datum;
@@ -10,9 +10,9 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 /// Estimate `e` relative to the drone's `origin`, which is at `offset` (m) in the drone's frame. None beyond
 /// [`MAX_POSITION_M`].
 ///
-/// The vessel's sensors measure north and down at the vessel, wherever its datum is. Its directions are rotated by the
-/// convergence of the meridians, 2 mrad at 5 km and 70 deg of latitude. The modes are not rotated; the error is 2 mm/s
-/// for a motion of 1 m/s.
+/// The vessel's sensors measure north and down at the vessel's position, not at its datum. The estimate's directions
+/// are rotated by the convergence of the meridians, 2 mrad at 5 km and 70 deg of latitude. The modes are not rotated;
+/// the error is 2 mm/s for a motion of 1 m/s.
 pub fn placed(
     e: &VesselEstimate<DroneClock>,
     origin: &Datum,

@@ -7,9 +7,10 @@
 //! vision's slow error; their common error, the drift of the odometry, stays observable. The rotation of the camera
 //! does not affect it.
 //!
-//! A false fix states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection is compared
-//! with it. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and may replace missing
-//! detections. Otherwise it is contradicted: the tags are used, and it is ignored until it has been solved again.
+//! A false fixed solution states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection
+//! is compared with the relative position. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and
+//! may replace missing detections. Otherwise it is contradicted: the tags are used, and the relative position is
+//! ignored until it has been solved again.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
@@ -34,13 +35,14 @@ const PAIR_S: f64 = 0.3;
 /// Time constant of the mean difference and longest gap between its detections, s; and minimum number of detections.
 const MEAN_TIME_S: f64 = 1.0;
 const MIN_DETECTIONS: f64 = 5.0;
-/// Difference not explained by the position of tags and antennas, m, plus a number of standard deviations.
+/// Difference that positions of tags and antennas do not explain, m, in addition to a number of standard deviations.
 const APART_M: f64 = 0.15;
 const APART_SD: f64 = 3.0;
-/// Maximum uncertainty of a comparison that confirms, m; a touchdown with that error is still on the deck.
+/// Maximum uncertainty of a comparison that confirms the relative position, m. A touchdown with that error is still on
+/// the deck.
 const MAX_CONFIRMED_M: f64 = 0.4;
-/// Distance of tags from a fixed solution above which they are another deck, m. A false fix has a smaller error, and
-/// two decks do not overlap.
+/// Distance of tags from a fixed solution above which the tags belong to another deck, m. A false fix has a smaller
+/// error, and two decks do not overlap.
 const OTHER_DECK_M: f64 = 2.0;
 
 /// Deck's centre from the relative position `m`, the drone's pose, and the deck's attitude about true north at the same
@@ -79,8 +81,8 @@ pub(super) fn observation(
     }
 }
 
-/// Variances of a detection's position due to errors common to all detections: the camera's rotation across the line of
-/// sight, its scale along it, and its position.
+/// Variances of a detection's position due to errors common to all detections: rotation of the camera across the line
+/// of sight, scale error along it, and position error of the camera.
 fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     let turn = c.vision_bias_sd_m_rad[3].max(c.vision_bias_sd_m_rad[4]);
     let across = |i: usize| line.norm_squared() - line[i] * line[i];
@@ -88,8 +90,8 @@ fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     Vector3::from_fn(|i, _| of(i) + c.camera_mount_sd_m.powi(2))
 }
 
-/// Detection to be fused while a relative position is in use: in a view from the side, no state models the camera's
-/// rotation, so its uncertainty is added.
+/// Detection to be fused while a relative position is in use. In a view from the side, no state models the camera's
+/// rotation, so the rotation's uncertainty is added.
 pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> DeckObservation {
     if o.lever() == [0.0; 2] {
         let more = camera_variance(&o.from_drone, c);
@@ -111,7 +113,8 @@ fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
     Some([all.map(|(v, _)| v).into(), all.map(|(_, r)| r).into()])
 }
 
-/// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of the newest.
+/// Mean difference between the positions by tags and by the receiver, m, number of detections in it, and time of the
+/// newest detection.
 #[derive(Clone, Copy, Debug)]
 struct MeanDifference {
     at: Time<DroneClock>,
@@ -154,11 +157,11 @@ impl RelativeTrust {
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
-    /// Records that the filter has fused it.
+    /// Records that the filter has fused a relative position.
     pub(super) fn count(&mut self, at: Time<DroneClock>) {
         self.used = Some(at);
     }
-    /// Whether the filter's position is based on it.
+    /// Whether the filter's position is based on a relative position.
     pub(super) fn is_in_use(&self, now: Time<DroneClock>) -> bool {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
@@ -208,7 +211,7 @@ impl RelativeTrust {
         let recent = |d: &MeanDifference| (0.0..=MEAN_TIME_S).contains(&(tag.at - d.at).secs());
         let (mean, n) = self.difference.filter(recent).map_or((apart, 1.0), |d| {
             let n = d.n + 1.0;
-            // Plain mean at first.
+            // The first samples have equal weights.
             let gain = low_pass_gain((tag.at - d.at).secs(), MEAN_TIME_S).max(1.0 / n);
             (d.mean + (apart - d.mean) * gain, n)
         });
@@ -356,7 +359,7 @@ mod tests {
         after(&mut trust, 0.0, [0.0; 3], 2.0);
         let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
         assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
-        // At a larger distance it is another deck.
+        // At a larger distance, the detection is another deck.
         assert_eq!(trust.elsewhere(&misread, &Vector3::zeros(), &c), None);
         let other = detection(1.0, [3.0, 0.0, 0.0], 2.0);
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());

@@ -2,10 +2,10 @@
 //! to the drone; values received by radio move with the datum.
 //!
 //! The deck's position is the mean plus the slow error of vision. The mean is the radio's part and moves with a jump of
-//! the datum. The slow error keeps vision's part: it takes the difference in proportion to the weight of vision in the
-//! position. A deck that was never detected stays at the radio's position, whatever the heading does. PX4 and ArduPilot
-//! align their heading by up to 180 deg once the origin is known, and a deck rotated with it would be wrong by `2 d
-//! sin(yaw / 2)`.
+//! the datum. The slow error is vision's part: it changes by the difference in proportion to the weight of vision in
+//! the position. A deck that was never detected stays at the radio's position through any jump of the heading. PX4 and
+//! ArduPilot align their heading by up to 180 deg once the origin is known, and a deck rotated with the heading would
+//! be wrong by `2 d sin(yaw / 2)`.
 
 use nalgebra::Vector3;
 
@@ -13,9 +13,9 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::FrameJump;
 use super::waves::AXES;
 
-/// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and whether
-/// the position is from the relative position, which does not depend on the heading. Returns which of them are still
-/// known.
+/// State of the filters after `jump`. `measured` holds the degrees of freedom that were ever measured in the drone's
+/// frame, and whether the position is from the relative position, which does not depend on the heading. Returns the
+/// degrees of freedom that are still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
     jump: &FrameJump,
@@ -57,11 +57,11 @@ pub(super) fn state(
     known
 }
 
-/// Variances of the deck's position in the drone's frame.
+/// Variances of the deck's position along an axis in the drone's frame.
 struct Sight {
-    /// With all measurements.
+    /// Variance with all measurements.
     whole: f64,
-    /// Without vision: the radio's variance plus the slow errors of radio and camera.
+    /// Variance without vision: the radio's variance plus the slow errors of radio and camera.
     by_radio: f64,
 }
 
@@ -73,9 +73,9 @@ impl Sight {
         }
     }
     /// Weight of vision in the deck's estimate, 0 to 1, if vision and radio differ by `apart`. For the product of two
-    /// normal distributions with variances `S` (radio) and `V`, `1 / whole = 1 / S + 1 / V`, it is `S / (S + V) = 1 -
-    /// whole / S`. If the two contradict each other by more than `gate` standard deviations, only the more accurate one
-    /// is used. None: that is the radio.
+    /// normal distributions with variances `S` (radio) and `V`, `1 / whole = 1 / S + 1 / V`, the weight is `S / (S + V)
+    /// = 1 - whole / S`. If the two contradict each other by more than `gate` standard deviations, only the more
+    /// accurate one is used. None if that is the radio.
     fn share(&self, apart: f64, gate: f64) -> Option<f64> {
         let share = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
         // S + V = S / share.
@@ -106,7 +106,7 @@ mod tests {
         /// Present position by the autopilot's estimate.
         place: Vector3<f64>,
         yaw: f64,
-        /// Deck by radio, relative to the datum.
+        /// Position of the deck by radio, relative to the datum.
         deck: Vector3<f64>,
         /// Boot id of the vessel, and position of its datum.
         vessel: (u32, Vector3<f64>),
@@ -255,7 +255,8 @@ mod tests {
 
     #[test]
     fn deck_by_relative_place_at_a_jump() {
-        // 2 m off the radio's position, 55 m away: no detection is rotated by the heading.
+        // The receiver measures the deck 2 m off the radio's position, 55 m away. No detection exists, so a jump of the
+        // heading rotates nothing.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));
@@ -298,7 +299,8 @@ mod tests {
 
     #[test]
     fn heading_aligned_before_the_first_detection() {
-        // 55 m away, heading aligned by 118 deg: rotated with it, the deck would be wrong by 94 m.
+        // The deck is 55 m away and the heading is aligned by 118 deg. A deck that is rotated with the heading would be
+        // wrong by 94 m.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();
@@ -309,7 +311,7 @@ mod tests {
 
     #[test]
     fn deck_detected_a_minute_ago_at_a_jump() {
-        // The odometry has drifted by more than the radio's error: the radio is used.
+        // The odometry has drifted by more than the radio's error, so the radio is used.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);
         b.detect();

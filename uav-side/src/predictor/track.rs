@@ -13,8 +13,8 @@ use crate::odometry::origin::yaw_jump;
 const MAX_STATES: usize = 128;
 /// Maximum time over which a state is extrapolated, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// Difference from the position predicted by the velocity above which the frame has changed, because the link was
-/// restarted, m.
+/// Difference from the position predicted by the velocity, m, above which the frame has changed because the link was
+/// restarted.
 pub(super) const JUMP_M: f64 = 0.7;
 /// Maximum time between two states for jump detection, s.
 const JUMP_STEP_S: f64 = 0.2;
@@ -28,7 +28,7 @@ pub struct FrameJump {
     pub datum: Vector3<f64>,
     /// Jump of the heading, rad.
     pub yaw: f64,
-    /// Position of the drone after the jump, m; its detections rotate about it.
+    /// Position of the drone after the jump, m; the detections rotate about it.
     pub about: Vector3<f64>,
 }
 
@@ -47,7 +47,7 @@ impl FrameJump {
             about: s.position(),
         };
         if s.header.boot != last.header.boot {
-            // The odometry's integrals may restart, so its own reports take precedence.
+            // The odometry's integrals may restart, so its own reports of jumps take precedence.
             let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
             let moved = s.position() - expected;
             if dt < JUMP_STEP_S && moved.norm() > JUMP_M {
@@ -108,8 +108,8 @@ impl DroneTrack {
     pub fn newest(&self) -> Option<&DroneState> {
         self.states.back()
     }
-    /// Pose at `t`: interpolated between two states, or extrapolated shortly after the newest. None before the oldest
-    /// and long after the newest.
+    /// Pose at `t`: interpolated between two states, or extrapolated shortly after the newest state. None before the
+    /// oldest state and long after the newest.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Pose> {
         let i = self.states.partition_point(|s| s.header.at <= t);
         let a = self.states.get(i.checked_sub(1)?)?;
@@ -213,7 +213,7 @@ mod tests {
         let before = t.at(Time::from_secs(1.0)).unwrap();
         assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
         assert!((before.position.x - 1.0).abs() < 1e-9);
-        // Two metres north of the drone is the new position of the detection.
+        // The detection was two metres north of the drone, about which it is rotated.
         let point = jump.of(&Vector3::new(3.01, 0.0, 1.0));
         assert!((point - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }

@@ -44,11 +44,11 @@ pub struct Oscillator {
 /// Values, rates and accelerations of the deck according to the modes, by degree of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeckMotion {
-    /// m, rad.
+    /// Value, m, rad.
     pub value: [f64; AXES],
-    /// m/s, rad/s.
+    /// Rate, m/s, rad/s.
     pub rate: [f64; AXES],
-    /// m/s², rad/s².
+    /// Acceleration, m/s², rad/s².
     pub acceleration: [f64; AXES],
 }
 
@@ -62,8 +62,8 @@ pub struct DeckModes {
 
 impl DeckModes {
     /// Modes at their time of validity plus `t` seconds, for a deck whose centre is at `lever_arm` (m, north, east,
-    /// down of a level vessel) from the vessel's reference point. Bow up moves it aft, starboard down moves it to
-    /// starboard, and a swing of the heading moves it across the lever arm. `step_s` is the step of
+    /// down of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft, a positive roll
+    /// moves it to starboard, and a change of heading moves it across the lever arm. `step_s` is the step of
     /// [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
@@ -83,7 +83,6 @@ impl DeckModes {
             step: modes.modes.iter().map(|m| (m.pole * step_s).exp()).collect(),
         }
     }
-    /// Advances by one step.
     pub fn advance(&mut self) {
         for ((_, c), step) in self.modes.iter_mut().zip(&self.step) {
             for c in c {
@@ -122,17 +121,17 @@ pub struct HandOver {
     pub unknown: [f64; AXES],
 }
 
-/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s (course), m, rad.
-/// Empty before the first prediction.
+/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s for the course, m,
+/// rad. Empty before the first prediction.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
-    /// At equal steps from the present.
+    /// Values at equal steps from the present.
     pub stages: Seq<[f64; AXES], PREDICTION_STAGES>,
     /// Time between two stages, s.
     pub step_s: f64,
 }
 
-/// Wave model.
+/// Model of the deck's motion in waves.
 #[derive(Clone, Debug)]
 pub struct Waves {
     /// Residual oscillator first, then the default ones.
@@ -187,10 +186,11 @@ impl Waves {
     pub fn are_identified(&self) -> bool {
         self.identified && !self.spread.stages.is_empty()
     }
-    /// Oscillators at time `at`. The residual of the modes grows with their age. Compared with a quarter of a wave
-    /// later, it is the fraction `(left now / left then)²`: small for fresh modes, whose residual fades, and 1 for
-    /// stale modes, whose residual oscillates like the waves. The damping is interpolated with this fraction. In the
-    /// course, where velocity errors have accumulated, the residual always oscillates.
+    /// Oscillators at time `at`. The residual of the modes grows with their age. The damping of its oscillator is
+    /// interpolated with the fraction `(left now / left then)²`, where `then` is a quarter of a wave later. The
+    /// fraction is small for fresh modes, whose residual fades, and 1 for stale modes, whose residual oscillates like
+    /// the waves. The residual of the course (north and east) always oscillates, because velocity errors have
+    /// accumulated in it.
     pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
         if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
@@ -221,8 +221,8 @@ impl Waves {
         })
     }
 
-    /// Factor from velocity to position error in the course: the memory of the residual oscillator, s; 1 for other
-    /// axes.
+    /// Factor from velocity error to position error on the axes of the course: the memory of the residual oscillator,
+    /// s. It is 1 for the other axes.
     fn unit(&self, axis: usize) -> f64 {
         match (axis, self.oscillators.first()) {
             (0 | 1, Some(o)) => 1.0 / o.omega,
@@ -230,8 +230,8 @@ impl Waves {
         }
     }
 
-    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad. Constant after the
-    /// last stage.
+    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad. It is constant after
+    /// the last stage.
     fn spread(&self, ahead: f64) -> [f64; AXES] {
         let stages = &self.spread.stages;
         let x = (ahead / self.spread.step_s).clamp(0.0, stages.len().saturating_sub(1) as f64);
@@ -256,7 +256,7 @@ impl Waves {
         self.level_arm = Vector3::new(level.x, level.y, self.lever_arm.z);
     }
 
-    /// Updates the deviation from the vessel's own prediction. A prediction without stages has none.
+    /// Updates the deviation from the vessel's own prediction. A prediction without stages has no deviation.
     pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
         if p.stages.is_empty() {
             return;
@@ -276,7 +276,7 @@ impl Waves {
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.adopt(Modes::from(m), f64::from(m.confidence))
     }
-    /// Adopts modes with this confidence, whether identified by the vessel or the drone.
+    /// Adopts modes with this confidence, identified by the vessel or by the drone.
     pub fn adopt(&mut self, modes: Modes<DroneClock>, confidence: f64) -> bool {
         self.confidence = confidence.clamp(0.0, 1.0);
         self.identified = !modes.modes.is_empty();
@@ -309,7 +309,7 @@ impl Waves {
         begun
     }
 
-    /// Time of validity of the newest modes. None before the first, and after [`Waves::hand_over`].
+    /// Time of validity of the newest modes. None before the first modes, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
@@ -364,8 +364,8 @@ impl Waves {
         };
         DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.level_arm, step_s)
     }
-    /// Difference of the deck's motion at time `to` between the newest modes at `from` and those at `to`, former minus
-    /// latter. None if they are the same.
+    /// Deck motion at time `to` by the modes that were newest at `from`, minus that by the modes newest at `to`. None
+    /// if they are the same modes.
     pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
         let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
@@ -386,8 +386,8 @@ impl Waves {
     pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
-    /// Variance of the newest modes' prediction from `now` to the given number of seconds later, by degree of freedom,
-    /// in excess of the residual oscillator's.
+    /// Variance of predicting the newest modes from `now` to the given number of seconds later, by degree of freedom,
+    /// in excess of the residual oscillator's variance.
     pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
         let age = self
             .messages

@@ -1,7 +1,7 @@
 //! Adaptive process noise by covariance matching (Mehra 1972). In a consistent filter the normalised innovation squared
-//! of the inertial channels is 1 on average. If it stays above, the vessel moves in a way that the wave model does not
-//! explain (a platform turning about its deck, wash, people on board). The disturbance of that degree of freedom then
-//! gets a larger spread and a shorter memory until the innovations are consistent again.
+//! of the inertial channels is 1 on average. A mean that stays higher shows motion that the wave model does not explain
+//! (a platform turning about its deck, wash, people on board). The disturbance of that degree of freedom then gets a
+//! larger spread and a shorter memory until the innovations are consistent again.
 //!
 //! Under such motion an accelerometer carries less information on tilt. The larger disturbance in surge and sway
 //! accounts for this: the gyroscope then determines the tilt.
@@ -9,7 +9,7 @@
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::VesselModelConfig;
 
-/// Time constant of the mean innovation, s (ours: several periods of a fast platform).
+/// Time constant of the mean innovation, s (our choice: several periods of a fast platform).
 const MEMORY_S: f64 = 2.0;
 /// Time between two updates, s.
 const PERIOD: Span = Span::from_millis(500);
@@ -89,7 +89,7 @@ impl AdaptiveNoise {
         (self.factor(dof) - 1.0) * model.disturbance_sd_mps2_m_rad_radps2[dof]
     }
 
-    /// Model parameters with these disturbances: the spread is multiplied by the factor and the memory divided by it,
+    /// Model parameters with these disturbances. The spread is multiplied by the factor and the memory divided by it,
     /// which limits the growth of slow motion.
     pub(crate) fn adapted(&self, model: &VesselModelConfig) -> VesselModelConfig {
         let mut adapted = model.clone();

@@ -1,4 +1,4 @@
-//! Attitude sensor used in place of an inertial one: the model propagates the state between attitudes.
+//! Attitude sensor that replaces a missing inertial sensor. The model propagates the state between attitudes.
 
 use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
@@ -14,8 +14,8 @@ const GATE: f64 = 25.0;
 const MAX_REJECTED: u32 = 11;
 /// Silence of the inertial sensor after which the attitude sensor replaces it, s.
 const SILENT_S: f64 = 0.5;
-/// White noise of the rates that come with an attitude, rad/s (ours: an INS removes their bias and smooths them over
-/// tens of milliseconds).
+/// White noise of the rates that come with an attitude, rad/s. Our choice: an INS removes the bias of its rates and
+/// smooths them over tens of milliseconds.
 const RATE_SD: f64 = 0.02;
 
 impl VesselFilter {

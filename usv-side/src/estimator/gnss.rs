@@ -15,7 +15,8 @@ use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
-/// Standard deviation of a rate of turn, rad/s (ours: smoothed, in tenths of a degree per minute).
+/// Standard deviation of a rate of turn, rad/s. Our choice: rates of turn are smoothed and sent in tenths of a degree
+/// per minute.
 const RATE_SD: f64 = 0.02;
 /// Consecutive rejected fixes after which the position is re-initialised (2 s at 10 Hz).
 const MAX_REJECTED: u32 = 20;
@@ -25,7 +26,7 @@ const MAX_REJECTED: u32 = 20;
 const MAX_REJECTED_VELOCITIES: u32 = 5;
 /// Index of the compass bias in the yaw block.
 const COMPASS: usize = HEAD + 1;
-/// Duration of consistent heading rejections after which they are not attributed to a disturbance, s.
+/// Duration of consistent heading rejections, s, after which the rejections are no longer attributed to a disturbance.
 const LASTING_S: f64 = 2.5;
 /// Compass bias that raises no doubt about the heading, in standard deviations.
 const USUAL_BIAS: f64 = 5.0;
@@ -35,7 +36,7 @@ const COURSE_MPS: f64 = 1.5;
 /// Standard deviation of a height before any receiver has measured it, m. It exceeds the distance between the sea and
 /// the ellipsoid.
 const UNKNOWN_HEIGHT_SD: f64 = 200.0;
-/// Time without the better of two height references after which the other one is used, s.
+/// Age of the better of two height references, s, above which the other one is used.
 const REFERENCE_TIMEOUT_S: f64 = 10.0;
 
 /// Reference surface of the receivers' heights. Its error is the same in every fix.
@@ -61,8 +62,8 @@ impl HeightReference {
     fn is_unknown(&self) -> bool {
         self.sd >= UNKNOWN_HEIGHT_SD
     }
-    /// Adopts the reference of a fix with a height if it is at least as good as the current one, or if that one has
-    /// timed out.
+    /// Adopts the height reference of a fix if it is at least as good as the current reference, or if the current
+    /// reference has timed out.
     fn take(&mut self, fix: &GnssFix) {
         let gone = (fix.header.at - self.at).secs() > REFERENCE_TIMEOUT_S;
         if gone || fix.height_spread <= self.sd {
@@ -192,7 +193,7 @@ impl VesselFilter {
         }
         update.fused()
     }
-    /// Same for the velocity along an axis.
+    /// Fuses the velocity along an axis of an antenna at `arm` (m, body). Returns false if it was rejected.
     fn fuse_velocity(
         &mut self,
         axis: usize,
@@ -215,8 +216,8 @@ impl VesselFilter {
         let r = fix.velocity_sd[axis].powi(2);
         let source = &self.rows[NU][axis];
         if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
-            // Alternatively the accelerometer has had this error for the whole time: along the vertical, no tilt
-            // explains it.
+            // Alternatively, the accelerometer has had this error since the last fused velocity. A tilt error does not
+            // affect the vertical axis.
             let since = source.fused_at.unwrap_or(self.started);
             let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);
@@ -231,7 +232,7 @@ impl VesselFilter {
         update.fused()
     }
 
-    /// Selects the height reference. The first measured height sets the level and replaces the assumed one.
+    /// Selects the height reference. The first measured height sets the level and replaces the assumed level.
     fn refer_height(&mut self, config: &VesselNodeConfig, fix: &GnssFix) {
         if self.height_reference.is_unknown() {
             let arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
@@ -276,7 +277,7 @@ impl VesselFilter {
         let (gate, of_state) = self.heading_gate(source, at, innovation);
         let before = self.belief.get(YAW, ETA);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
-        // Near half a turn, the innovations of a run keep their sign.
+        // For a heading error near 180 deg, the wrapped innovations of a run keep the sign of the first one.
         let own = &mut self.headings[source];
         let last = if own.rejections > 0 { own.innovation } else { 0.0 };
         own.record(at, last + wrap_angle(innovation - last), update.fused());
@@ -297,10 +298,10 @@ impl VesselFilter {
     }
 
     /// Gate for a heading. It opens after lasting rejections with consistent innovations, unless another heading source
-    /// contradicts this one. The variance of the component that is wrong is raised to the squared innovation. That
-    /// component is the state (returned as true) if no gyroscope propagated it, if the heading was accepted for less
-    /// time than it has been rejected, if the innovation grows, or if another source agrees; otherwise it is the
-    /// compass.
+    /// contradicts this source. The variance of either the state (returned as true) or the compass bias is then raised
+    /// to the squared innovation. The state is taken to be wrong if no gyroscope propagated it, if the heading was
+    /// accepted for less time than it has been rejected, if the innovation grows, or if another source agrees with this
+    /// one.
     fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
         let own = self.headings[source];
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
@@ -325,13 +326,14 @@ impl VesselFilter {
         self.belief.inflate(YAW, state, innovation * innovation);
         (f64::INFINITY, of_state)
     }
-    /// Corrects the mean motion for a heading error of `by` (rad); its direction in NED stays.
+    /// Rotates the mean heading by `by` (rad) to correct an error. The mean velocity keeps its direction in NED.
     fn turn_means(&mut self, by: f64) {
         self.mean_heading = wrap_angle(self.mean_heading + by);
         self.slow.turn(by);
     }
 
-    /// Standard deviation of the doubt about the heading, rad. An unusually large compass bias may be a heading error.
+    /// Standard deviation of the doubt about the heading, rad. An unusually large compass bias may in fact be a heading
+    /// error.
     pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
         let bias = self.belief.get(YAW, COMPASS).abs();
         if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {

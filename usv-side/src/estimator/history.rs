@@ -49,7 +49,7 @@ impl History {
             },
         })
     }
-    /// Drops all states, after a change of their frame.
+    /// Drops all states after a change of their reference frame.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
@@ -77,7 +77,7 @@ impl VesselFilter {
         }
         history.push_back(now);
     }
-    /// State at `t`: the stored estimate, or the present one rolled back by the model.
+    /// State at `t`: the stored estimate, or the present state rolled back by the model.
     pub(super) fn state_at(&self, t: Time<VesselClock>) -> PastState {
         if let Some(state_at) = self.history.at(t) {
             return state_at;
@@ -113,7 +113,7 @@ mod tests {
     fn history_interpolation() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
-            // The velocity jumps at the third step, which the present acceleration does not show.
+            // The velocity jumps at the third step. The present acceleration does not show the jump.
             eta: [f64::from(k); 3],
             nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
             tilt: Tilt::default(),

@@ -20,13 +20,13 @@ const FORCE_MODEL_SD: f64 = 0.03;
 
 /// Maximum vertical offset of a working accelerometer, in standard deviations of bias and model.
 const MAX_OFFSET: f64 = 5.0;
-/// Maximum innovation that may be real motion, rad/s, m/s².
+/// Maximum innovation attributed to real motion, rad/s, m/s².
 const MAX_MISSED: f64 = 50.0;
 /// Maximum fluctuation of the vertical specific force used to separate tilt from bias, m/s².
 const MAX_LIFT: f64 = 1.0;
-/// Standard deviation of an impulse's velocity, as a fraction of it.
+/// Standard deviation of the velocity caused by an impulse, as a fraction of that velocity.
 const IMPULSE_SD_FRACTION: f64 = 0.3;
-/// Maximum innovation of an angular rate and a specific force that slamming explains, rad/s, m/s².
+/// Maximum innovations attributed to slamming: angular rate, rad/s, and specific force, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Fraction of the excess acceleration that is treated as measurement noise.
 const FAST_SHARE: f64 = 0.1;
@@ -97,7 +97,7 @@ impl ImuWindow {
     }
 }
 
-/// Mean, and difference between the two halves of its samples.
+/// Mean of the samples, and difference between their two halves.
 type Mean = (Vector3<f64>, Option<Vector3<f64>>);
 
 /// Whether a rejected innovation is real motion, i.e. the samples of the step agree. With a single outlier the halves
@@ -142,7 +142,7 @@ impl VesselFilter {
 
     /// Returns 1 if the channel was rejected, 0 if it was fused. A rejected innovation may have been real motion, so
     /// the uncertainty of the rate grows by `doubt` per unit of innovation. Otherwise the GNSS gate would reject the
-    /// velocity after an impulse that was fused only in part.
+    /// velocity after an impulse that was only partly fused.
     fn reject(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
@@ -155,8 +155,9 @@ impl VesselFilter {
         1
     }
 
-    /// Adds an impulsive disturbance: an acceleration over the last step that the model does not have, with its effect
-    /// on position and velocity. Process noise wide enough for a slamming hull would hide the waves of any other.
+    /// Adds an impulsive disturbance: an acceleration over the last step that is not in the model, and its effect on
+    /// position and velocity. Process noise that is wide enough for a slamming hull would hide the waves of other
+    /// hulls.
     fn impulse(&mut self, dof: usize, acceleration: f64, eta: f64, nu: f64) {
         let gain = self.model.acceleration_row(dof, dof)[DISTURBANCE];
         if gain > 0.0 {
@@ -234,14 +235,14 @@ impl VesselFilter {
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
             let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
             // A tilt error projects part of the vertical specific force onto the horizontal axes. The fluctuation of
-            // the vertical force separates tilt from bias, provided that the horizontal force has no correlated
-            // fluctuation of its own. It has on a platform that turns about a point away from the sensor (tilt error of
+            // the vertical force separates tilt from bias, provided that the horizontal force does not fluctuate in
+            // correlation with it. It does on a platform that turns about a point away from the sensor (tilt error of
             // 0.1 rad) and on a slamming hull (0.02 rad).
             let noise = &self.adaptive_noise;
             let known = noise.factor(SURGE).max(noise.factor(SWAY));
             let lift = GRAVITY - (f.z + GRAVITY).clamp(-MAX_LIFT, MAX_LIFT) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
-            // Fast motion also has a sampling-time error.
+            // During fast motion, the error of the sampling time also counts.
             let fast = noise.spread(config, axis);
             let r = white + (FAST_SHARE * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);

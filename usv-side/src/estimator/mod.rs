@@ -92,7 +92,7 @@ pub(crate) struct VesselFilter {
     pub(crate) motion: MotionModel<VesselClock>,
     /// Prediction errors of position (north, east, m) and heading (rad).
     course_errors: MeasuredErrors<3, VesselClock>,
-    /// Slow motion; the waves are relative to it.
+    /// Slow motion of the vessel. Waves are measured relative to it.
     pub(crate) slow: SlowMotion,
     step: BeliefStep,
     window: inertial::ImuWindow,

@@ -15,7 +15,7 @@ use super::{GNSS_BIAS, Tilt, VesselFilter};
 use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
-/// Course of the vessel: mean velocity, which turns with the mean heading, plus the modes, plus the residual of both.
+/// Course of the vessel: mean velocity (which turns with the mean heading), modes, and the residual of both.
 struct Course<'a> {
     modes: &'a Modes<VesselClock>,
     /// Time from the modes' validity to now, s, and the displacement by the waves in that time, north and east, m.
@@ -147,7 +147,7 @@ impl VesselFilter {
         }
     }
 
-    /// Covariance of the height reference with heave and with the heave rate, and its variance.
+    /// Covariances of the height reference with heave and with the heave rate, and variance of the height reference.
     fn level_covariance(&self) -> (f64, f64, f64) {
         let b = &self.belief;
         (
@@ -320,7 +320,8 @@ impl VesselFilter {
         self.course_errors = errors;
     }
     /// Standard deviation that predicting position (north, east, m) and heading (rad) `ahead` seconds adds to the
-    /// estimate's own. Measured; before measurements are available, derived from the uncertainty of the rates.
+    /// estimate's own. The measured values are used; until there are measurements, the values are derived from the
+    /// uncertainty of the rates.
     fn course_deviation(&self, ahead: f64) -> [f64; 3] {
         let of_rate = |d| ahead * self.belief.variance(d, NU).max(0.0).sqrt();
         let measured = self.course_errors.deviation(ahead);
@@ -349,8 +350,8 @@ impl VesselFilter {
                 // A slow error of heave is an error of the level.
                 return grown[d].max(within(1.0 / omega).sqrt());
             }
-            // Predictions are measured against later estimates. A slow error is in both, so it is added; what changes
-            // within the prediction is part of the measured error.
+            // Predictions are compared with later estimates. A slow error is in both and cancels, so it is added here;
+            // an error that changes within the prediction is already part of the measured error.
             let changed = within(ahead.min(1.0 / omega));
             (grown[d] * grown[d])
                 .max(changed)

@@ -50,7 +50,7 @@ mod tests {
         let mut gain = SpeedGain::default();
         let mut squares = [0.0; 2];
         for k in 0..30_000 {
-            // What the waves leave: 0.05 m/s.
+            // The waves leave a residual of 0.05 m/s.
             let t = STEP_S * f64::from(k);
             gain.update(0.07 * (1.3 * t).sin());
             if t > 400.0 {

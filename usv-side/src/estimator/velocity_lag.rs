@@ -26,13 +26,13 @@ const GAP_S: f64 = 3.0;
 /// Memory of the mean squares in pairs (a minute), and the number of pairs required before a lag is estimated.
 const MEMORY: f64 = 60.0;
 const FIRST: f64 = 20.0;
-/// Ratio of a pair's smallest square to the mean above which it counts as a jump of the receiver, and the number of
+/// Ratio of a pair's smallest square to the mean above which the pair counts as a jump of the receiver, and number of
 /// consecutive jumps after which they are accepted.
 const JUMP: f64 = 25.0;
 const JUMPS: u32 = 5;
-/// Minimum gain in log likelihood over zero lag: exceeded by chance once in 10^5.
+/// Minimum gain in log likelihood over zero lag. Chance exceeds it once in 10^5 cases.
 const SURE: f64 = 10.0;
-/// Maximum number of waiting samples: 25 velocities per second for longer than the maximum lag.
+/// Maximum number of waiting samples: 25 velocities per second over more than the maximum lag.
 const MAX_WAITING: usize = 256;
 
 /// Integral of the velocities up to a time.
@@ -56,7 +56,7 @@ impl VelocityLags {
     }
 }
 
-/// Velocity lag of one receiver, as measured.
+/// Velocity lag of one receiver, measured from its fixes.
 #[derive(Clone, Debug)]
 pub(super) struct VelocityLag {
     positions: VecDeque<(Time<VesselClock>, Vector2<f64>)>,
@@ -230,7 +230,7 @@ mod tests {
     }
     #[test]
     fn no_lag_where_none_is_observable() {
-        // No lag; a nearly straight course; noisy positions.
+        // Without lag; on a nearly straight course; with noisy positions.
         for (turn, sd, lag) in [(0.03, 0.02, 0.0), (1e-4, 0.02, 2.0), (0.03, 1.5, 1.0)] {
             let measured = lag_of(turn, sd, lag);
             assert!(measured < 0.15, "{measured} s at {turn} rad/s, {sd} m, {lag} s");

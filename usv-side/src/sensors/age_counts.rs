@@ -2,7 +2,7 @@
 
 use super::Remark;
 
-/// Number of late measurements among the newest 32 above which the delay is not a hiccup of the line.
+/// Number of late measurements among the newest 32 above which lateness is not an isolated delay of the line.
 const OFTEN: u32 = 8;
 
 /// Ages of one kind of measurement of a source.

@@ -1,10 +1,10 @@
 //! Measurements from the devices of a boat's network: heading, rate of turn, attitude, heave, position, velocity.
 //!
-//! Several devices may send the same group. The first one is used until the configuration selects another or another
-//! proves better ([`devices`]); while it is silent, another replaces it. Related values come from one device: positions
-//! and whole fixes are one group, and the velocity is taken from the receiver that provides the positions, unless a
-//! device is selected for it. Positions arrive ten times per second without a height, and once per second with one; the
-//! height is attached to the next quick position, which is newer.
+//! Several devices may send the same group. The first device is used until the configuration selects another or another
+//! proves better ([`devices`]); while the device in use is silent, another replaces it. Related values come from one
+//! device: positions and whole fixes are one group, and the velocity is taken from the receiver that provides the
+//! positions, unless a device is selected for it. Positions arrive ten times per second without a height, and whole
+//! fixes once per second with a height. The height is attached to the next quick position, which is newer.
 
 mod devices;
 mod network;
@@ -22,7 +22,7 @@ pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, TILTS, TURNS, is_near}
 use devices::{RATES, VELOCITIES};
 pub(super) use network::{Devices, Variations};
 
-/// Maximum age of a fix whose quality and height are used, ns; its period is one second.
+/// Maximum age of a whole fix whose quality and height are used, ns; whole fixes have a period of one second.
 const FIX_NS: i64 = 2_500_000_000;
 /// Factor on the standard deviation of a fix that its receiver marks with caution. Chosen.
 const CAUTION: f64 = 3.0;
@@ -35,7 +35,7 @@ pub(super) type LatestValue<T> = Option<(T, i64)>;
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
-    /// Relative to true or magnetic north (rad), with the compass's own variation and deviation.
+    /// Heading relative to true or magnetic north (rad), with the compass's own variation and deviation.
     Heading {
         heading: f64,
         variation: Option<f64>,
@@ -80,7 +80,7 @@ pub(super) struct GnssReport {
 }
 
 impl GnssReport {
-    /// Standard deviation of the horizontal position, m, or the reason why it is not a fix.
+    /// Standard deviation of the horizontal position, m, or the reason why the report is not a fix.
     fn position_sd(&self) -> Result<f64, Why> {
         let dilution = self.hdop.unwrap_or(1.0).clamp(0.5, 50.0);
         let doubt = if self.caution { CAUTION } else { 1.0 };
@@ -89,7 +89,7 @@ impl GnssReport {
 }
 
 impl Content {
-    /// Index of its group.
+    /// Index of the content's group.
     pub(super) const fn group(&self) -> usize {
         match self {
             Content::Heading { .. } => 0,
@@ -128,7 +128,7 @@ pub(super) struct SensorBus {
     rate: LatestValue<f64>,
     rates: LatestValue<[f64; 3]>,
     heave: LatestValue<f64>,
-    /// Velocity, with its device.
+    /// Newest velocity, with its device.
     velocity: LatestValue<([f64; 2], u32)>,
     fix: LatestValue<(GnssReport, u32)>,
     /// The height of the newest whole fix has not been attached to a position yet.
@@ -136,10 +136,10 @@ pub(super) struct SensorBus {
     /// Device and time of the last position without a height.
     quick: LatestValue<u32>,
     geoid: LocalGeoid,
-    /// Number of heights that can only be above the sea, and number of all.
+    /// Number of heights that can only be above the sea, and number of all heights.
     above_sea: u64,
     heights: u64,
-    /// Number of whole fixes marked with caution, and number of all.
+    /// Number of whole fixes marked with caution, and number of all whole fixes.
     cautions: u64,
     fixes: u64,
 }
@@ -210,7 +210,7 @@ impl SensorBus {
             places.note_part(device, part, at_ns);
         }
     }
-    /// Value and standard deviation of a message. None if it is magnetic and the variation is unknown.
+    /// Value and standard deviation of a message. None if the value is magnetic and the variation is unknown.
     fn sample(&self, device: u32, content: &Content) -> Option<DeviceSample> {
         let mounting = &self.mounting;
         let (value, sd, stated_sd) = match content {
@@ -245,7 +245,8 @@ impl SensorBus {
         };
         Some(DeviceSample { value, sd, stated_sd })
     }
-    /// Angle from true north to the reference of an angle, by the variation of its device or of the network, rad.
+    /// Angle to add to an angle measured from true or magnetic north to refer it to true north, rad. Uses the variation
+    /// of the device, or that of the network.
     fn north(
         &self,
         device: u32,
@@ -291,7 +292,7 @@ impl SensorBus {
             Content::Gnss(fix) => {
                 (self.fix, self.height_due) = (Some(((fix, device), at_ns)), true);
                 (self.fixes, self.cautions) = (self.fixes + 1, self.cautions + u64::from(fix.caution));
-                // Quick positions carry the height, if there are any.
+                // If there are quick positions, they carry the height.
                 if paired(self.quick, at_ns, PAIR_NS) != Some(device) {
                     return self.position(at_ns, fix.place, device).map(Some);
                 }
@@ -319,7 +320,7 @@ impl SensorBus {
             ..self.mounting.tilt([roll, pitch])
         })
     }
-    /// Fix with the matching velocity and quality, and the height if it has not been used yet.
+    /// Fix with the matching velocity and quality, and with the height if that has not been used yet.
     fn position(
         &mut self,
         at_ns: i64,
@@ -372,7 +373,7 @@ impl SensorBus {
                 (altitude + sea, sigma_m)
             }
             [true, false] => (altitude, 0.0),
-            // On a lake neither interpretation can be excluded.
+            // On a lake, neither interpretation can be excluded.
             [true, true] | [false, false] => (altitude, sea.abs()),
         }
     }

@@ -2,7 +2,6 @@
 
 use time::{Date, Month};
 
-/// A day, ns.
 pub(super) const DAY_NS: i64 = 86_400_000_000_000;
 /// Julian day number of 1 January 1970.
 const JULIAN_1970: i32 = 2_440_588;

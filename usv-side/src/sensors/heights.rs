@@ -5,16 +5,17 @@ use alight_shared::geoid::{LocalGeoid, Undulation};
 
 use super::Remark;
 
-/// Minimum difference between a stated separation and the geoid model for the former to be invalid, m; the coarsest
-/// tables are wrong by 22.5 m.
+/// Minimum difference between a stated separation and the geoid model at which the stated separation is invalid, m. The
+/// coarsest tables are wrong by 22.5 m.
 pub(super) const DOUBTFUL_M: f64 = 25.0;
 
 /// Range of an antenna's height above mean sea level, m: from low water (and a geoid error of some metres) to a mast at
 /// high water.
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
-/// Distance of the sea from the ellipsoid above which a stated separation of exactly zero is a default, m.
+/// Distance of the sea from the ellipsoid above which a stated separation of exactly zero is taken as a default value,
+/// m.
 const ZERO_M: f64 = 2.0;
-/// Difference between separations of two receivers, m, and number of changes between them that shows two receivers.
+/// Difference between two separations, m, and number of changes between them, from which two receivers are inferred.
 const APART_M: f64 = 2.0;
 const CHANGES: u32 = 5;
 
@@ -22,14 +23,14 @@ const CHANGES: u32 = 5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EllipsoidHeights {
     geoid: LocalGeoid,
-    /// Number of fixes whose receiver stated its separation, and number that used the model.
+    /// Number of fixes whose receiver stated its separation, and number of fixes that used the model.
     stated: u64,
     modelled: u64,
     /// Number of fixes without a height.
     flat: u64,
     /// Newest model value used.
     model: Undulation,
-    /// Newest invalid stated separation, and the model's value there, m.
+    /// Newest invalid stated separation, and the model's value at that place, m.
     doubtful: Option<(f64, f64)>,
     /// Number of separations of exactly zero that were ignored.
     zeros: u64,

@@ -17,7 +17,8 @@ use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Minimum time between two headings of an autopilot's filter that are used, ns; those in between repeat information.
+/// Minimum time between two headings of an autopilot's filter that are used, ns. Headings in between repeat
+/// information.
 const HEADING_STEP_NS: i64 = 200_000_000;
 /// Fraction of a receiver's stated error that changes within a minute (ours), and the horizontal and vertical error of
 /// a receiver that states none, m.
@@ -26,7 +27,7 @@ const POSITION_SD: [f64; 2] = [2.0, 4.0];
 /// Velocity standard deviation of a receiver that states none, m/s.
 const VELOCITY_SD: f64 = 0.3;
 
-/// Requested messages and their interval, us.
+/// Requested messages, each with its interval, us.
 const WANTED: [(u32, f32); 6] = [
     (31, 40_000.0),
     (105, 10_000.0),
@@ -38,14 +39,14 @@ const WANTED: [(u32, f32); 6] = [
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: attitude valid.
 const ATTITUDE_GOOD: u16 = 1;
-/// Number of attitudes rejected after a report without that flag, unless a report with it arrives: 10 s at 25 Hz.
+/// Number of attitudes rejected after a report without that flag: 10 s at 25 Hz. A report with the flag ends the
+/// rejection.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
 
-/// Decodes MAVLink.
 #[derive(Default)]
 pub struct MavlinkDecoder {
     mounting: Mounting,
@@ -77,7 +78,6 @@ fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
 }
 
 impl MavlinkDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),
@@ -102,7 +102,7 @@ impl MavlinkDecoder {
             31 if self.is_unfit() => self.leave_out("ATTITUDE_QUATERNION", Why::Invalid),
             331 if self.is_unfit() || p.u8(232) == FAILED => self.leave_out("ODOMETRY", Why::Invalid),
             ESTIMATOR_STATUS => self.estimator(p.u16(40)),
-            // Zero is sent by an autopilot without this estimator.
+            // An autopilot without this estimator sends zero.
             id if id == EKF_STATUS_REPORT.0 => match p.u16(20) {
                 0 => Some(()),
                 flags => self.estimator(flags),
@@ -279,7 +279,8 @@ impl MavlinkDecoder {
     }
 
     fn odometry(&mut self, at_ns: i64, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
-        // Position, attitude, velocity, rates, two covariances, frames; NED, or the velocity in body axes.
+        // Fields: position, attitude, velocity, rates, two covariances, frames. They are in NED, or the velocity is in
+        // body axes.
         let (frame, child) = (p.u8(228), p.u8(229));
         let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
             (p.floats(8), p.floats(20), p.floats(36));
@@ -303,7 +304,7 @@ impl MavlinkDecoder {
             c if c == m::MavFrame::MAV_FRAME_BODY_FRD as u8 => measured.map(|v| turn * v),
             _ => None,
         };
-        // Upper triangle of 6 x 6, row by row; the first is NaN when the covariance is unknown.
+        // Upper triangle of a 6 x 6 matrix, row by row. The first element is NaN if the covariance is unknown.
         let sd = |at: usize, k: usize, otherwise: f64| {
             let [v]: [f64; 1] = p.floats(at + 4 * k);
             if v.is_finite() && v > 0.0 {

@@ -126,7 +126,6 @@ macro_rules! measurement_from {
 measurement_from!(Imu ImuSample, Gnss GnssFix, Heading HeadingFix, Attitude AttitudeFix);
 
 impl Measurement {
-    /// Header of the measurement.
     pub fn header(&self) -> &Header<VesselClock> {
         of_any_kind!(self, m => &m.header)
     }

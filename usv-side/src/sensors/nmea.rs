@@ -2,11 +2,11 @@
 //! and ZDA, and the NMEA 2000 carried by PCDIN, MXPGN and PDGY ([`carried`]).
 //!
 //! A sentence with a time opens an epoch. Sentences without a time belong to the epoch in which they arrive or to the
-//! next, depending on the pauses between arrivals ([`attribution`]), once per kind; a second one of the same kind in an
-//! epoch has no time and is counted and dropped. If several arrive with each time, or no times at all, the arrival is
-//! their time. In a recording, which has no arrival times, attitudes are spread evenly up to the next time. Position
-//! and velocity of an epoch form one fix, heading and rate of turn one heading. Parts that arrive less often than
-//! epochs are not waited for in between ([`partner`]).
+//! next, depending on the pauses between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second
+//! one has no time and is counted and dropped. If several sentences of a kind arrive with each time, or no times are
+//! sent at all, the time of arrival is used. In a recording, which has no arrival times, attitudes are spread evenly up
+//! to the next time. Position and velocity of an epoch form one fix, heading and rate of turn one heading. A part that
+//! arrives less often than epochs is awaited only in the epochs that should have it ([`partner`]).
 
 pub(super) mod account;
 mod attribution;
@@ -49,12 +49,11 @@ const MAX_SPREAD: usize = 1000;
 /// Maximum age of a rate of turn that has its own time, ns.
 const RATE_AGE_NS: i64 = 200_000_000;
 
-/// Decodes NMEA 0183.
 #[derive(Clone, Debug)]
 pub struct NmeaDecoder {
     mounting: Mounting,
     lines: LineBuffer,
-    /// Number of sentences without a checksum since the start; None once one had a checksum.
+    /// Number of sentences without a checksum since the start; None once a sentence had a checksum.
     unchecked: Option<u32>,
     decoded: Decoded,
     account: Account,
@@ -71,21 +70,22 @@ pub struct NmeaDecoder {
     /// Newest rate of turn that has its own time, rad/s, and its arrival time.
     own_rate: Option<(f64, i64)>,
     variation: Variations,
-    /// Devices are talkers and proprietary sentences, numbered by index.
+    /// Talkers and proprietary sentences, which are the devices of a stream, numbered by index.
     devices: Devices,
     talkers: Vec<String>,
-    /// First half of an attitude in XDR: roll, pitch, rad, and its device.
+    /// First half of an attitude in XDR: roll or pitch, rad, and the device that sent it.
     half_tilt: [Option<f64>; 2],
     half_of: Option<u32>,
-    /// Sentence whose times are used, its newest time, ns, and the majority over sentences of another clock.
+    /// Clock in use: sentence whose times are used, its newest time, ns, and its majority over sentences of another
+    /// clock.
     clock: Option<(String, i64, u8)>,
     /// Remaining bytes of a UBX message.
     ubx: UbxSkip,
-    /// Parts that complete an epoch: velocity of a position, rate of a heading, height of a position.
+    /// Parts that complete an epoch: the velocity of a position, the rate of a heading, and the height of a position.
     velocity: Partner,
     rate: Partner,
     height: Partner,
-    /// No epoch is complete yet, so it is unknown whether each one has a better position.
+    /// No epoch is complete yet, so it is unknown whether each epoch has a better position.
     is_first: bool,
     /// Number of magnetic headings since the last true heading.
     without_true: u8,
@@ -149,7 +149,6 @@ impl Untimed {
 }
 
 impl NmeaDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),
@@ -181,7 +180,8 @@ impl NmeaDecoder {
             carried: Carried::new(mounting),
         }
     }
-    /// Decoder for a recording without times in its sentences: the gateway's counter dates the NMEA 2000 messages.
+    /// Makes this the decoder for a recording without times in its sentences: the gateway's counter dates the NMEA 2000
+    /// messages.
     pub(crate) fn by_counter(mut self) -> Self {
         self.carried.by_counter();
         self
@@ -371,7 +371,7 @@ impl NmeaDecoder {
         self.epoch.as_mut()
     }
 
-    /// Dates a sentence without a time by arrival, adds it to its epoch, or lets it wait for the next one.
+    /// Dates a sentence without a time by arrival, adds it to its epoch, or keeps it for the next epoch.
     fn untimed(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
         self.decoded.good += 1;
         let kind = untimed.kind();
@@ -379,7 +379,7 @@ impl NmeaDecoder {
         if let Some(now_ns) = self.attribution.own_time(kind) {
             self.arrived(untimed, now_ns, out);
         } else if self.attribution.leads(kind) {
-            // The newest one is nearest to the next time.
+            // The newest sentence of a kind is nearest to the next time.
             let before = self.waiting.len();
             self.waiting.retain(|w| w.kind() != kind);
             self.decoded.undated += (before - self.waiting.len()) as u64;
@@ -392,7 +392,7 @@ impl NmeaDecoder {
     fn arrived(&mut self, untimed: Untimed, now_ns: i64, out: &mut Vec<SourceMeasurement>) {
         let before = self.timeless.len();
         match untimed {
-            // A velocity is useless without its position; one is used per time.
+            // A velocity cannot be used without its position; one velocity is used per time.
             Untimed::Velocity(_) => return self.add(untimed, out),
             Untimed::Rate(rate) => self.own_rate = Some((rate, now_ns)),
             Untimed::Heading(heading, sd) => self.own_heading(now_ns, heading, sd),
@@ -446,7 +446,7 @@ impl NmeaDecoder {
         self.emit(false, out);
     }
 
-    /// Emits complete measurements; at the end of the epoch also incomplete ones.
+    /// Emits complete measurements. At the end of the epoch, also emits incomplete ones.
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
@@ -500,7 +500,8 @@ impl NmeaDecoder {
         }
         self.spread_evenly(at_ns, next_ns, out);
     }
-    /// Dates the attitudes after the first one of a recorded epoch evenly between its time and the next.
+    /// Dates the attitudes of a recorded epoch, except the first one, evenly between the epoch's time and the next
+    /// time.
     fn spread_evenly(&mut self, at_ns: i64, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         let all = core::mem::take(&mut self.spread);
         let count = all.len() as i64 + 1;

@@ -25,7 +25,7 @@ use crate::node::KINDS;
 pub const MAX_STEP_BYTES: usize = 1 << 16;
 /// Number of sources of one kind within one byte stream (two receivers of an autopilot).
 const WITHIN: u8 = 2;
-/// Names in remarks of the sources within one: an autopilot's second receiver, and its odometry.
+/// Prefixes of remarks for the sources within one stream: an autopilot's second receiver, and its odometry.
 const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
 /// Threshold above which a time is counted from 1970 rather than from the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
@@ -67,13 +67,15 @@ struct Source {
     /// RTCM frames, if the source is a moving base.
     rtcm: Option<RtcmTraffic>,
     latency: Span,
-    /// Clocks for times from the source's start, and for times from 1970; a single one or one per kind.
+    /// Clocks for times counted from the source's start, and clocks for times counted from 1970. All kinds share one
+    /// clock, or each kind has its own.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    /// Newest time passed on, by kind and source within, on the source's own clock, and for those dated by arrival.
+    /// Newest times passed on, by kind and by source within the stream: first those on the source's own clock, then
+    /// those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and headings, which the estimator accepts only up to a limit.
     ages: [AgeCounts; 2],
-    /// By source within.
+    /// Plausibility of each source within the stream.
     plausible: [Plausibility; WITHIN as usize + 1],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
@@ -177,7 +179,7 @@ impl Source {
         all
     }
 
-    /// Measurement of source `number` without implausible channels. None if nothing is left.
+    /// Measurement of source `number` without its implausible channels. None if no channel is left.
     fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
         let within = usize::from(m.source());
         let still = boat.take((number * self.plausible.len() + within) as u8, &m);
@@ -186,7 +188,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// Measurement on the vessel's clock. None, and counted, if it is not passed on.
+    /// Measurement on the vessel's clock. If the measurement is not passed on, it is counted, and the result is None.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;
@@ -197,7 +199,8 @@ impl Source {
     fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
         self.pass(now, now - self.latency, (1, now.nanos()), measurement)
     }
-    /// Passes a measurement on if its time (ns, clock 0: the source's, 1: ours) is newer than the last of its kind.
+    /// Passes a measurement on if its time (ns, clock 0: the source's, 1: ours) is newer than the last time of its
+    /// kind.
     fn pass(
         &mut self,
         now: Time<VesselClock>,

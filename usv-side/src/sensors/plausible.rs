@@ -41,8 +41,8 @@ const HEIGHT_JUMP_SDS: f64 = 6.0;
 /// Maximum climb rate of an antenna on a mast in waves, m/s.
 const MAX_CLIMB_MPS: f64 = 20.0;
 
-/// Averaging time of the specific force, s, and the angle from down above which its mean belongs to another axis: 60
-/// deg, since a boat heeled by 30 deg rolls by as much.
+/// Averaging time of the specific force, s, and the angle from down above which the mean force belongs to another axis:
+/// 60 deg, because a boat heeled by 30 deg may also roll by 30 deg.
 const GRAVITY_S: f64 = 10.0;
 const MAX_MEAN_TILT_RAD: f64 = 1.05;
 /// [`Measurement::kind`] of headings and attitudes.
@@ -59,8 +59,9 @@ const MIN_POSITION_SD_M: f64 = 0.3;
 const RATE_ERROR_RADPS: f64 = 0.0175;
 /// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
 const VELOCITY_ERROR_MPS: f64 = 0.3;
-/// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate, more than one for a
-/// smoothed rate such as a rate of turn or a course, because smoothing removes at most the whole change.
+/// Fraction of a change by which the integral of its rate may differ from it. The fraction is half for a simultaneous
+/// rate. It is more than one for a smoothed rate such as a rate of turn or a course, because smoothing removes at most
+/// the whole change.
 const EXACT: f64 = 0.5;
 const SMOOTHED: f64 = 1.5;
 
@@ -88,7 +89,7 @@ const OF_POSITION: Lengths = Lengths {
 pub(crate) struct Judged {
     /// Measurement without the removed parts. None if it is removed completely.
     pub(crate) measurement: Option<Measurement>,
-    /// Parts removed from now on, and the time of the first value that led to this.
+    /// Parts removed from now on, each with the time of the first value that led to the removal.
     retracted: Vec<(Part, Time<VesselClock>)>,
 }
 
@@ -97,7 +98,7 @@ pub(crate) struct Judged {
 pub(crate) struct Plausibility {
     heave: Heave,
     rates: Agreement<[f64; 2]>,
-    /// Yaw rate with an attitude, rad/s, and its agreement with the heading.
+    /// Newest yaw rate sent with an attitude, rad/s, and its agreement with the heading.
     newest_yaw_rate: Option<(Time<VesselClock>, f64)>,
     yaw_rate: Agreement<f64>,
     rate_of_turn: Agreement<f64>,
@@ -209,7 +210,7 @@ impl Plausibility {
         }
     }
 
-    /// Checks that the sensor's third axis points down: over many waves the mean specific force points up.
+    /// Checks that the sensor's third axis points down, i.e. that the mean specific force over many waves points up.
     fn force(&mut self, at: Time<VesselClock>, force: [f64; 3]) -> Taken {
         let (mean, newest, begun) = self.mean_force.unwrap_or((force, at, at));
         let gap_s = (at - newest).secs();
@@ -381,7 +382,8 @@ impl Plausibility {
     }
 }
 
-/// Text of a reason, with its value. The sign is omitted, as it depends on the mounting, except beyond a bound.
+/// Text of a reason, with its value. The sign depends on the mounting, so it is omitted except for a value beyond a
+/// bound.
 fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     let size = |x: f64| format!("{:.1} {}", t.factor * x.abs(), t.unit);
     match doubt {
@@ -434,8 +436,8 @@ fn has_height(fix: &GnssFix) -> bool {
     fix.position_sd[2] < NOT_MEASURED_SD
 }
 
-/// Measurements of a recording, in order, without implausible channels, and remarks on these. The values that led to a
-/// rejection are removed as well.
+/// Removes implausible channels from the measurements of a recording, which stay in order. Returns the measurements and
+/// remarks on the removed channels. The values that led to a rejection are removed as well.
 pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     let mut sources: [Plausibility; MAX_SOURCES] = Default::default();
     let mut movement = Movement::default();

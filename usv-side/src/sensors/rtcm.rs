@@ -17,7 +17,7 @@ const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
 const MAX_NUMBERS: usize = 16;
 /// Number of recent arrivals from which the rate of a message number is computed.
 const MAX_ARRIVALS: usize = 16;
-/// Absence after which a message number counts as discontinued; no receiver repeats the base's position less often.
+/// Absence after which a message number counts as discontinued. All receivers repeat the base's position more often.
 const ABSENT: Span = Span::from_millis(30_000);
 /// Message number of the GLONASS phase biases.
 const GLONASS_BIASES: u16 = 1230;
@@ -33,7 +33,7 @@ impl Arrivals {
         }
         self.0.push_back((now, bytes));
     }
-    /// Rates of messages, Hz, and bytes, 1/s; zero after the first one.
+    /// Rate of the messages, Hz, and of their bytes, 1/s; both are zero until a second message arrives.
     fn rates(&self) -> [f64; 2] {
         let Some(((first, _), (newest, _))) = self.0.front().zip(self.0.back()) else {
             return [0.0; 2];
@@ -54,7 +54,8 @@ const MAX_STATIONS: usize = 4;
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
-/// Position of the base by 1005 or 1006, the time since when it is constant, and the vessel's position at that time.
+/// Position of the base from message 1005 or 1006, time since which that position is constant, and the vessel's
+/// position at that time.
 #[derive(Clone, Copy, Debug)]
 struct Base {
     place: Datum,
@@ -92,13 +93,14 @@ impl RtcmTraffic {
             now: Time::EPOCH,
         }
     }
-    /// Makes the antenna's position relative to the deck's centre, which is given in the vessel's body frame, m.
+    /// Converts the antenna's position to one relative to the deck's centre, which is given in the vessel's body frame,
+    /// m.
     pub(super) fn place(&mut self, deck_centre_m: [f64; 3]) {
         let from_deck = self.antenna_m.iter_mut().zip(deck_centre_m);
         from_deck.for_each(|(antenna, centre)| *antenna -= centre);
     }
-    /// Processes bytes, and appends their frames with empty headers. Returns the bytes outside of frames. Frames that
-    /// exceed the capacity are counted in `lost_bytes`.
+    /// Processes bytes, and appends their frames with empty headers. Returns the bytes that do not belong to a frame.
+    /// Frames that exceed the capacity are counted in `lost_bytes`.
     pub(super) fn push(
         &mut self,
         now: Time<VesselClock>,

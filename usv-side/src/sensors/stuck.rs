@@ -18,7 +18,7 @@ pub struct RepeatedSamples {
 }
 
 impl RepeatedSamples {
-    /// Adds a sample. Returns whether the sensor is stuck. Compared bit by bit, without rounding.
+    /// Adds a sample. Returns whether the sensor is stuck. Samples are compared bit by bit, without rounding.
     pub fn is_stuck(&mut self, m: &ImuSample) -> bool {
         let ([p, q, r], [x, y, z]) = (m.gyro, m.accelerometer);
         let numbers = [p, q, r, x, y, z].map(f64::to_bits);

@@ -1,7 +1,7 @@
-//! UBX of u-blox: NAV-PVT, or separate messages with its parts ([`parts`]), to a fix; NAV-RELPOSNED of a moving base to
-//! a heading. Other messages are listed in the source's report. TIM-TP announces the time of the next pulse. Its edge
-//! is not observed, so it dates no measurement. It shows whether pulse and fixes use the same time base, which matters
-//! to a computer that takes its clock from the pulse.
+//! UBX of u-blox. NAV-PVT, or separate messages with its parts ([`parts`]), is converted to a fix, and NAV-RELPOSNED of
+//! a moving base to a heading. Other messages are listed in the source's report. TIM-TP announces the time of the next
+//! pulse. The pulse's edge is not observed, so TIM-TP dates no measurement. It shows whether pulse and fixes use the
+//! same time base, which matters to a computer that takes its clock from the pulse.
 
 mod parts;
 
@@ -20,13 +20,12 @@ const MAX_WAITING: usize = 2048;
 /// Number of bytes passed to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Maximum time from a fix to an announced pulse, ns: its period of 1 s (the receivers' default), plus the same for a
-/// late message. UTC and GPS time differ by whole seconds, 18 since 2017.
+/// Maximum time from a fix to an announced pulse, ns: the pulse's period of 1 s (the receivers' default), and another
+/// second for a late message. UTC and GPS time differ by whole seconds, 18 since 2017.
 const PULSE_NS: i64 = 2_000_000_000;
-/// Fraction of a receiver's stated error that changes within a minute (ours).
+/// Fraction of a receiver's stated error that changes within a minute (our choice).
 const FAST_FRACTION: f64 = 0.3;
 
-/// Decodes UBX.
 pub struct UbxDecoder {
     mounting: Mounting,
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
@@ -109,7 +108,6 @@ fn name(of: (u8, u8)) -> String {
 }
 
 impl UbxDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         UbxDecoder {
             mounting: mounting.clone(),
@@ -209,7 +207,7 @@ impl SensorDecoder for UbxDecoder {
                             self.account.leave_out(&name, Why::NotRead);
                         }
                     }
-                    // The checksum is valid, so it is from another receiver generation.
+                    // The checksum is valid, so the message is from another receiver generation.
                     Err(ParserError::InvalidPacketLen { packet, .. }) => {
                         self.decoded.corrupted += 1;
                         self.account.leave_out(packet, Why::Length);

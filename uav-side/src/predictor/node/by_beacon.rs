@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Time for which the last known level of the deck is used, s; a barometer drifts by a metre in that time.
+/// Time for which the last known level of the deck is used, s. In that time, a barometer drifts by a metre.
 const LEVEL_S: f64 = 300.0;
 
 impl Predictor {
@@ -45,7 +45,7 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
-    /// Forecast without a deck, published to report that several decks are in sight and none is followed.
+    /// Forecast without a deck. It reports that several decks are in sight and none is followed.
     pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
@@ -65,7 +65,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// Present estimate by the beacon or from the last known position, whichever is better.
+    /// Present estimate from the beacon or from the last known position, whichever is more accurate.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));

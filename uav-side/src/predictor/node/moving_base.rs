@@ -8,8 +8,8 @@ use super::super::relative;
 use super::*;
 
 impl Predictor {
-    /// Processes a relative position. If it is not fixed, or the tags contradict it, it only appears in the forecast's
-    /// state.
+    /// Processes a relative position. If its solution is not fixed, or if the tags contradict it, it is only reported
+    /// in the forecast's state.
     pub(super) fn relative_place(
         &mut self,
         now: Time<DroneClock>,
@@ -37,7 +37,7 @@ impl Predictor {
         self.relative.count(at);
         Ok(())
     }
-    /// Fuses a detection. While a relative position is in use, more of the camera's errors are included.
+    /// Fuses a detection. While a relative position is in use, additional errors of the camera are taken into account.
     pub(super) fn fuse_next_to_relative(
         &mut self,
         now: Time<DroneClock>,

@@ -43,7 +43,7 @@ impl Predictor {
             .ok_or(RejectionReason::NoDroneState)?;
         Ok(observe(&pose, &self.config))
     }
-    /// Deck to which tags belong. Rejected if the tags are not where the vessel is.
+    /// Deck to which tags belong, or a rejection if the tags are not at the vessel's position.
     pub(super) fn sighted(
         &mut self,
         now: Time<DroneClock>,
@@ -95,11 +95,11 @@ impl Predictor {
         }
         Ok(())
     }
-    /// Whether the radio still provides the vessel's position; afterwards it is known by its tags alone.
+    /// Whether the radio still provides the vessel's position. Afterwards the vessel is known only by its tags.
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
         self.age_s(now, &[Estimate]) <= SILENT_S
     }
-    /// Rejects a detection that is not where radio or beacon place the vessel.
+    /// Rejects a detection that is too far from the vessel's position by radio or beacon.
     pub(super) fn not_elsewhere(
         &mut self,
         now: Time<DroneClock>,
@@ -115,8 +115,9 @@ impl Predictor {
         }
     }
 
-    /// Distance of detected tags from the position by the relative position or the radio, and its limit, m, if they
-    /// belong to another vessel. While the radio is silent and the deck is not followed, the beacon is used instead.
+    /// Distance of detected tags from the vessel's position and its limit, m, if they belong to another vessel. The
+    /// position is the relative position or the radio's; while the radio is silent and the deck is not followed, it is
+    /// the beacon's.
     pub(super) fn apart_from_radio(
         &self,
         now: Time<DroneClock>,
@@ -135,8 +136,8 @@ impl Predictor {
         filter.elsewhere(&self.waves, axes?, o, followed)
     }
 
-    /// Distance between the positions by vision and by radio, and its limit, m, for the deck or for tags of another
-    /// one.
+    /// Distance between the positions by vision and by radio, and its limit, m. Refers to the deck or to the tags of
+    /// another deck.
     pub(super) fn place_apart_m(
         &self,
         now: Time<DroneClock>,

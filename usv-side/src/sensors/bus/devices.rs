@@ -37,7 +37,6 @@ const DEGREE_M: f64 = 111_120.0;
 /// Maximum number of devices listed in a remark.
 const MAX_LISTED: usize = 8;
 
-/// Number of groups.
 pub(super) const GROUPS: usize = 8;
 /// Indices of the groups of headings, rates of turn, angular rates, attitudes, positions and velocities.
 pub(in crate::sensors) const HEADINGS: usize = 0;
@@ -85,12 +84,13 @@ struct GroupLimits {
     /// Permitted difference between two working devices in addition to their standard deviations: mounting, antenna
     /// positions, slow error.
     floor: f64,
-    /// Further permitted difference as a fraction of the window's range, since the values have different times.
+    /// Additional permitted difference as a fraction of the window's range, because the compared values have different
+    /// times.
     of_range: f64,
-    /// Range above which a device is moving; constant values of another device are then not measurements. Infinite if
-    /// they may be constant.
+    /// Range above which a device is moving; constant values of another device are then not measurements. Infinite for
+    /// a group whose values may be constant.
     moved: f64,
-    /// Rate above which a higher one is no advantage, Hz; zero if the device in use never changes.
+    /// Rate above which a higher rate is no advantage, Hz; zero if the device in use never changes.
     useful_hz: f64,
 }
 
@@ -188,7 +188,7 @@ impl DeviceNames {
 pub(in crate::sensors) struct DeviceSample {
     /// SI; for a position latitude and longitude, deg.
     pub(in crate::sensors) value: [f64; 2],
-    /// Standard deviation assumed if the device states none, and the stated one, SI.
+    /// Standard deviation assumed if the device states none, and the stated standard deviation, SI.
     pub(in crate::sensors) sd: f64,
     pub(in crate::sensors) stated_sd: Option<f64>,
 }
@@ -261,11 +261,12 @@ struct GroupDevice {
     /// Rate (Hz) and standard deviation (SI) of the last window.
     rate_hz: f64,
     sd: f64,
-    /// Numbers of consecutive windows in which its values were constant, and in which it was better than the device in
-    /// use.
+    /// Numbers of consecutive windows in which the device's values were constant, and in which it was better than the
+    /// device in use.
     still: u32,
     better: u32,
-    /// Device from which it differs, number of consecutive windows, and sum of the differences (root mean square), SI.
+    /// Difference from the device in use: number of that device, number of consecutive windows with a difference, and
+    /// sum of the root mean square differences, SI.
     differs: (u32, u32, f64),
 }
 
@@ -277,7 +278,7 @@ impl GroupDevice {
         }
         rate / self.sd.max(1e-9).powi(2)
     }
-    /// Whether it provides velocity and height if the other does.
+    /// Whether this device provides velocity and height if the other does.
     fn has_parts_of(&self, other: &GroupDevice, at_ns: i64) -> bool {
         let has = |part: Option<i64>| part.is_some_and(|then_ns| is_near(at_ns, then_ns, WINDOW_NS));
         let mut parts = self.parts_ns.into_iter().zip(other.parts_ns);
@@ -290,7 +291,7 @@ impl GroupDevice {
 pub(in crate::sensors) struct DeviceGroup {
     /// Selected device, and time of its last value, ns.
     kept: Option<(u32, i64)>,
-    /// Device that replaces it while it is silent, likewise.
+    /// Device that replaces the selected one while that is silent, and time of its last value, ns.
     stand_in: Option<(u32, i64)>,
     /// At most [`MAX_DEVICES`], in order of appearance.
     devices: Vec<GroupDevice>,
@@ -315,7 +316,7 @@ impl DeviceGroup {
         let (device, newest) = self.stand_in.or(self.kept)?;
         is_near(at_ns, newest, SILENT_NS).then_some(device)
     }
-    /// Records a value of a device. A device selected in the configuration is used from then on.
+    /// Records a value of a device. A device selected in the configuration is used from this value on.
     pub(super) fn gave(&mut self, device: u32, at_ns: i64, is_chosen: bool) {
         let is_kept = self.kept.is_none_or(|(of, _)| of == device);
         if is_kept || is_chosen {
@@ -407,7 +408,7 @@ impl DeviceGroup {
                 let (rms, mean) = ((own.squares / n).sqrt(), own.sums[0].hypot(own.sums[1]) / n);
                 let range = limits.of_range * own.range().max(used.range());
                 let allowed = limits.floor + SIGMAS * (own.sd() + used.sd());
-                // Time differences affect the mean over a window of waves less.
+                // Over a window of waves, time differences affect the mean less than the root mean square.
                 let differ = rms > allowed + range || mean > allowed + MEAN_OF_RANGE * range;
                 differ.then_some((of, rms))
             });

@@ -5,7 +5,7 @@ use super::name_text;
 use crate::sensors::config::{BusDevices, device_name};
 use crate::sensors::{Mounting, Remark};
 
-/// Time from the first message after which a selected device counts as missing, ns.
+/// Time from the first message after which an absent selected device is reported as missing, ns.
 const MISSED_NS: i64 = 5_000_000_000;
 /// Maximum number of stated variations that are kept.
 const MAX_STATED: usize = 16;
@@ -33,7 +33,7 @@ impl Devices {
             ..Devices::default()
         }
     }
-    /// Uses the positions of all devices, unless one is selected: sentences of one epoch.
+    /// Uses the positions of all devices, unless one is selected. For sentences, whose positions belong to one epoch.
     pub(in crate::sensors) fn merged(mut self) -> Self {
         self.is_merged = true;
         self

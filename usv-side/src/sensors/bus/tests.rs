@@ -15,10 +15,10 @@ fn devices_of_a_group_that_fall_silent_and_return() {
         bus.take(device, (at_s * 1e9) as i64, heading).is_ok()
     };
     assert!(takes(1, 0.0) && !takes(2, 0.1) && takes(1, 1.0));
-    // The second device replaces the first until that returns.
+    // The second device replaces the first until the first returns.
     assert!(!takes(2, 2.9) && takes(2, 3.1) && !takes(3, 3.2));
     assert!(takes(1, 3.3) && !takes(2, 3.4) && takes(1, 4.0));
-    // A third one replaces both while they are silent.
+    // A third device replaces both while they are silent.
     assert!(takes(2, 6.1) && takes(3, 8.2) && !takes(2, 8.3) && takes(1, 8.4));
 }
 
@@ -90,7 +90,7 @@ fn receiver_that_stands_in_with_its_velocity() {
     let place = Content::Position([50.0, 14.5]);
     let mut takes = |of, at_s: f64, c| bus.take(of, (at_s * 1e9) as i64, c).is_ok();
     assert!(takes(1, 0.0, place) && !takes(2, 0.1, velocity(2)) && takes(1, 0.1, velocity(1)));
-    // The first has lost its position, but still sends a velocity.
+    // The first device has lost its position, but still sends a velocity.
     assert!(takes(2, 2.5, place) && takes(2, 2.5, velocity(2)) && !takes(1, 2.6, velocity(1)));
     assert!(takes(1, 3.0, place) && takes(1, 3.0, velocity(1)) && !takes(2, 3.1, velocity(2)));
 }

@@ -110,7 +110,7 @@ fn mavlink_kinds_of_measurement() {
     assert!((h.heading + core::f64::consts::FRAC_PI_2).abs() < 1e-6, "{h:?}");
     assert!((g.velocity[1] - 2.0).abs() < 1e-6 && g.velocity_sd[2] == NOT_MEASURED_SD);
     assert_eq!(g.lever_arm, Some([0.0, 0.0, -2.0]));
-    // The receiver only sends 210 m above the sea; the geoid is 45.25 m above the ellipsoid there.
+    // The receiver sends only the height above the sea, 210 m; the geoid is 45.25 m above the ellipsoid there.
     assert!((g.datum.height_m - 255.25).abs() < 0.01, "{g:?}");
     assert!((1.0..4.0).contains(&g.height_spread), "{g:?}");
     assert!(d.remarks()[0].text.contains("EGM96 45.2 m"), "{:?}", d.remarks());
@@ -170,7 +170,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         let (all, d) = decode(&[&frame(0, &boat())[..], bytes].concat(), 91, Mount::default());
         (fixtures::count(&all, 3), d.decoded().left_out, d)
     };
-    // Before alignment, and afterwards.
+    // Status and attitudes before alignment, and afterwards.
     let (used, left_out, d) = of(&[status(2), tilts(0, 10), status(0x3f), tilts(400, 5)].concat());
     assert_eq!((used, left_out), (5, 10));
     let text = "left out: 10 ATTITUDE_QUATERNION (marked as invalid)";
@@ -179,7 +179,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         "{:?}",
         d.remarks()
     );
-    // A bad report that is never followed by another, and a good one.
+    // A bad report that no other report follows, and a good report.
     assert_eq!(
         of(&[status(0), tilts(0, 260)].concat()).0,
         260 - usize::from(UNFIT)
@@ -306,7 +306,7 @@ fn mavlink_without_a_boat() {
     );
     assert!(remark.remedy.as_ref().is_some_and(|r| r.contains("system = N")));
     assert!(d.request().unwrap().len() < 30, "a stranger is asked for nothing");
-    // Selected by number, it is the vessel.
+    // If it is selected by number, the drone's system counts as the vessel.
     let named = MavlinkDecoder::new(&Mounting::default()).of_system(1);
     assert_eq!(fixtures::decode(named, &drone(true), 91).0.len(), 20 + 20 + 2);
     // A sensor without heartbeats is accepted after a while.
@@ -340,7 +340,7 @@ fn mavlink_heights_above_the_ellipsoid() {
         bytes.extend(crc.to_le_bytes());
         bytes
     };
-    // Provided; afterwards zero is a valid height, because the receiver provides heights.
+    // Once the receiver has provided a height, zero is a valid height as well.
     let bytes = [frame(0, &boat()), with(1, 254_000), with(2, 0)].concat();
     let fixes = fixtures::fixes(&decode(&bytes, 91, Mount::default()).0);
     assert_eq!(fixes.len(), 2);

@@ -13,7 +13,7 @@ use crate::sensors::clock::{of_day_ns, time_of_day_ns, utc_ns};
 
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
-/// Threshold between times counted from 1970 and others (a date in 2001), ns.
+/// Smallest time that counts as a time since 1970 (a date in 2001), ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
 /// Bytes of a CAN frame.
 pub(super) const FRAME: usize = 8;
@@ -40,7 +40,7 @@ pub(super) struct N2kLine {
     /// Address of its sender.
     pub(super) source: u8,
     pub(super) data: Vec<u8>,
-    /// The line holds a complete message, even if it is longer than a frame.
+    /// The line holds a complete message, even if the message is longer than a frame.
     pub(super) whole: bool,
 }
 

@@ -32,7 +32,6 @@ struct Open {
     data: Vec<u8>,
 }
 
-/// Decodes NMEA 2000.
 #[derive(Clone, Debug)]
 pub struct N2kDecoder {
     lines: LineBuffer,
@@ -54,7 +53,6 @@ pub(super) fn is_line(text: &str) -> bool {
 }
 
 impl N2kDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         N2kDecoder {
             lines: LineBuffer::new(MAX_LINE),
@@ -86,7 +84,7 @@ impl N2kDecoder {
         let (at_ns, is_stamped) = match line.at {
             N2kStamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
             N2kStamp::Unix(at) => (at, true),
-            // In a recording, times from its start are used; those relative to the previous line are not monotonic.
+            // In a recording, times since its start are used. Times since the previous line are not monotonic.
             N2kStamp::Relative(at)
                 if self.now_ns.is_none() && self.relative.is_none_or(|last| at >= last) =>
             {
@@ -132,7 +130,7 @@ impl N2kDecoder {
                 let names = [source.to_string(), name_text(name)];
                 self.bus.name(source.into(), [&names[0], &names[1]]);
             }
-            // A device that found no free address.
+            // The device found no free address.
             None => self.left_out("60928", Why::Empty),
         }
     }

@@ -66,7 +66,7 @@ pub(super) fn claimed(data: &[u8]) -> Option<u64> {
     Fields(data).bytes(0).map(u64::from_le_bytes)
 }
 
-/// Whether the device marks a message without content as an error.
+/// Whether the device reports an error with this message, which has no content.
 pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
     let reference = match pgn {
         127_250 => data.get(7),
@@ -83,7 +83,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     const ANGLE: f64 = 1e-4;
     // Valid directions are from zero to a full turn.
     let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
-    // Reference: true or magnetic north. If it is invalid or not stated, so is the angle.
+    // Reference: true or magnetic north. If the reference is invalid or not stated, the angle is not used.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
         1 => Some(true),
@@ -106,7 +106,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,
-            // Zero is sent by a receiver that does not provide it.
+            // A receiver that does not provide the dilution sends zero.
             hdop: f.i16(34).filter(|x| *x > 0.0).map(|x| x * 0.01),
             // 0: not checked, 1: safe, 2: caution, 3: not available.
             caution: f.u8(32).is_some_and(|b| b & 3 == 2),
@@ -162,7 +162,7 @@ mod tests {
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
         }
         assert_eq!(read(129_029, &[0xff; 30]), None);
-        // Furuno's, and Simrad's with the same number.
+        // A message of Furuno's, and a message of Simrad's with the same number.
         let mut rates = [0; 29];
         rates[..2].copy_from_slice(&[0x3f, 0x9f]);
         rates[23..27].copy_from_slice(&(-1000_i32).to_le_bytes());
@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(read(130_842, &rates), Some(Content::Rates([0.0, 0.0, yaw])));
         rates[0] = 0x41;
         assert_eq!(read(130_842, &rates), None);
-        // At rest, and slow with a course.
+        // A vessel at rest, and a slow vessel with a course.
         let velocity = |course, speed| {
             Some(Content::Velocity {
                 course,

@@ -73,7 +73,7 @@ fn n2k_position_velocity_and_height() {
     assert_eq!((fixes.len(), d.decoded().corrupted), (3, 0), "{all:?}");
     let measured = |sd: f64| sd < NOT_MEASURED_SD;
     assert!(!measured(fixes[0].position_sd[2]) && !measured(fixes[0].velocity_sd[0]));
-    // The height is used once, with the next quick position; the velocity with each one.
+    // The height is used once, with the next quick position; the velocity is used with each position.
     assert!(measured(fixes[1].position_sd[2]) && !measured(fixes[2].position_sd[2]));
     assert!((fixes[1].datum.height_m - 48.0).abs() < 1e-3 && fixes[1].height_spread == 0.0);
     assert!((fixes[2].velocity[1] - 3.0).abs() < 1e-3 && measured(fixes[2].velocity_sd[0]));
@@ -118,7 +118,7 @@ fn n2k_headings_of_two_devices() {
     assert_eq!(headings, [1030.0, 1030.0, 2000.0]);
     assert!(of(&all[1]).rate.is_some_and(|r| (r - 0.0128).abs() < 1e-6) && of(&all[2]).rate.is_none());
     assert!(of(&all[0]).heading_sd > of(&all[2]).heading_sd);
-    // A magnetic heading before the variation was known, and the second device.
+    // Not used: a magnetic heading before the variation was known, and the second device.
     assert_eq!(d.decoded().left_out, 2, "{:?}", d.remarks());
 }
 
@@ -169,7 +169,7 @@ fn n2k_message_with_a_missing_frame() {
         "{:?}",
         d.decoded()
     );
-    // No fix, and a simulated one.
+    // A report without a fix, and a simulated fix.
     let (all, d) = decode(&[gnss(1.0, 50.0, 48.0, 0), gnss(5.0, 50.0, 48.0, 8)].concat());
     assert_eq!((all.len(), d.decoded().left_out), (0, 2));
 }

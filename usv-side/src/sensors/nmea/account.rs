@@ -14,8 +14,8 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Fraction of one kind's sentences above which repeated time stamps are normal for the source rather than duplicate
-/// datagrams, and headings of a float carrier solution are not a start-up effect.
+/// Fraction of one kind's sentences above which an irregularity is normal for the source: repeated time stamps are then
+/// not duplicate datagrams, and headings of a float carrier solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
 /// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).
@@ -75,7 +75,7 @@ impl Why {
         };
         text.into()
     }
-    /// Remedy, if it is a fault.
+    /// Remedy; None if the reason is not a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
             Why::NotRead
@@ -121,7 +121,7 @@ struct Stamps {
 pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
-    /// Number of two-antenna headings with a float carrier solution, and of all valid ones.
+    /// Number of two-antenna headings with a float carrier solution, and number of all valid two-antenna headings.
     antennas: [u64; 2],
     /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,

@@ -11,11 +11,11 @@ const TIMELESS_NS: i64 = 2_000_000_000;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Kind {
-    /// The sentences precede the one with their time.
+    /// Sentences of this kind precede the sentence with their time.
     leads: bool,
-    /// Number of consecutive epochs with evidence for the opposite.
+    /// Number of consecutive epochs with evidence for the opposite order.
     against: u8,
-    /// Number received since the last new time, and number of consecutive epochs with several.
+    /// Number of sentences received since the last new time, and number of consecutive epochs with several sentences.
     count: u32,
     several: u8,
     /// Arrival of the newest sentence, and its delay after the newest sentence with a time, ns.
@@ -52,7 +52,7 @@ impl Attribution {
         self.now_ns = Some(now_ns);
         self.first_ns.get_or_insert(now_ns);
     }
-    /// Records a sentence with a time; `new` if it differs from the last one.
+    /// Records a sentence with a time. `new`: the time differs from the last one.
     pub(super) fn timed(&mut self, new: bool) {
         if let (true, Some(now)) = (new, self.now_ns) {
             for kind in &mut self.kinds {
@@ -75,7 +75,8 @@ impl Attribution {
     pub(super) fn leads(&self, kind: usize) -> bool {
         self.kinds.get(kind).is_some_and(|k| k.leads)
     }
-    /// Arrival time, if it is used as the time: several sentences arrive per time, or no time arrives at all.
+    /// Arrival time of a kind, if it is used as the measurement time: several sentences arrive per time, or no time is
+    /// sent.
     pub(super) fn own_time(&self, kind: usize) -> Option<i64> {
         let now = self.now_ns?;
         let since = now.saturating_sub(self.timed_ns.or(self.first_ns)?);
@@ -85,8 +86,8 @@ impl Attribution {
 }
 
 impl Kind {
-    /// Handles the arrival of the next time at `now`: the newest sentence of a kind belongs to the nearer time, if that
-    /// is clear.
+    /// Handles the arrival of the next time at `now`. The newest sentence of a kind is attributed to the nearer of the
+    /// two times, if one of them is clearly nearer.
     fn end_epoch(&mut self, now: i64) {
         if let (1, Some((arrived, after))) = (self.count, self.arrived) {
             let before = now.saturating_sub(arrived);

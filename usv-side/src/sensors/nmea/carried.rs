@@ -33,7 +33,7 @@ const VOTES: i8 = 5;
 /// Maximum number of waiting messages in a recording, and maximum time over which they are spread, ns.
 const MAX_WAITING: usize = 3000;
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
-/// Number of carried measurements of a kind that are ignored after one of the sentences themselves: 5 s at 10 Hz.
+/// Number of carried measurements of a kind that are ignored after a measurement from a sentence itself: 5 s at 10 Hz.
 const MAX_SPARE: u8 = 50;
 /// Base of the times passed to the bus decoder, ns since 1970 (2033), and their maximum distance from it.
 const BASE_NS: i64 = 2_000_000_000_000_000_000;
@@ -71,7 +71,7 @@ impl CarriedMessage {
         let source = u8::from_str_radix(source, 16).ok();
         Self::new(u32::from_str_radix(pgn, 16).ok(), source, counter_ns, hex(data)?)
     }
-    /// Parses the fields of MXPGN, with the bytes in the order as written.
+    /// Parses the fields of MXPGN and keeps the bytes in the order as written.
     fn of_mxpgn(fields: &[&str]) -> Option<Self> {
         let [pgn, attributes, data] = fields else {
             return None;
@@ -92,7 +92,7 @@ impl CarriedMessage {
         let counter_ns = seconds.map(|s| (s * 1e3).round() as i64 * 1_000_000);
         Self::new(pgn.parse().ok(), source.parse().ok(), counter_ns, base64(data)?)
     }
-    /// Whether it is a continuation frame of a longer message.
+    /// Whether this is a continuation frame of a longer message.
     fn is_rest(&self) -> bool {
         let continues = self.data.first().is_some_and(|head| head & 0x1f != 0);
         continues && self.data.len() <= FRAME && LONG.contains(&self.pgn)
@@ -103,7 +103,7 @@ impl CarriedMessage {
 #[derive(Clone, Debug)]
 pub(super) struct Carried {
     decoder: N2kDecoder,
-    /// Kind of sentence in use: a gateway may send each message in two.
+    /// Kind of sentence in use, because a gateway may send each message in two kinds of sentence.
     kept: Option<String>,
     /// Messages of a recording since the newest time.
     waiting: Vec<CarriedMessage>,
@@ -113,9 +113,9 @@ pub(super) struct Carried {
     votes: i8,
     /// Sequence number of the next message that is split into frames.
     sequence: u8,
-    /// Measurements waiting for those of the sentence itself.
+    /// Measurements that follow those of the sentence itself.
     given: Vec<SourceMeasurement>,
-    /// By kind, number of measurements since the last one of the sentences themselves.
+    /// Number of carried measurements since the last one from a sentence itself, by kind.
     without_own: [u8; 4],
     /// Number of sentences read.
     pub(super) sentences: u64,
@@ -123,7 +123,6 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// Creates a decoder for a source with this mounting.
     pub(super) fn new(mounting: &Mounting) -> Self {
         Carried {
             decoder: N2kDecoder::new(mounting),
@@ -146,8 +145,9 @@ impl Carried {
     pub(super) fn is_spare(&mut self, address: &str) -> bool {
         self.kept.get_or_insert_with(|| address.into()) != address
     }
-    /// Parses MXPGN. Gateways differ in byte order: last byte first in ShipModul's manual, first byte first from Yacht
-    /// Devices. Reserved bytes at the end of a frame reveal the order. The inner None means that it is not known yet.
+    /// Parses MXPGN. Gateways differ in byte order: ShipModul's manual has the last byte first, Yacht Devices the first
+    /// byte first. Reserved bytes at the end of a frame reveal the order. The inner None means that the order is not
+    /// known yet.
     pub(super) fn of_mxpgn(&mut self, fields: &[&str]) -> Option<Option<CarriedMessage>> {
         let mut message = CarriedMessage::of_mxpgn(fields)?;
         if let [first, .., last] = message.data[..]
@@ -176,7 +176,7 @@ impl Carried {
             (None, _) => self.waiting.push(message),
         }
     }
-    /// Dates the waiting messages between two times, ns. Without two close times they are dropped.
+    /// Dates the waiting messages between two times, ns. Unless the two times are close, the messages are dropped.
     pub(super) fn date(&mut self, between: Option<(i64, i64)>) {
         let all = core::mem::take(&mut self.waiting);
         let span = between.map(|(at_ns, next_ns)| (at_ns, next_ns.saturating_sub(at_ns)));
@@ -248,8 +248,8 @@ impl Carried {
             *without = 0;
         }
     }
-    /// Measurements of the messages dated since the last call, and number of those ignored because the sentences
-    /// themselves provide the kind.
+    /// Measurements of the messages dated since the last call, and number of measurements ignored because the sentences
+    /// themselves provide that kind.
     pub(super) fn measurements(&mut self, by_arrival: bool) -> (Vec<SourceMeasurement>, usize) {
         let mut all = core::mem::take(&mut self.given);
         let count = all.len();
@@ -290,7 +290,6 @@ impl Carried {
     }
 }
 
-/// Parses hexadecimal digits.
 fn hex(text: &str) -> Option<Vec<u8>> {
     HEXUPPER_PERMISSIVE.decode(text.as_bytes()).ok()
 }
@@ -370,7 +369,7 @@ mod tests {
                 let (mut d, mut out) = (decoder(), Vec::new());
                 d.push(text.as_bytes(), &mut out);
                 d.finish(&mut out);
-                // Those after the last time have none.
+                // Messages after the last time have no time.
                 assert_eq!(
                     (count(&out, 3), d.decoded().undated, count(&out, 1)),
                     (90, 10, 10),
@@ -437,7 +436,8 @@ mod tests {
             d.push((gga(at / 10) + &hdt + &pcdin).as_bytes(), &mut out);
             timeless.extend(d.timeless());
         }
-        // The sentences' own; the others when they end, after a while.
+        // The sentences' own headings are used. The carried headings are used some time after the sentences' own have
+        // ended.
         let spare = d.decoded().left_out;
         assert!((98..=101).contains(&spare), "{spare}");
         assert!(

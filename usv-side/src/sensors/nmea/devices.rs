@@ -25,7 +25,8 @@ impl NmeaDecoder {
         }
         number as u32
     }
-    /// Adds a value of group `k` with its standard deviation as evidence on its device. Returns whether it is used.
+    /// Adds a value of group `k` with its standard deviation as evidence for or against its device. Returns whether the
+    /// value is used.
     pub(super) fn is_used(
         &mut self,
         k: usize,
@@ -48,8 +49,8 @@ impl NmeaDecoder {
         }
         !is_spare
     }
-    /// Whether a time is from the clock in use. A second clock (an instrument in local time) is ignored; the clock of
-    /// most sentences is used.
+    /// Whether a time is from the clock in use. A second clock (an instrument in local time) is ignored. The clock in
+    /// use is that of most sentences.
     pub(super) fn is_of_clock(&mut self, address: &str, at_ns: i64) -> bool {
         let (of, newest_ns, others) = self.clock.get_or_insert_with(|| (address.into(), at_ns, 0));
         let is_near = (at_ns - *newest_ns).abs() <= OTHER_CLOCK_NS;
@@ -86,7 +87,7 @@ impl NmeaDecoder {
             e.heading.get_or_insert((heading, sd));
         }
     }
-    /// Whether a true heading is used; it takes precedence over a magnetic one.
+    /// Whether a true heading is used. A true heading takes precedence over a magnetic heading.
     pub(super) fn is_true_used(&mut self, address: &str, heading: f64) -> bool {
         let is_first = self.without_true >= MAX_SPARE;
         let value = ([heading, 0.0], self.mounting.heading_sd());

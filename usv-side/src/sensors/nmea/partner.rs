@@ -1,7 +1,7 @@
 //! Tracks whether a part of an epoch is still to come: the velocity of a position, the rate of a heading, the sentence
 //! with the height. A part arrives at its own period; epochs in between are complete without it.
 
-/// Number of consecutive epochs without a part that was due, after which it is not waited for.
+/// Number of consecutive epochs without a due part after which the part is no longer awaited.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
 /// Resolution of times, ns: a hundredth of a second.
 const STAMP_NS: i64 = 10_000_000;
@@ -11,14 +11,15 @@ const STAMP_NS: i64 = 10_000_000;
 pub(in crate::sensors) struct Partner {
     /// Time of the newest epoch with the part, ns.
     newest_ns: Option<i64>,
-    /// Intervals between the three newest such epochs, ns. The smaller one is the period, as one may be lost.
+    /// Intervals between the three newest epochs with the part, ns. The smaller interval is the period, because a part
+    /// may be lost.
     apart_ns: [Option<i64>; 2],
-    /// Number of consecutive epochs without the part although it was due.
+    /// Number of consecutive epochs in which the part was due but did not arrive.
     without: u8,
 }
 
 impl Default for Partner {
-    /// A part that never arrived and is not waited for.
+    /// State of a part that has never arrived and is not awaited.
     fn default() -> Self {
         Partner {
             newest_ns: None,
@@ -77,7 +78,8 @@ mod tests {
             due.push(p.is_due(k * S));
             p.end_epoch(k * S, k % 2 == 0 && k != 10);
         }
-        // The part is waited for until its period is known, then in its own epochs, and again once it is back.
+        // The part is awaited until its period is known, then in the epochs in which it is due, and again once it has
+        // returned.
         let expected = |k: usize| k > 0 && (k <= 2 || k.is_multiple_of(2) || k == 11);
         assert_eq!(due, (0..20).map(expected).collect::<Vec<_>>());
     }

@@ -11,8 +11,9 @@ use super::{HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasuremen
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity with a resolution of 0.1 kn, m/s (ours).
 pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
-/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes within a
-/// minute; the slow error is the filter's height bias). NovAtel uses 9 for SBAS, which is 2 in the standard.
+/// Standard deviation of a position by the quality in GGA, m at a dilution of 1. Our choice: the error that changes
+/// within a minute; the slow error is in the filter's height bias. NovAtel sends quality 9 for SBAS, for which the
+/// standard has 2.
 const POSITION_SD: [(u8, f64); 6] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1), (9, 0.3)];
 /// Standard deviation of a position by dead reckoning, m.
 const DEAD_RECKONING_SD: f64 = 5.0;
@@ -44,7 +45,7 @@ fn quality_of(modes: &str) -> u8 {
     }
     0
 }
-/// Quality of a sentence with a status and, since version 2.3, a mode.
+/// Quality of a sentence that has a status and, since version 2.3 of the standard, a mode.
 fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
     let by_mode = mode.map_or(1, |m| quality_of(m.encode_utf8(&mut [0; 4])));
     match status {
@@ -52,7 +53,7 @@ fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
         Some(_) | None => by_mode,
     }
 }
-/// Standard deviation at a dilution of 1, m, or the reason why it is not a fix.
+/// Standard deviation at a dilution of 1, m, or the reason why the position is not a fix.
 pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
     match quality {
         0 => Err(Why::NoFix),
@@ -114,14 +115,14 @@ impl NmeaDecoder {
             self.with_height(address, place, sd, height, out);
         }
     }
-    /// Standard deviation, m, considering the navigational status. Only U marks a position whose integrity is below the
-    /// required level.
+    /// Standard deviation, m, adjusted for the navigational status. Only status U marks a position whose integrity is
+    /// below the required level.
     fn by_status(&mut self, sd: Result<f64, Why>, status: Option<char>) -> Result<f64, Why> {
         let is_unsafe = status == Some('U');
         self.account.unsafe_positions += u64::from(is_unsafe && sd.is_ok());
         sd.map(|sd| if is_unsafe { sd.max(UNSAFE_SD) } else { sd })
     }
-    /// Adds a position with a height above the sea and, if stated, that of the sea above the ellipsoid.
+    /// Adds a position with a height above the sea and, if stated, the height of the sea above the ellipsoid.
     fn with_height(
         &mut self,
         address: &str,
@@ -155,7 +156,7 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
-    /// Position of a sentence and its standard deviation, m, unless another device is selected.
+    /// Position of a sentence and its standard deviation, m; an error if another device is selected.
     fn usable(
         &mut self,
         address: &str,
@@ -243,7 +244,7 @@ impl NmeaDecoder {
         match (verdict, velocity(knots, s.course_true)) {
             (Err(why), _) => self.leave_out(address, why),
             (Ok(_), None) => self.leave_out(address, Why::Empty),
-            // RMC of this epoch has the velocity as well; if VTG leads, it belongs to the next one.
+            // An RMC of this epoch has given the velocity already; if VTG leads, it belongs to the next epoch.
             (Ok(_), Some(_))
                 if !self.attribution.leads(0)
                     && self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) =>
@@ -396,8 +397,8 @@ impl NmeaDecoder {
             None => self.leave_out(address, Why::Empty),
         }
     }
-    /// Receivers with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas measure either
-    /// pitch or roll; the other one is zero and not a measurement.
+    /// Sentence of a receiver with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas
+    /// measure either pitch or roll. The other angle is sent as zero and is not a measurement.
     pub(super) fn hpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let [heading, pitch, roll] = [1, 2, 3].map(|k| number(fields, k));
         let quality = number(fields, 4);
@@ -444,7 +445,7 @@ impl NmeaDecoder {
         }
         false
     }
-    /// Angles by name: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
+    /// Angles by name, deg: PTCH, PITCH or TRIM (bow up), and ROLL or HEEL (starboard down), in one sentence or two.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
         let mut any = false;
         let device = Some(self.device(address));

@@ -88,7 +88,7 @@ fn nmea_epoch() {
 fn nmea_without_time() {
     let hdt = sentence("HEHDT,10.0,T");
     let zda = |t: &str| sentence(&format!("GPZDA,{t},20,05,2026,00,00"));
-    // Before any time; twice in one epoch; invalid times.
+    // A sentence before any time, two in one epoch, and invalid times.
     let text = [
         hdt.clone(),
         zda("120000.00"),
@@ -150,7 +150,8 @@ fn nmea_sentence_with_the_time_of_its_epoch() {
 fn nmea_sentences_after_damage() {
     let good = stream(1);
     let zda = sentence("GPZDA,120001.00,20,05,2026,00,00");
-    // A wrong character, a sentence interrupted by another, one without a checksum, one without a terminator.
+    // A wrong character, a sentence interrupted by another, a sentence without a checksum, and one without a
+    // terminator.
     let bad = [
         zda.replace("2026", "2025"),
         zda[..20].to_owned(),
@@ -196,7 +197,7 @@ fn nmea_height_without_a_separation() {
         );
     }
     assert!(remark(&d, "by EGM96 45.2 m").remedy.is_some());
-    // Exactly zero, 45 m off the geoid, is a default.
+    // A separation of exactly zero where the geoid is 45 m from the ellipsoid is a default value.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,0.0,M,,")]);
     let heights = crate::fixtures::fixes(&all);
     assert!(
@@ -219,7 +220,7 @@ fn nmea_height_without_a_separation() {
             .remedy
             .is_some()
     );
-    // A stated separation is the receiver's, whose table may differ.
+    // A stated separation is the receiver's own. The receiver's table may differ from the model.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,47.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -227,7 +228,8 @@ fn nmea_height_without_a_separation() {
             .all(|g| g.datum.height_m == 50.0 && g.height_spread == 0.0)
     );
     assert!(remark(&d, "by the receiver").remedy.is_none());
-    // Zero stated 45 m off the geoid: used, with an uncertainty of the same size.
+    // A separation of zero is stated where the geoid is 45 m from the ellipsoid. It is used with an uncertainty of 45
+    // m.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,48.0,M,0.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -336,7 +338,7 @@ fn nmea_stream_without_checksums() {
             &mut out,
         );
     }
-    // Cut off.
+    // The sentence is truncated.
     d.push(b"$GPGGA,120030,5000.0\r\n", &mut out);
     let n = d.decoded();
     assert!(fixes(&out).len() >= 23 && n.corrupted == 10, "{n:?}");
@@ -383,7 +385,7 @@ fn nmea_attitudes_of_each_sentence() {
             assert_eq!(a.heave, body.starts_with("PSXN").then_some(-0.25), "{body}");
         }
     }
-    // Two antennas measure one angle; the zero of the other is not a measurement.
+    // Two antennas measure one angle. The zero of the other angle is not a measurement.
     let (all, _) = epochs(&["GNHPR,T,210.00,-1.00,000.00,4,30,0.0,0999"]);
     assert!(all.iter().all(|m| m.measurement.kind() == 2) && all.len() == 10);
 }
@@ -436,7 +438,7 @@ fn nmea_heading_from_magnetic_north() {
     );
     let (all, d) = of(&[zda, "HCHDG,100.0,,,,"]);
     assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
-    // With a true heading available, it is ignored.
+    // With a true heading available, the magnetic heading is ignored.
     let (all, _) = of(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),

@@ -37,7 +37,7 @@ fn sensor_node_with_two_sources() {
     let mut n = node(2);
     let (mut imu, mut times) = (0, Vec::new());
     for k in 0..50 {
-        // The second sentence arrives 30 ms later, sometimes more.
+        // The second sentence arrives 30 ms later, sometimes with a longer delay.
         let late = Span::from_millis(30 + 20 * (k % 3));
         let first = step(&mut n, at(k), &[messages(k).as_bytes(), &[]]);
         let second = step(&mut n, at(k) + late, &[&[], messages(k).as_bytes()]);
@@ -313,7 +313,7 @@ fn frames_of_a_base_that_lacks_its_place() {
         "{texts:?}"
     );
     assert_eq!(texts[2..], ["RTCM: 1087 1.0 Hz"]);
-    // The position was received once and not again.
+    // The position was received once and was not repeated.
     pushed(&mut n, at(50), &rtcm_frame(4072, 40));
     assert_eq!(n.remarks()[0][1].text, "RTCM: 1087 1.0 Hz, 4072.0 once");
     for k in 6..40 {

@@ -1,5 +1,5 @@
-//! Agreement of a rate with the quantity that it belongs to: the integral of the rate over an interval is compared with
-//! the change of the quantity.
+//! Agreement of a rate with its quantity. The integral of the rate over an interval is compared with the change of the
+//! quantity.
 //!
 //! Single values are not sufficient, because over a short step the noise of the quantity exceeds its change. An
 //! interval averages the noise. The channel is rejected only if most intervals of a window disagree, so that a jump of
@@ -9,16 +9,16 @@ use alight_shared::time::{Time, VesselClock};
 
 use super::verdict::{ChannelState, Doubt, Taken};
 
-/// Fraction of disagreeing intervals of a window above which the rate is rejected. The rate of a sensor that lags by a
-/// tenth of the motion's period disagrees in half of them.
+/// Fraction of disagreeing intervals of a window above which the rate is rejected. If a sensor lags by a tenth of the
+/// motion's period, its rate disagrees in half of the intervals.
 const MAX_DISAGREEING: f64 = 0.6;
 
-/// Lengths of a comparison.
+/// Interval, step and window of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
     /// Length of an interval, s.
     pub(super) interval_s: f64,
-    /// Maximum time between two values, s; beyond it the rate is unknown.
+    /// Maximum time between two values, s; after a longer gap the rate is unknown.
     pub(super) step_s: f64,
     /// Number of intervals of a window.
     pub(super) window: u32,

@@ -27,12 +27,13 @@ const MIN_BLOCKS: usize = 4;
 const MIN_VALUES: f64 = 20.0;
 /// Maximum gap within a window, s.
 const MAX_GAP_S: f64 = 5.0;
-/// Permitted mean and change of the mean within a window, m: the slow error of a good sensor, and a reference point
-/// that sinks with load, speed or heel.
+/// Permitted mean, and permitted change of the mean within a window, m. They cover the slow error of a good sensor, and
+/// a reference point that sinks with load, speed or heel.
 const DRIFT_M: f64 = 0.5;
 const MEAN_M: f64 = 1.0;
-/// Additional permitted mean and change, in standard deviations of the motion about its trend, and of the sensor's
-/// stated error. A slow error of a seventh of the significant height with a memory of 40 s passes for hours.
+/// Additional permitted mean and change, in standard deviations of the motion about its trend, and in the sensor's
+/// stated standard deviation. A slow error of a seventh of the significant height with a memory of 40 s is accepted for
+/// hours.
 const DRIFT_SPREADS: f64 = 4.0;
 const MEAN_SPREADS: f64 = 2.0;
 const STATED: f64 = 4.0;
@@ -120,7 +121,7 @@ impl Heave {
             since: loses.then_some(since),
         }
     }
-    /// Reason why a single value is impossible.
+    /// Reason why a single value is physically impossible; None for a possible value.
     fn doubt(&mut self, at: Time<VesselClock>, heave: f64) -> Option<Doubt> {
         let last = self.last.take();
         if !(-MAX_HEAVE_M..=MAX_HEAVE_M).contains(&heave) {
@@ -132,7 +133,7 @@ impl Heave {
         let most = JUMP_M + MAX_RATE_MPS * (at - then).abs().secs();
         (change.abs() > most).then_some(Doubt::Jump(change))
     }
-    /// Adds a possible value. Returns true if the channel is rejected from now on.
+    /// Adds a value that passed the single-value checks. Returns true if the channel is rejected from now on.
     fn add(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
         let begin = match self.window {
             Some((begin, newest)) if (at - newest).secs() > -1.0 && (at - newest).secs() <= MAX_GAP_S => {

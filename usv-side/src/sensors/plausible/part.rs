@@ -23,7 +23,7 @@ pub(super) enum Part {
     Height,
     /// Latitude and longitude of a fix.
     Place,
-    /// Roll and pitch, and the whole attitude with them.
+    /// Roll and pitch. The whole attitude is removed with them.
     Tilt,
     Heading,
     Force,

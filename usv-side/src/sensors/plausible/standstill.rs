@@ -41,12 +41,12 @@ const CLEARLY: f64 = 2.0;
 /// the finest resolution considered.
 const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
-/// Maximum difference of equal numbers (rad, m, deg of a position): rounding errors of rotations.
+/// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations.
 const SAME: f64 = 1e-9;
-/// Factor on the smallest change at each further change: old changes may stem from another setting.
+/// Factor on the smallest change at each later change, because old changes may have been made with another setting.
 const FORGETTING: f64 = 1.005;
-/// Distance by the velocity of the same fix after which a position stands still, m. Positions are truncated to
-/// thousandths of a minute at most.
+/// Minimum distance travelled according to the velocity of the same fix for an unchanged position to stand still, m.
+/// Positions are truncated to thousandths of a minute at most.
 const WAY_M: f64 = 10.0;
 
 /// Witnesses: names, and minimum peak-to-peak swing above noise, SI. Rates are first integrated over some seconds,
@@ -63,7 +63,7 @@ const WITNESSES: [(&str, f64); 7] = [
 /// Integration time of a rate, and maximum time between two of its values, s.
 const RATE_S: f64 = 3.0;
 const MAX_STEP_S: f64 = 0.35;
-/// Minimum swing of a height, additionally in its standard deviations.
+/// Additional minimum swing of a height, in its standard deviations.
 const HEIGHT_SDS: f64 = 6.0;
 /// Maximum duration of a swing or of a gap in it, s; beyond it, the motion is not a wave.
 const MAX_SWING_S: f64 = 15.0;
@@ -74,7 +74,7 @@ const OF_TILT: f64 = 0.5;
 const TILT_OF_YAW: f64 = 0.1;
 const YAW_OF_TILT: f64 = 0.05;
 const HEAVE_OF_TILT: f64 = 0.1;
-/// Maximum wave slope, rad; beyond it the witness is noise.
+/// Maximum wave slope, rad. A witness that implies more is noise.
 const MAX_SLOPE: f64 = 0.4;
 /// Maximum half period of roll, s; a slower one is heel in a turn.
 const MAX_ROLL_S: f64 = 4.0;
@@ -86,7 +86,7 @@ pub(super) struct Standstill {
     pub(super) since: Time<VesselClock>,
     pub(super) value: f64,
     pub(super) by: &'static str,
-    /// First value of the standstill.
+    /// This is the first value of the standstill.
     pub(super) is_new: bool,
 }
 
@@ -100,14 +100,14 @@ impl Still {
     }
 }
 
-/// Newest numbers of a channel, and the movement of others while they stayed the same.
+/// Newest numbers of a channel, and the movement of other channels while the numbers stayed the same.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     numbers: [f64; 4],
     since: Time<VesselClock>,
     newest: Time<VesselClock>,
     count: u32,
-    /// Smallest recent change; None before the first.
+    /// Smallest recent change; None before the first change.
     step: Option<f64>,
     swings: u32,
     way_m: f64,
@@ -184,7 +184,7 @@ struct Swing {
 }
 
 impl Turns {
-    /// Adds a value. Returns the swing that ends at the last extreme, once the value has moved back by `noise`.
+    /// Adds a value. Once the value has moved back by `noise`, returns the swing that ended at the last extreme.
     fn take(&mut self, at: Time<VesselClock>, x: f64, noise: f64) -> Option<Swing> {
         let gap_s = self.newest.map_or(0.0, |(then, _)| (at - then).secs());
         if !(0.0..MAX_SWING_S).contains(&gap_s) || !x.is_finite() {

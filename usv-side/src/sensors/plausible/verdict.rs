@@ -6,16 +6,16 @@ use super::standstill::Standstill;
 
 /// Length of the window in which a channel is rejected or accepted again, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;
-/// Number of individually impossible values within a window after which the channel is rejected. A single one is a
-/// damaged message.
+/// Number of individually impossible values within a window after which the channel is rejected. A single impossible
+/// value is a damaged message.
 const MAX_IMPOSSIBLE: u32 = 5;
 
 /// Reason for rejecting values of a channel, in the channel's SI unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Doubt {
-    /// A value beyond its bound.
+    /// The value is beyond its bound.
     Beyond(f64),
-    /// A change between two values beyond its bound.
+    /// The change between two values is beyond its bound.
     Jump(f64),
     /// A drift of the mean, per minute.
     Drift(f64),
@@ -23,7 +23,7 @@ pub(super) enum Doubt {
     Mean(f64),
     /// Root mean square difference from the rate of change of another channel.
     Disagreement(f64),
-    /// A constant number, until the given time, while another channel moves.
+    /// The channel repeated the same number until the given time, while another channel moved.
     Standstill(Standstill, Time<VesselClock>),
     /// Angle between gravity and down.
     Axes(f64),
@@ -42,7 +42,7 @@ pub(super) struct Taken {
 pub(super) struct ChannelState {
     out: bool,
     doubt: Option<Doubt>,
-    /// Number of impossible values in their window, time of the first and of the newest.
+    /// Number of impossible values in the current window, and times of the first and the newest of them.
     impossible: u32,
     first: Option<Time<VesselClock>>,
     newest: Option<Time<VesselClock>>,
@@ -71,8 +71,9 @@ impl ChannelState {
         self.out |= loses;
         loses
     }
-    /// Adds the result of a test over a window. Returns true if the channel is rejected from now on. A channel that
-    /// passes is accepted again once no value has been impossible for a window.
+    /// Adds the result of a test over a window. Returns true if the channel is rejected from now on. A rejected channel
+    /// that passes the test is accepted again, provided that no single value has been impossible for the length of a
+    /// window.
     pub(super) fn judge(&mut self, at: Time<VesselClock>, doubt: Option<Doubt>) -> bool {
         let was_out = self.out;
         match doubt {
@@ -81,7 +82,6 @@ impl ChannelState {
         }
         self.out && !was_out
     }
-    /// Counts a value.
     pub(super) fn count(&mut self, believed: bool) {
         self.taken += 1;
         self.left_out += u64::from(!believed);

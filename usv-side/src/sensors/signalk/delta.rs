@@ -49,18 +49,18 @@ pub(super) struct PathValue {
 }
 
 impl PathValue {
-    /// Whether the device currently has no value.
+    /// Whether the device currently reports a null value.
     pub(super) fn is_missing(&self) -> bool {
         READ.contains(&self.path.as_str()) && self.value.is_null()
     }
 }
 
 impl DeltaUpdate {
-    /// Parses an update of a message. None if it is malformed.
+    /// Parses an update of a message. None if the update is malformed.
     pub(super) fn read(update: &Value) -> Option<DeltaUpdate> {
         DeltaUpdate::deserialize(update).ok()
     }
-    /// Name of the source; empty if it has none.
+    /// Name of the source; empty if the source has no name.
     pub(super) fn source(&self) -> String {
         let parts = || {
             let parts = self.parts.as_ref()?;
@@ -86,7 +86,7 @@ impl DeltaUpdate {
     }
     /// Other contents of the delta, each with its name for remarks.
     pub(super) fn contents(&self) -> Vec<(&'static str, Content)> {
-        // Contents used by others come first.
+        // Contents on which others depend come first.
         let all = [
             (
                 "magneticVariation",

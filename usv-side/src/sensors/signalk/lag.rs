@@ -1,5 +1,5 @@
-//! Detection of delayed updates: the difference between arrival and time stamp is compared with the smallest one so
-//! far. A time truncated to whole seconds is up to one second earlier than the measurement.
+//! Detection of delayed updates. The difference between arrival and time stamp is compared with the smallest difference
+//! so far. A time stamp truncated to whole seconds is up to one second earlier than the measurement.
 
 use alight_shared::estimation::{CLOCK_DRIFT, HELD_UP_S, JITTER_S, OffsetBounds};
 use alight_shared::time::{Time, VesselClock};
@@ -10,7 +10,7 @@ const LATE_NS: i64 = 1_000_000_000 + (JITTER_S * 1e9) as i64;
 /// Lag of the updates of one clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// Smallest difference between arrival and time stamp, at the last update in time.
+    /// Smallest difference between arrival and time stamp, as of the last accepted update.
     smallest: Option<OffsetBounds<VesselClock>>,
     /// Start of the current run of late updates, ns.
     late_since: Option<i64>,
@@ -45,7 +45,7 @@ mod tests {
         let mut late = |at_s: i64, stamp_s: i64| lag.is_held_up(at_s * S, stamp_s * S);
         assert!(!late(100, 7) && !late(101, 8) && !late(102, 8), "cut by a second");
         assert!(late(110, 10) && !late(110, 17), "a burst");
-        // A clock set forward is accepted at once, one set back after ten seconds.
+        // A clock that was set forward is accepted at once, a clock that was set back after ten seconds.
         assert!(!late(111, 500) && !late(112, 501));
         assert!((113..123).all(|k| late(k, k - 100)));
         assert!(!late(123, 23) && !late(124, 24) && late(130, 25));

@@ -1,9 +1,9 @@
 //! Deltas of a Signal K server, one per line ([`delta`]), converted to measurements by [`SensorBus`].
 //!
-//! The time of an update is that of the server when it received the values, or that of the receiver whose sentence had
-//! one. Devices therefore have clocks of their own, one per kind of measurement. Related values are matched by arrival,
-//! in a recording by these times. A repeated time (the server truncates GGA's to whole seconds) is ignored: the arrival
-//! is used, unless the update was delayed ([`lag`]).
+//! The time of an update is either the time at which the server received the values, or the time in the receiver's
+//! sentence. Devices therefore have clocks of their own, one per kind of measurement. Live, related values are matched
+//! by their arrival; in a recording, by these times. A repeated time (the server truncates GGA's to whole seconds) is
+//! ignored: the time of arrival is used, unless the update was delayed ([`lag`]).
 
 mod delta;
 mod lag;
@@ -24,8 +24,8 @@ pub const MAX_MESSAGE: usize = 256 << 10;
 /// Maximum number of sources that are distinguished; further ones are treated as one.
 const MAX_SOURCES: usize = 64;
 
-/// Maximum difference between times of one clock, ns, and number of consecutive times after which the other clock is
-/// used.
+/// Difference between two times, ns, above which they are from different clocks, and number of consecutive times after
+/// which the other clock is used.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
 const MAX_OTHERS: u8 = 10;
 /// Period of a receiver's week number, 1024 weeks, s.
@@ -36,11 +36,10 @@ const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
 struct When {
     /// Time used for comparison with other updates, ns.
     at_ns: i64,
-    /// Time on its own clock, ns.
+    /// Time stamp of the update, on the clock that gave it, ns.
     stamp_ns: Option<i64>,
 }
 
-/// Decodes Signal K.
 #[derive(Clone, Debug)]
 pub struct SignalKDecoder {
     lines: LineBuffer,
@@ -69,7 +68,6 @@ pub struct SignalKDecoder {
 }
 
 impl SignalKDecoder {
-    /// Creates a decoder for a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         let mut bus = SensorBus::new(mounting);
         bus.name(MAX_SOURCES as u32, ["others", ""]);
@@ -92,7 +90,7 @@ impl SignalKDecoder {
     }
 
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
-        // It may follow a logger's prefix.
+        // The message may follow a logger's prefix.
         let begin = line.iter().position(|b| *b == b'{').unwrap_or_default();
         let json = line.get(begin..).unwrap_or_default();
         let Ok(message) = serde_json::from_slice::<DeltaMessage>(json) else {
@@ -113,7 +111,7 @@ impl SignalKDecoder {
                 let name = value.path.rsplit('.').next().unwrap_or_default();
                 let published = value.path.strip_prefix("notifications.").unwrap_or(&value.path);
                 if published.starts_with("alight.") {
-                    // The server echoes what this vessel's own process publishes.
+                    // The server echoes the values that this vessel's own process publishes.
                 } else if !is_own {
                     self.ignore("AIS");
                 } else if !delta::is_read(&value.path) {
@@ -158,7 +156,7 @@ impl SignalKDecoder {
             self.decoded.undated += contents.len() as u64;
             return;
         };
-        // Processed before the position to which it belongs.
+        // The velocity is processed before the position to which it belongs.
         let velocity = self.velocity(update, source, at_ns);
         drop(contents.splice(0..0, velocity.map(|v| ("velocity", v))));
         for (name, content) in contents {
@@ -205,7 +203,7 @@ impl SignalKDecoder {
             None => self.decoded.undated += 1,
         }
     }
-    /// Whether a time is from another clock than the earlier ones of its kind: a receiver's date among the server's.
+    /// Whether a time is from another clock than the earlier times of its kind: a receiver's date among the server's.
     fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
         let Some(clock) = self.clocks.get_mut(kind) else {
             return false;
@@ -220,7 +218,8 @@ impl SignalKDecoder {
         self.two_clocks = Some((source, apart_ns.saturating_abs() as f64 * 1e-9));
         true
     }
-    /// Of measurements of a kind that arrive together, the newest one gets the arrival time; the others were delayed.
+    /// Dates a measurement by arrival. Of several measurements of a kind that arrive together, only the newest is kept;
+    /// the others are counted as delayed.
     fn by_arrival(&mut self, name: &str, m: Measurement) {
         match self.timeless.iter_mut().find(|of| of.kind() == m.kind()) {
             Some(older) => {

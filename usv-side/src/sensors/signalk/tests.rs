@@ -77,7 +77,7 @@ fn signalk_position_with_velocity_and_height() {
         assert!((fix.velocity[1] - 3.0).abs() < 1e-6 && fix.velocity_sd[0] < NOT_MEASURED_SD);
     }
     assert!(fixes[2].velocity_sd[0] >= NOT_MEASURED_SD && fixes[2].position_sd[2] >= NOT_MEASURED_SD);
-    // No fix, a simulated one, and unknown terms.
+    // No fix, a simulated fix, and unknown terms.
     for term in ["no GPS", "Simulator mode", "splendid"] {
         let text = own(delta(
             1.0,
@@ -199,7 +199,7 @@ fn signalk_burst_after_the_network_stood_still() {
         d.push(place(k).as_bytes(), &mut out);
         assert_eq!(d.timeless().len(), usize::from(k % 5 != 0), "{k}");
     }
-    // Five seconds of updates at once; only the last one is current.
+    // Updates of five seconds arrive at once; only the last update is current.
     out.clear();
     d.arrive(Time::from_secs(108.8));
     let burst: String = (20..45).map(place).collect();
@@ -266,7 +266,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
 
 #[test]
 fn signalk_receiver_whose_week_number_rolled_over() {
-    // GGA is dated by the server, RMC by the receiver: 1024 weeks ago.
+    // GGA is dated by the server. RMC is dated by the receiver, whose date is 1024 weeks in the past.
     let height = ("navigation.gnss.antennaAltitude", "2.5");
     let mut text = String::new();
     let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));

@@ -10,7 +10,8 @@ use crate::sensors::{Mounting, SourceMeasurement};
 
 /// Silence of whole fixes after which the parts are used, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// Maximum stated error of a position, m: the receivers' default mask (CFG-NAV5). Without a fix they state kilometres.
+/// Maximum stated error of a position, m: the receivers' default mask (CFG-NAV5). Without a fix, receivers state
+/// kilometres.
 const NO_FIX_M: f64 = 100.0;
 
 /// Position and its stated errors, m.
@@ -69,7 +70,7 @@ pub(super) struct FixParts {
     geodetic: Partner,
     fine: Partner,
     state: Partner,
-    /// One epoch has been completed, so the parts of each are known.
+    /// One epoch has been completed, so it is known which parts arrive in each epoch.
     is_known: bool,
     /// Time of the newest whole fix, ns.
     whole_ns: Option<i64>,

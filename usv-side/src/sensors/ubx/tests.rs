@@ -92,7 +92,7 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
     let remark = remark.unwrap_or_else(|| panic!("{remarks:?}"));
     assert_eq!(remark.text, "moving base: float in 143 of 150 headings: left out");
     assert!(remark.remedy.is_some());
-    // A short time at the start is not a fault.
+    // A float solution for a short time at the start is not a fault.
     let bytes: Vec<u8> = (140..180)
         .flat_map(|k| relative_with(200 * k, flags(k)))
         .collect();
@@ -204,7 +204,7 @@ fn ubx_receiver_without_whole_fixes() {
     for fine in [false, true] {
         let bytes: Vec<u8> = (0..20).flat_map(|k| parts(200 * k, 3, fine)).collect();
         let (all, d) = decode(&bytes, 7);
-        // The first epoch shows which parts arrive in each.
+        // The first epoch shows which parts arrive in each epoch.
         assert_eq!(all.len(), 19, "{fine}: {:?}", d.decoded());
         for (k, m) in (1..).zip(&all) {
             assert_eq!(m.at_ns, 200_000_000 * k);
@@ -236,8 +236,8 @@ fn ubx_parts_without_a_fix_and_with_a_whole_one() {
     assert!(all.is_empty());
     let reports = |d: &UbxDecoder, part: &str| d.remarks().iter().any(|r| r.text.contains(part));
     assert!(reports(&d, "20 NAV-STATUS (no fix)"), "{:?}", d.remarks());
-    // NAV-PVT is complete; once it is silent for 2 s, the parts are used. Their first epoch shows which parts arrive in
-    // each.
+    // NAV-PVT is complete; once it is silent for 2 s, the parts are used. The first epoch of parts shows which parts
+    // arrive in each epoch.
     let part = |k: u32| {
         [
             parts(200 * k, 3, false),
@@ -284,7 +284,8 @@ fn ubx_messages_that_are_not_read() {
 #[test]
 fn ubx_pulse_of_another_time_base() {
     let before_any_fix = pulse(77_000);
-    // The next second; the one that just passed, late; the next one in UTC, 18 s behind; a new week.
+    // Pulses announced for the next second, for the second that just passed (late), for the next second in UTC (18 s
+    // behind), and for a new week.
     let bytes = [
         before_any_fix,
         pvt(20_200),
@@ -359,7 +360,7 @@ fn ubx_attitude_with_and_without_a_heading() {
 
 #[test]
 fn ubx_place_in_earth_centred_coordinates() {
-    // 50 N, 14.5 E, 255 m.
+    // Position in Earth-centred coordinates: 50 N, 14.5 E, 255 m.
     let sol = |k: u32| {
         let mut p = [0; 52];
         put(&mut p, 0, &(200 * k).to_le_bytes());
@@ -380,7 +381,7 @@ fn ubx_place_in_earth_centred_coordinates() {
         let apart_m = g.datum.distance_m(&Datum::new(50.0, 14.5, 255.0));
         assert!(apart_m < 0.02 && (g.position_sd[0] - 0.9).abs() < 1e-9, "{g:?}");
     }
-    // A message in degrees for the same time is better.
+    // A message in degrees for the same time takes precedence.
     let bytes: Vec<u8> = (0..20)
         .flat_map(|k| [sol(k), parts(200 * k, 3, false)].concat())
         .collect();

@@ -217,7 +217,7 @@ fn other_formats_among_sentences() {
         );
     }
     assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
-    // Such a sender is admitted so that it is reported; a wind sensor is not.
+    // A sender of these sentences is admitted so that it is reported; a wind sensor is not admitted.
     let speaks = crate::sensors::Format::Nmea.speaks();
     assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
     assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
@@ -225,7 +225,7 @@ fn other_formats_among_sentences() {
 
 #[test]
 fn instrument_with_a_clock_in_local_time() {
-    // Of the three sentences per second, the two that agree are used, in any order.
+    // Two of the three sentences per second agree. These two are used, in any order.
     for order in [[0, 1, 2], [2, 0, 1]] {
         let (mut d, mut out) = (decoder(Mount::default()), Vec::new());
         for k in 0..60 {

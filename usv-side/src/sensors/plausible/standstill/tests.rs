@@ -3,12 +3,12 @@ use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, NO
 use core::f64::consts::TAU;
 use proptest::prelude::*;
 
-/// A boat that follows a wave of this amplitude (m) and period (s), as sensors of these resolutions show her.
+/// A boat that follows a wave of this amplitude (m) and period (s), as measured by sensors with these resolutions.
 #[derive(Clone, Copy, Debug)]
 struct Boat {
     amplitude_m: f64,
     period_s: f64,
-    /// Resolution of angles, rad, and of heave and height, m.
+    /// Resolution of angles (rad), and of heave and height (m).
     steps: [f64; 2],
     /// Channel that stands still from this time on, s.
     frozen: Option<(Channel, f64)>,
@@ -28,7 +28,7 @@ impl Boat {
         steps: [0.0017, 0.01],
         frozen: None,
     };
-    /// Measurements of time `t`: an attitude with heave and rates, a heading with its rate, an RTK fix.
+    /// Measurements at time `t`: an attitude with heave and rates, a heading with its rate, an RTK fix.
     fn at(&self, t: f64) -> [Measurement; 3] {
         let of = |channel: Channel| match self.frozen {
             Some((frozen, from)) if frozen == channel => t.min(from),
@@ -53,7 +53,7 @@ impl Boat {
         let heading = HeadingFix {
             header: header(t),
             heading: rounded(yaw, angle),
-            // A coarse rate of turn has 0.2 deg/s.
+            // A coarse rate of turn has a resolution of 0.2 deg/s.
             rate: Some(rounded(turn, angle.min(0.0035))),
             ..HeadingFix::default()
         };
@@ -69,7 +69,7 @@ impl Boat {
         };
         [attitude.into(), heading.into(), fix.into()]
     }
-    /// Channels that stand still at the end of so many seconds at 10 Hz, and when each did first.
+    /// Channels that stand still after this many seconds at 10 Hz, and the time of their first standstill.
     fn stills(&self, seconds: u32) -> Vec<(usize, f64, Standstill)> {
         let mut boat = Movement::default();
         let mut all: Vec<(usize, f64, Standstill)> = Vec::new();
@@ -149,8 +149,8 @@ fn standstill_ends_with_the_next_other_number() {
 
 #[test]
 fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
-    // An attitude and a heading in whole degrees and tenths, which do not change for ten minutes; an RTK height of 1 cm noise and a
-    // gyroscope with vibration.
+    // An attitude and a heading in whole degrees and tenths, constant for ten minutes; an RTK height with 1 cm noise,
+    // and a gyroscope with vibration.
     let mut boat = Movement::default();
     let mut noise = 1_u64;
     let mut random = || {
@@ -161,7 +161,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
         let t = 0.1 * f64::from(k);
         let attitude = AttitudeFix {
             header: header(t),
-            // With what a rotation leaves of the same angles.
+            // The rotation adds rounding errors.
             tilt: [0.0175 + 1e-17 * f64::from(k % 3), -0.0175],
             heave: Some(0.0),
             ..AttitudeFix::default()
@@ -196,7 +196,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
 
 #[test]
 fn calm_water_turn_with_a_coarse_attitude() {
-    // A circle in flat water: heading and place move, an attitude in whole degrees does not.
+    // A circle in flat water: heading and position change, but an attitude in whole degrees does not.
     let mut boat = Movement::default();
     for k in 0..3000 {
         let t = 0.1 * f64::from(k);
@@ -223,7 +223,7 @@ fn calm_water_turn_with_a_coarse_attitude() {
 }
 
 proptest! {
-    /// No resolution hides a movement that is named a standstill: sensors in steps of up to 2 deg and 0.3 m, in any sea.
+    /// Coarse resolution is never mistaken for a standstill: sensors with steps of up to 2 deg and 0.3 m, in any sea.
     #[test]
     fn coarse_sensors_in_any_sea(
         slope in 0.0_f64..0.35,
@@ -241,7 +241,7 @@ proptest! {
         prop_assert_eq!(boat.stills(120), Vec::new());
     }
 
-    /// Any channel of a fine resolution that stands still in a sea that rolls a boat by 8 deg and more is found.
+    /// A standstill of any channel with fine resolution is found if the sea rolls the boat by 8 deg or more.
     #[test]
     fn standstill_in_any_sea(slope in 0.15_f64..0.3, period_s in 2.5_f64..8.0, k in 0_usize..CHANNELS, from in 15.0_f64..25.0) {
         let w = TAU / period_s;
