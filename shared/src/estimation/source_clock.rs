@@ -26,7 +26,7 @@ pub const JITTER_S: f64 = 0.3;
 /// messages kept arriving (set back, as at a leap second), or the measurement would arrive before it was made (set
 /// forward). Two time stamps at 1 Hz with arrival jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// Equal time for deviations that a delay may explain, s. A backlog is cleared within this time.
+/// This time for deviations that a delay may explain, s. A backlog is cleared within this time.
 pub const HELD_UP_S: f64 = 10.0;
 /// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;

@@ -72,7 +72,7 @@ impl HeightReference {
     }
 }
 
-/// Tilt axis that moves an antenna at `arm` (m) along `axis`, and the displacement per angle, m/rad.
+/// Tilt axis that moves an antenna at this offset (m) along `axis`, and the displacement per angle, m/rad.
 fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
     match axis {
         SURGE => Some((PITCH, arm.z)),
