@@ -26,7 +26,7 @@ use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
 /// Name of the source that gives quantities instead of bytes.
 const QUANTITIES: &str = "quantities";
-/// Maximum number of late readings: ticks of half a second and more.
+/// Maximum number of delayed readings: ticks of half a second and more.
 const MAX_LATE: usize = 256;
 
 /// Rows of the computer, and the orders that it receives.

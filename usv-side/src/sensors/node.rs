@@ -188,7 +188,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// Measurement on the vessel's clock. If the measurement is not passed on, it is counted, and the result is None.
+    /// Measurement on the vessel's clock. If the measurement is not passed on, it is counted and None is returned.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;
