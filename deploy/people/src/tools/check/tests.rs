@@ -289,7 +289,7 @@ fn check_behind_a_router() {
     computer.radio.router = true;
     computer.radio.tls.router = "vessel-9".into();
     let found = router_finding(&facts).unwrap();
-    assert!(found.level == FindingLevel::Fine && found.found.contains("vessel-9 passes on"));
+    assert!(found.level == FindingLevel::Fine && found.found.contains("vessel-9 forwards"));
 }
 
 #[test]

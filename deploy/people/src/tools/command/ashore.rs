@@ -468,7 +468,7 @@ mod tests {
         terminal.receipt = Some(CommandProgress::Pending);
         assert!(terminal.outcome().contains("STAYS PENDING"));
         terminal.order.message.kind = CommandKind::Land;
-        assert!(terminal.outcome().contains("gives it up"));
+        assert!(terminal.outcome().contains("the vessel gives up"));
     }
 
     #[test]
