@@ -32,6 +32,7 @@ use crate::chart;
 use crate::live::args::WorldArgs;
 use crate::live::config::{AutopilotKind, SimulatedWorld};
 use crate::live::detections::Detections;
+use crate::live::land::AT_SEA;
 use crate::live::plant::{self, Plant};
 use crate::live::render_thread::RenderThread;
 use crate::live::serial_lines::{SensorLines, SerialLine};
@@ -107,6 +108,10 @@ pub struct Landed {
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let mut world: SimulatedWorld = config::load(&args.config)?;
+    if world.scenario.place.among.is_empty() {
+        // The devices' bytes state a latitude and a longitude.
+        world.scenario.place.among = vec![AT_SEA];
+    }
     if world.epoch_ns == 0 {
         // Starts at the next full second of the clock that vessel and drone also read.
         world.epoch_ns = (steady_ns() / SECOND_NS + 1) * SECOND_NS;

@@ -78,7 +78,10 @@ const VESSEL_WARNINGS: &[Fault] = &[
     (|f| own(f).key_mode = Some(0o100_644), "mode 644"),
     (|f| unmeasured(f), "no sensor is configured"),
     (|f| source(f, Err("no such device".into())), "no such device"),
-    (|f| source(f, Ok((0, SourceStatus::default()))), "no data received"),
+    (
+        |f| source(f, Ok((0, SourceStatus::default()))),
+        "no data received",
+    ),
     (|f| source(f, Ok((900, SourceStatus::default()))), "900 bytes"),
     (
         |f| input(f, Err("not exported".into())),
