@@ -9,6 +9,7 @@ use alight_computer::process::instance::OwnedInstance;
 use alight_computer::terminal;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys, commented};
+use alight_shared::geodesy::Datum;
 use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::Scenario;
@@ -17,6 +18,9 @@ use alight_sim::radio::SimulatedRadioConfig;
 use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
+
+/// Position of the simulated sea for a firmware, in the Adriatic.
+pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 
 /// Source of the simulated drone's motor commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]

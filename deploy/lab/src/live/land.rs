@@ -19,7 +19,6 @@ use alight_computer::record::flight::recorder;
 use alight_computer::record::flight::summary::PhaseEntry;
 use alight_computer::terminal::{self, note};
 use alight_computer::vessel::deck_file;
-use alight_shared::geodesy::Datum;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -30,7 +29,7 @@ use alight_transport::wake::end_requested;
 
 use crate::live::air::RadioWatch;
 use crate::live::args::LandArgs;
-use crate::live::config::AutopilotKind;
+use crate::live::config::{AT_SEA, AutopilotKind};
 use crate::live::fault::{FaultInput, LiveAct, LiveFault};
 use crate::live::landing_setup::LandingSetup;
 use crate::live::list::{self, LiveFaults};
@@ -50,8 +49,6 @@ const SILENCE_TIMEOUT_S: f64 = 5.0;
 const MAX_FAILURES: u32 = 8;
 /// Maximum number of entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
-/// Position of the simulated sea for a firmware, in the Adriatic.
-pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 /// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 

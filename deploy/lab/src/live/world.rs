@@ -30,9 +30,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::chart;
 use crate::live::args::WorldArgs;
-use crate::live::config::{AutopilotKind, SimulatedWorld};
+use crate::live::config::{AT_SEA, AutopilotKind, SimulatedWorld};
 use crate::live::detections::Detections;
-use crate::live::land::AT_SEA;
 use crate::live::plant::{self, Plant};
 use crate::live::render_thread::RenderThread;
 use crate::live::serial_lines::{SensorLines, SerialLine};

@@ -22,8 +22,7 @@ use toml::{Table, Value};
 
 use super::args::RehearseArgs;
 use crate::args::AutopilotArg;
-use crate::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
-use crate::live::land::AT_SEA;
+use crate::live::config::{AT_SEA, AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::live::serial_lines::assigned;
 
 /// The files as shipped.
