@@ -98,7 +98,6 @@ pub struct SimulatedDroneComputer {
     /// Processes of the computer; None for a dead one.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
-    /// Frozen processes.
     frozen: Vec<ProcessKind>,
     /// Packets that wait for a frozen bridge.
     pub(super) waiting: Vec<Packet>,

@@ -25,7 +25,6 @@ use crate::sensors::moving_base::MovingBaseFaults;
 /// Present faults of the first drone, the vessel and the radio between them; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Failing {
-    /// Frozen processes.
     pub frozen: Frozen,
     /// Faults of the radio: to the drone, to the vessel.
     pub radio: [ChannelFault; 2],

@@ -219,7 +219,6 @@ struct Epoch {
 #[derive(Clone, Debug)]
 pub(super) struct MovingBaseRover {
     config: MovingBaseConfig,
-    /// Present faults.
     pub(super) faults: MovingBaseFaults,
     /// Antenna in the drone's body frame, m.
     antenna: Vector3<f64>,

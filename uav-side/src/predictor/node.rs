@@ -54,11 +54,9 @@ pub struct PredictorIn {
     pub autopilot: Option<AutopilotState>,
     /// Beacon messages with the vessel's position.
     pub beacons: Vec<DeckBeacon>,
-    /// Tag detections.
     pub tags: Vec<TagPose>,
     /// UV marker detections.
     pub uvdar: Vec<UvdarFix>,
-    /// Rangefinder readings.
     pub ranges: Vec<RangeSample>,
     /// Positions of the drone relative to the vessel.
     pub relative: Vec<RelativePlace>,
