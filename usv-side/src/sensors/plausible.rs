@@ -6,6 +6,7 @@
 //! again once it passes the same test for a window. Measurements of a working sensor pass unchanged, bit for bit.
 
 mod agreement;
+mod antenna;
 mod heave;
 mod part;
 mod standstill;
@@ -17,10 +18,11 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEAS
 use alight_shared::time::{Span, Time, VesselClock};
 
 use self::agreement::{Agreement, Lengths};
+use self::antenna::Inverted;
 use self::heave::Heave;
 use self::part::{Part, Texts};
+use self::standstill::Contradicted;
 pub(crate) use self::standstill::Movement;
-use self::standstill::Still;
 use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 use super::{Measurement, Remark};
 
@@ -135,8 +137,8 @@ impl Default for Plausibility {
 }
 
 impl Plausibility {
-    /// Checks a measurement with its time of validity, in order, given the channels that stand still.
-    pub(crate) fn take(&mut self, mut m: Measurement, still: &Still) -> Judged {
+    /// Checks a measurement with its time of validity, in order, given what the boat's other sensors contradict.
+    pub(crate) fn take(&mut self, mut m: Measurement, by_others: &Contradicted) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
         let passed = Taken {
             believed: true,
@@ -159,7 +161,7 @@ impl Plausibility {
                     (Part::Heave, heave),
                     (Part::Rates, rates),
                     (Part::YawRate, by_heading),
-                    (Part::Tilt, Some(self.tilt(fix))),
+                    (Part::Tilt, Some(self.tilt(fix, by_others.inverted))),
                 ]
             }
             Measurement::Heading(fix) => {
@@ -191,7 +193,7 @@ impl Plausibility {
             if let Some(standstill) = part
                 .channel()
                 .filter(|_| taken.believed)
-                .and_then(|c| still.of(c))
+                .and_then(|c| by_others.still(c))
             {
                 self.verdict(part).reject(at, Doubt::Standstill(standstill, at));
                 taken.believed = false;
@@ -319,10 +321,11 @@ impl Plausibility {
         }
     }
 
-    /// Checks the bounds of roll and pitch.
-    fn tilt(&mut self, fix: &AttitudeFix) -> Taken {
+    /// Checks the bounds and the signs of roll and pitch.
+    fn tilt(&mut self, fix: &AttitudeFix, inverted: Option<Inverted>) -> Taken {
         let at = fix.header.at;
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
+        let doubt = doubt.or(inverted.map(Doubt::Inverted));
         // Without attitude the boat cannot be estimated, so a good value is used at once.
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
@@ -400,6 +403,11 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
             s.by
         ),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
+        Doubt::Inverted(i) => format!(
+            "has the wrong sign of {}, or gnss.antenna_m is wrong: by the fixes the antenna is at {:.1} m above the \
+             vessel's origin, by gnss.antenna_m at {:.1} m",
+            i.axis, i.measured_m, i.height_m
+        ),
     }
 }
 

@@ -14,6 +14,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::time::{Time, VesselClock};
 
+use super::antenna::{Antenna, Inverted};
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
@@ -90,13 +91,16 @@ pub(super) struct Standstill {
     pub(super) is_new: bool,
 }
 
-/// Channels of a measurement that stand still.
+/// What the other sensors of the boat contradict: channels of a measurement that stand still, and a sign of its attitude.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Still([Option<Standstill>; CHANNELS]);
+pub(crate) struct Contradicted {
+    still: [Option<Standstill>; CHANNELS],
+    pub(super) inverted: Option<Inverted>,
+}
 
-impl Still {
-    pub(super) fn of(&self, channel: Channel) -> Option<Standstill> {
-        self.0.get(channel as usize).copied().flatten()
+impl Contradicted {
+    pub(super) fn still(&self, channel: Channel) -> Option<Standstill> {
+        self.still.get(channel as usize).copied().flatten()
     }
 }
 
@@ -239,7 +243,7 @@ impl Swing {
 }
 
 /// Channels and witnesses of one sensor.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Sensor {
     channels: [Option<Repetition>; CHANNELS],
     turns: [Turns; WITNESSES.len()],
@@ -248,6 +252,8 @@ struct Sensor {
     /// Integrals of the roll and pitch rates, rad, and the newest time.
     integrals: [f64; 2],
     rated: Option<Time<VesselClock>>,
+    /// Antenna's motion compared with the attitudes of this sensor.
+    antenna: Antenna,
 }
 
 /// Channels of all sensors of a boat.
@@ -257,16 +263,29 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
-    /// Adds a measurement of the sensor with this number. Returns its channels that stand still.
-    pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Still {
+    /// Adds a measurement of the sensor with this number. Returns what contradicts it.
+    pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Contradicted {
         let k = usize::from(number);
         if self.sensors.len() <= k {
             self.sensors.resize_with(k + 1, Sensor::default);
         }
         let Some(sensor) = self.sensors.get_mut(k) else {
-            return Still::default();
+            return Contradicted::default();
         };
         let swings = sensor.take(m);
+        match m {
+            Measurement::Attitude(attitude) => sensor.antenna.attitude(attitude),
+            Measurement::Imu(_) => {}
+            Measurement::Heading(heading) => {
+                let all = self.sensors.iter_mut();
+                all.for_each(|s| s.antenna.heading(number, heading));
+            }
+            Measurement::Gnss(fix) if has_place(fix) => {
+                let all = self.sensors.iter_mut();
+                all.for_each(|s| s.antenna.fix(number, fix));
+            }
+            Measurement::Gnss(_) => {}
+        }
         for (witness, swing) in swings.into_iter().flatten() {
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
             for s in &mut self.sensors {
@@ -279,13 +298,16 @@ impl Movement {
                 }
             }
         }
-        let mut still = Still::default();
+        let mut contradicted = Contradicted {
+            inverted: self.sensors.get(k).and_then(|s| s.antenna.inverted()),
+            ..Contradicted::default()
+        };
         let channels = self.sensors.get_mut(k).map(|s| s.channels.iter_mut());
-        for (to, channel) in still.0.iter_mut().zip(channels.into_iter().flatten()) {
+        for (to, channel) in contradicted.still.iter_mut().zip(channels.into_iter().flatten()) {
             let own = channel.as_mut().filter(|c| c.newest == m.at());
             *to = own.and_then(Repetition::still);
         }
-        still
+        contradicted
     }
 }
 

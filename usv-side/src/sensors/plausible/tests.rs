@@ -101,7 +101,7 @@ fn heave_that_drifts_and_returns() {
     let mut heaves = Vec::new();
     for m in series(400, drifting) {
         let t = m.at().secs();
-        let Some(Measurement::Attitude(a)) = live.take(m, &Still::default()).measurement else {
+        let Some(Measurement::Attitude(a)) = live.take(m, &Contradicted::default()).measurement else {
             panic!("an attitude at {t} s is left out");
         };
         let apart = [0, 1].map(|i| (a.tilt[i] - rocking(t).tilt[i]).abs());
@@ -325,6 +325,46 @@ fn inertial_sensor_in_other_axes() {
         let (kept, remarks) = sift(lying(force));
         assert!(
             kept.len() < 210 && remarks[0].text.starts_with("specific force shows gravity"),
+            "{remarks:?}"
+        );
+    }
+}
+
+#[test]
+fn roll_against_the_antenna_s_motion() {
+    for sign in [1.0, -1.0] {
+        let mut all = Vec::new();
+        for m in series(120, rocking) {
+            let (at, t) = (m.at(), m.at().secs());
+            let [roll, pitch] = rocking(t).tilt;
+            let attitude = AttitudeFix {
+                tilt: [sign * roll, pitch],
+                rates: None,
+                ..rocking(t)
+            };
+            let heading = HeadingFix {
+                header: header(t),
+                heading: 0.02 * wave(t, 9.0),
+                ..HeadingFix::default()
+            };
+            let fix = GnssFix {
+                header: header(t),
+                position: [2.0 * t - 4.0 * pitch, 4.0 * roll, 0.0],
+                velocity_sd: [NOT_MEASURED_SD; 3],
+                lever_arm: Some([0.0, 0.0, -4.0]),
+                ..GnssFix::default()
+            };
+            all.extend([attitude.into(), heading.into(), Measurement::from(fix).of(0, at)]);
+        }
+        if sign > 0.0 {
+            is_inert(&all, "right sign");
+            continue;
+        }
+        let (kept, remarks) = sift(all);
+        let last = attitudes(&kept).last().map(|a| a.header.at.secs());
+        assert!(last.is_some_and(|t| t < 40.0), "{last:?}");
+        assert!(
+            remarks[0].text.contains("has the wrong sign of roll"),
             "{remarks:?}"
         );
     }

@@ -2,6 +2,7 @@
 
 use alight_shared::time::{Time, VesselClock};
 
+use super::antenna::Inverted;
 use super::standstill::Standstill;
 
 /// Length of the window in which a channel is rejected or accepted again, s: six waves of 10 s.
@@ -27,6 +28,8 @@ pub(super) enum Doubt {
     Standstill(Standstill, Time<VesselClock>),
     /// Angle between gravity and down.
     Axes(f64),
+    /// The antenna moves against this sign of roll or pitch.
+    Inverted(Inverted),
 }
 
 /// Result for one value.

@@ -77,7 +77,7 @@ impl Boat {
             let t = 0.1 * f64::from(k);
             for m in self.at(t) {
                 let still = boat.take(m.kind() as u8, &m);
-                for (k, s) in still.0.iter().enumerate() {
+                for (k, s) in still.still.iter().enumerate() {
                     all.extend(s.filter(|s| s.is_new).map(|s| (k, t, s)));
                 }
             }
@@ -124,7 +124,7 @@ fn zeros_of_an_instrument_that_was_never_configured() {
             ..HeadingFix::default()
         };
         boat.take(0, &attitude);
-        let still = boat.take(1, &heading.into()).of(Channel::Heading);
+        let still = boat.take(1, &heading.into()).still(Channel::Heading);
         found.extend(still.filter(|s| s.is_new).map(|s| (t, s.value)));
     }
     assert!(matches!(found[..], [(t, v)] if t < 14.0 && v == 0.0), "{found:?}");
@@ -141,7 +141,7 @@ fn standstill_ends_with_the_next_other_number() {
         let t = 0.1 * f64::from(k);
         let [attitude, _, fix] = if t < 40.0 { frozen.at(t) } else { Boat::RTK.at(t) };
         boat.take(2, &fix);
-        let is_still = boat.take(0, &attitude).of(Channel::Tilt).is_some();
+        let is_still = boat.take(0, &attitude).still(Channel::Tilt).is_some();
         assert_eq!(is_still, is_still && (24.0..40.0).contains(&t), "{t}");
         assert!(is_still || !(32.0..39.9).contains(&t), "{t}");
     }
@@ -189,7 +189,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
             .enumerate()
         {
             let still = boat.take(k as u8, &m);
-            assert!(still.0.iter().all(Option::is_none), "{t}: {still:?}");
+            assert!(still.still.iter().all(Option::is_none), "{t}: {still:?}");
         }
     }
 }
@@ -217,7 +217,7 @@ fn calm_water_turn_with_a_coarse_attitude() {
         };
         for (k, m) in [fix, heading.into(), attitude.into()].into_iter().enumerate() {
             let still = boat.take(k as u8, &m);
-            assert!(still.0.iter().all(Option::is_none), "{t}: {still:?}");
+            assert!(still.still.iter().all(Option::is_none), "{t}: {still:?}");
         }
     }
 }
