@@ -10,7 +10,8 @@
 //! A false fixed solution states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection
 //! is compared with the relative position. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and
 //! may replace missing detections. Otherwise it is contradicted: the tags are used, and the relative position is
-//! ignored until it has been solved again.
+//! ignored until a new solution agrees with the tags, or until there was no fixed solution for some seconds. A single
+//! float solution proves nothing, because the receiver may return to the same false ambiguities.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
@@ -26,7 +27,7 @@ use super::waves::AXES;
 const MAX_SD_M: f64 = 0.1;
 /// Minimum standard deviation of the deck's position, m: multipath, and phase centres of the antennas.
 const MIN_SD_M: f64 = 0.02;
-/// Gap after which a relative position counts as solved again, s.
+/// Time without a fixed solution after which the next one is independent of the last, s.
 const GONE_S: f64 = 10.0;
 /// Time since the last fused relative position within which the filter's position is based on it, s.
 const IN_USE_S: f64 = 1.0;
@@ -122,38 +123,64 @@ struct MeanDifference {
     n: f64,
 }
 
+/// Permitted use of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Use {
+    /// It is fused, and compared with detections.
+    Fuse,
+    /// It is only compared with detections.
+    Compare,
+    Ignore,
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeTrust {
     newest: Option<RelativePlace>,
+    /// Time of the newest fixed solution.
+    fixed_at: Option<Time<DroneClock>>,
     /// Deck from the newest usable measurement.
     fixed: Option<DeckObservation>,
     used: Option<Time<DroneClock>>,
     difference: Option<MeanDifference>,
     confirmed: bool,
     contradicted_m: Option<f64>,
+    /// The contradicted solution was lost, so the present one may be another.
+    solved_again: bool,
 }
 
 impl RelativeTrust {
-    /// Registers a measurement. Returns whether it is usable; None if it is not newer than the previous one.
-    pub(super) fn take(&mut self, m: &RelativePlace) -> Option<bool> {
-        let since = self.newest.map(|n| (m.header.at - n.header.at).secs());
-        if since.is_some_and(|s| s <= 0.0) {
+    /// Registers a measurement. Returns its permitted use; None if it is not newer than the previous one.
+    pub(super) fn take(&mut self, m: &RelativePlace) -> Option<Use> {
+        let at = m.header.at;
+        if self.newest.is_some_and(|n| at <= n.header.at) {
             return None;
         }
+        let gone = self.fixed_at.is_some_and(|then| (at - then).secs() > GONE_S);
         self.newest = Some(*m);
-        if m.solution != CarrierSolution::Fixed || since.is_some_and(|s| s > GONE_S) {
+        if m.solution != CarrierSolution::Fixed || gone {
             self.forget_frame();
+            self.solved_again = true;
+        }
+        if m.solution != CarrierSolution::Fixed {
+            return Some(Use::Ignore);
+        }
+        self.fixed_at = Some(at);
+        if gone {
             self.contradicted_m = None;
         }
         let exact = m.baseline_sd_m.iter().all(|sd| *sd <= MAX_SD_M);
-        Some(m.solution == CarrierSolution::Fixed && exact && self.contradicted_m.is_none())
+        Some(match self.contradicted_m {
+            None if exact => Use::Fuse,
+            Some(_) if exact && self.solved_again => Use::Compare,
+            None | Some(_) => Use::Ignore,
+        })
     }
     /// Drops earlier measurements and the confirmation, after a move of the drone's frame.
     pub(super) fn forget_frame(&mut self) {
         (self.fixed, self.used, self.difference) = (None, None, None);
         self.confirmed = false;
     }
-    /// Stores the deck from a usable measurement, to compare it with detections.
+    /// Stores the deck from a measurement, to compare it with detections.
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
@@ -222,11 +249,13 @@ impl RelativeTrust {
         let limits = [variance.xy().max(), variance.z].map(|v| APART_M + APART_SD * v.sqrt());
         let agree = mean.xy().norm() <= limits[0] && mean.z.abs() <= limits[1];
         if agree {
-            self.confirmed |= limits.iter().all(|limit| *limit <= MAX_CONFIRMED_M);
+            if limits.iter().all(|limit| *limit <= MAX_CONFIRMED_M) {
+                (self.confirmed, self.contradicted_m) = (true, None);
+            }
             return None;
         }
         self.forget_frame();
-        self.contradicted_m = Some(mean.norm());
+        (self.contradicted_m, self.solved_again) = (Some(mean.norm()), false);
         self.contradicted_m
     }
 
@@ -276,9 +305,12 @@ mod tests {
         let c = PredictorConfig::default();
         for k in 0..30 {
             let t = from_s + f64::from(k) / 30.0;
-            if k % 6 == 0 && trust.take(&measured(t, CarrierSolution::Fixed)) == Some(true) {
+            let used = (k % 6 == 0).then(|| trust.take(&measured(t, CarrierSolution::Fixed)));
+            if let Some(Some(used @ (Use::Fuse | Use::Compare))) = used {
                 trust.locate(&detection(t, [0.0; 3], 0.0));
-                trust.count(Time::from_secs(t));
+                if used == Use::Fuse {
+                    trust.count(Time::from_secs(t));
+                }
             }
             trust.compare(&detection(t, place, above_m), &Vector3::zeros(), &c);
         }
@@ -328,7 +360,10 @@ mod tests {
         let near = after(&mut trust, 1.0, [0.1, 0.0, 0.1], 2.0);
         assert!(near.confirmed && near.used_age_s < 0.3, "{near:?}");
         // A confirmation applies to one fix in one frame.
-        assert_eq!(trust.take(&measured(2.0, CarrierSolution::Float)), Some(false));
+        assert_eq!(
+            trust.take(&measured(2.0, CarrierSolution::Float)),
+            Some(Use::Ignore)
+        );
         let float = trust.state(Time::from_secs(2.0)).unwrap();
         assert!(!float.confirmed && float.used_age_s == f64::INFINITY, "{float:?}");
         assert!(after(&mut trust, 3.0, [0.0; 3], 2.0).confirmed);
@@ -347,6 +382,10 @@ mod tests {
             assert!(after(&mut trust, 1.0, [0.0; 3], 2.0).contradicted_m.is_some());
             let mut gone = trust;
             trust.take(&measured(2.0, CarrierSolution::Float));
+            let mut same = trust;
+            let fixed = same.take(&measured(2.2, CarrierSolution::Fixed));
+            assert_eq!(fixed, Some(Use::Compare), "without tags");
+            assert!(after(&mut same, 3.0, apart, 2.0).contradicted_m.is_some());
             assert!(after(&mut trust, 3.0, [0.0; 3], 2.0).confirmed);
             assert!(gone.state(Time::from_secs(12.0)).is_none());
             assert!(after(&mut gone, 12.0, [0.0; 3], 2.0).confirmed);
@@ -395,12 +434,12 @@ mod tests {
             baseline_sd_m: [0.01, 0.01, 0.2],
             ..measured(1.0, CarrierSolution::Fixed)
         };
-        assert_eq!(trust.take(&vague), Some(false));
+        assert_eq!(trust.take(&vague), Some(Use::Ignore));
         for (t, solution, used) in [
             (1.0, CarrierSolution::Fixed, None),
-            (1.2, CarrierSolution::None, Some(false)),
-            (1.4, CarrierSolution::Float, Some(false)),
-            (1.6, CarrierSolution::Fixed, Some(true)),
+            (1.2, CarrierSolution::None, Some(Use::Ignore)),
+            (1.4, CarrierSolution::Float, Some(Use::Ignore)),
+            (1.6, CarrierSolution::Fixed, Some(Use::Fuse)),
             (1.5, CarrierSolution::Fixed, None),
         ] {
             assert_eq!(trust.take(&measured(t, solution)), used, "{t} s");

@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::super::axis::DRIFT;
 use super::super::observation::Plane;
-use super::super::relative;
+use super::super::relative::{self, Use};
 use super::*;
 
 impl Predictor {
@@ -16,9 +16,9 @@ impl Predictor {
         m: &RelativePlace,
     ) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
-        let usable = self.relative.take(m).ok_or(RejectionReason::Stale)?;
+        let used = self.relative.take(m).ok_or(RejectionReason::Stale)?;
         let at = m.header.at;
-        let Some(filter) = self.filter.as_ref().filter(|_| usable) else {
+        let Some(filter) = self.filter.as_ref().filter(|_| used != Use::Ignore) else {
             return Ok(());
         };
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
@@ -33,8 +33,10 @@ impl Predictor {
         };
         let o = relative::observation(m, &pose, &deck, heading_sd, &self.config);
         self.relative.locate(&o);
-        self.fuse(&o)?;
-        self.relative.count(at);
+        if used == Use::Fuse {
+            self.fuse(&o)?;
+            self.relative.count(at);
+        }
         Ok(())
     }
     /// Fuses a detection. While a relative position is in use, additional errors of the camera are taken into account.
