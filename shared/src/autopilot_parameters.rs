@@ -23,7 +23,7 @@ pub enum Wanted {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
     /// No landing is permitted.
-    Refuse,
+    Reject,
     /// A landing may end worse than necessary.
     Warn,
 }
@@ -55,21 +55,21 @@ pub const PX4: &[Parameter] = &[
         name: "COM_OF_LOSS_T",
         unit: " s",
         wanted: Wanted::Within(0.1, 0.5),
-        severity: Severity::Refuse,
+        severity: Severity::Reject,
         why: "the drone keeps descending for this time after the last set-point",
     },
     Parameter {
         name: "COM_OBL_RC_ACT",
         unit: "",
         wanted: Wanted::Is(5.0, "Hold"),
-        severity: Severity::Refuse,
+        severity: Severity::Reject,
         why: "without set-points it must stop above the deck, and stay on the deck until disarmed",
     },
     Parameter {
         name: "MPC_ACC_UP_MAX",
         unit: " m/s²",
         wanted: Wanted::Within(8.0, f64::INFINITY),
-        severity: Severity::Refuse,
+        severity: Severity::Reject,
         why: "this limits the deceleration of its descent without set-points",
     },
     // Off is PX4's default and safer on the ground; instead, the set-points keep a minimum thrust.
@@ -156,14 +156,14 @@ pub const ARDU_COPTER: &[Parameter] = &[
         name: "GUID_TIMEOUT",
         unit: " s",
         wanted: Wanted::Within(0.1, 0.5),
-        severity: Severity::Refuse,
+        severity: Severity::Reject,
         why: "the drone keeps descending for this time after the last set-point",
     },
     Parameter {
         name: THRUST_OPTION,
         unit: "",
         wanted: Wanted::Bits(8),
-        severity: Severity::Refuse,
+        severity: Severity::Reject,
         why: "it interprets the thrust of a set-point as a climb rate",
     },
     Parameter {

@@ -1,6 +1,6 @@
-//! Checkpoints from which a restarted node continues. A node publishes its checkpoint as it runs, and a [`Keeper`]
-//! stores the newest of each node. A restarted node waits for the stored checkpoint ([`Recovery`]) and validates it
-//! before use ([`validate`]).
+//! Checkpoints from which a restarted node continues. A node publishes its checkpoint as it runs, and a
+//! [`CheckpointStore`] stores the newest of each node. A restarted node waits for the stored checkpoint ([`Recovery`])
+//! and validates it before use ([`validate`]).
 
 use core::fmt;
 
@@ -86,27 +86,27 @@ pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Resu
     m.check().map_err(|_field| CheckpointRejection::Damaged)
 }
 
-/// Checkpoint of a node, with its place in the [`Keeper`].
+/// Checkpoint of a node, with its place in the [`CheckpointStore`].
 pub trait Checkpoint: Message<Clock = DroneClock> + Copy + Default {
     /// Age above which the checkpoint is rejected.
     const MAX_AGE: Span;
     /// Stored checkpoint of this kind.
-    fn of(keeper: &Keeper) -> &Latest<Self>;
+    fn of(store: &CheckpointStore) -> &Latest<Self>;
     /// Stored checkpoint of this kind, mutable.
-    fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self>;
+    fn of_mut(store: &mut CheckpointStore) -> &mut Latest<Self>;
 }
 
 macro_rules! kept {
     ($($field:ident: $checkpoint:ty, $topic:ident;)*) => {
         /// Stores the newest checkpoint of each node of a drone for a restart.
         #[derive(Clone, Debug, Default)]
-        pub struct Keeper { $($field: Latest<$checkpoint>,)* }
+        pub struct CheckpointStore { $($field: Latest<$checkpoint>,)* }
 
-        /// Part of a [`Keeper`] that is saved to a file.
+        /// Part of a [`CheckpointStore`] that is saved to a file.
         #[derive(Default, Serialize, Deserialize)]
         struct Checkpoints { $($field: Option<$checkpoint>,)* }
 
-        impl Keeper {
+        impl CheckpointStore {
             fn checkpoints(&self) -> Checkpoints {
                 Checkpoints { $($field: self.$field.get().copied(),)* }
             }
@@ -116,11 +116,11 @@ macro_rules! kept {
         }
         $(impl Checkpoint for $checkpoint {
             const MAX_AGE: Span = topics::$topic.stale_after;
-            fn of(keeper: &Keeper) -> &Latest<Self> {
-                &keeper.$field
+            fn of(store: &CheckpointStore) -> &Latest<Self> {
+                &store.$field
             }
-            fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self> {
-                &mut keeper.$field
+            fn of_mut(store: &mut CheckpointStore) -> &mut Latest<Self> {
+                &mut store.$field
             }
         })*
     };
@@ -177,7 +177,7 @@ pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Re
     wire::decode_record(&file.kept).map_err(damaged)
 }
 
-impl Keeper {
+impl CheckpointStore {
     /// Takes a checkpoint published by a node. Returns whether it is newer than the stored one.
     pub fn take<M: Checkpoint>(&mut self, now: Time<DroneClock>, m: Option<&M>) -> bool {
         m.filter(|m| m.header().boot != 0)
@@ -192,8 +192,8 @@ impl Keeper {
         Some(self.newest()).filter(|m: &M| m.header().boot != boot)
     }
     /// Part that stays valid across a reboot of the computer: the purpose of the flight.
-    pub fn lasting(&self) -> Keeper {
-        let mut kept = Keeper::default();
+    pub fn lasting(&self) -> CheckpointStore {
+        let mut kept = CheckpointStore::default();
         let mission = self.mission.get().and_then(MissionCheckpoint::lasting);
         let link = self.link.get().and_then(LinkCheckpoint::lasting);
         kept.take(Time::EPOCH, mission.as_ref());
@@ -221,20 +221,21 @@ impl Keeper {
     }
 }
 
-/// Bus endpoint of the supervisor: takes the newest checkpoint of each node into a [`Keeper`] and publishes it on the
-/// same topic, where a starting node looks for one of another boot. Without a checkpoint it publishes one with boot 0.
+/// Bus endpoint of the supervisor: takes the newest checkpoint of each node into a [`CheckpointStore`] and publishes it
+/// on the same topic, where a starting node looks for one of another boot. Without a checkpoint it publishes one with
+/// boot 0.
 pub struct Republisher<B: Bus> {
-    keeper: Keeper,
+    store: CheckpointStore,
     predictor: Republished<B, PredictorCheckpoint>,
     mission: Republished<B, MissionCheckpoint>,
     link: Republished<B, LinkCheckpoint>,
 }
 
 impl<B: Bus> Republisher<B> {
-    /// Starts with the checkpoints in `keeper`.
-    pub fn join(bus: &B, keeper: Keeper) -> Result<Republisher<B>, B::Error> {
+    /// Starts with the checkpoints in `store`.
+    pub fn join(bus: &B, store: CheckpointStore) -> Result<Republisher<B>, B::Error> {
         Ok(Republisher {
-            keeper,
+            store,
             predictor: Republished::join(bus)?,
             mission: Republished::join(bus)?,
             link: Republished::join(bus)?,
@@ -243,27 +244,27 @@ impl<B: Bus> Republisher<B> {
     /// Takes published checkpoints. Returns whether one is new.
     pub fn take(&mut self, now: Time<DroneClock>) -> bool {
         let new = [
-            self.predictor.take(now, &mut self.keeper),
-            self.mission.take(now, &mut self.keeper),
-            self.link.take(now, &mut self.keeper),
+            self.predictor.take(now, &mut self.store),
+            self.mission.take(now, &mut self.store),
+            self.link.take(now, &mut self.store),
         ];
         new.contains(&true)
     }
     /// Takes new checkpoints and publishes the newest of each.
     pub fn poll(&mut self, now: Time<DroneClock>) -> bool {
         let new = self.take(now);
-        self.predictor.own.send(&self.keeper.newest());
-        self.mission.own.send(&self.keeper.newest());
-        self.link.own.send(&self.keeper.newest());
+        self.predictor.own.send(&self.store.newest());
+        self.mission.own.send(&self.store.newest());
+        self.link.own.send(&self.store.newest());
         new
     }
     /// Stored checkpoints.
-    pub const fn keeper(&self) -> &Keeper {
-        &self.keeper
+    pub const fn store(&self) -> &CheckpointStore {
+        &self.store
     }
     /// Stored checkpoints, mutable.
-    pub const fn keeper_mut(&mut self) -> &mut Keeper {
-        &mut self.keeper
+    pub const fn store_mut(&mut self) -> &mut CheckpointStore {
+        &mut self.store
     }
 }
 
@@ -281,8 +282,8 @@ impl<B: Bus, M: Plain + Checkpoint> Republished<B, M> {
         })
     }
     /// Returns whether a new checkpoint arrived. Own publications come back and are not newer.
-    fn take(&mut self, now: Time<DroneClock>, keeper: &mut Keeper) -> bool {
-        let taken = |new, m| keeper.take(now, Some(&m)) | new;
+    fn take(&mut self, now: Time<DroneClock>, store: &mut CheckpointStore) -> bool {
+        let taken = |new, m| store.take(now, Some(&m)) | new;
         self.nodes.all(now.nanos()).into_iter().fold(false, taken)
     }
 }
@@ -304,15 +305,15 @@ mod tests {
         m.state.header = header;
         m
     }
-    fn keeper() -> Keeper {
-        let mut k = Keeper::default();
+    fn store() -> CheckpointStore {
+        let mut k = CheckpointStore::default();
         assert!(k.take(at(1.0), Some(&mission(7, 1.0))));
         k
     }
 
     #[test]
-    fn keeper_answer_to_a_successor() {
-        let mut k = keeper();
+    fn store_answer_to_a_successor() {
+        let mut k = store();
         assert!(
             !k.take(at(1.0), Some(&mission(7, 0.9))) && !k.take(at(1.0), Some(&MissionCheckpoint::default()))
         );
@@ -322,18 +323,18 @@ mod tests {
     }
 
     #[test]
-    fn keeper_file_round_trip() {
-        let file = keeper().encode("this boot").unwrap();
-        let mut k = Keeper::default();
+    fn store_file_round_trip() {
+        let file = store().encode("this boot").unwrap();
+        let mut k = CheckpointStore::default();
         assert_eq!(k.restore(at(1.5), "this boot", &file), Ok(()));
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
     /// The purpose of a flight outlives a reboot with any new clock, but does not count as a fresh checkpoint.
     #[test]
-    fn keeper_after_a_reboot() {
-        assert!(keeper().lasting().is_empty());
-        let mut k = Keeper::default();
+    fn store_after_a_reboot() {
+        assert!(store().lasting().is_empty());
+        let mut k = CheckpointStore::default();
         let away = MissionCheckpoint {
             armed: true,
             sortie: true,
@@ -348,7 +349,7 @@ mod tests {
         };
         assert!(k.take(at(900.0), Some(&away)) && k.take(at(900.0), Some(&link)));
         let file = k.lasting().encode("").unwrap();
-        let mut k = Keeper::default();
+        let mut k = CheckpointStore::default();
         assert_eq!(k.restore(at(0.1), "", &file), Ok(()));
         let (kept, link) = (k.newest::<MissionCheckpoint>(), k.newest::<LinkCheckpoint>());
         assert!(kept.sortie && kept.landing && link.own_mission && !link.commanding);
@@ -361,10 +362,10 @@ mod tests {
     }
 
     #[test]
-    fn keeper_file_rejection() {
-        let file = keeper().encode("this boot").unwrap();
+    fn store_file_rejection() {
+        let file = store().encode("this boot").unwrap();
         let restored = |boot: &str, file: &[u8]| {
-            let mut k = Keeper::default();
+            let mut k = CheckpointStore::default();
             let result = k.restore(at(1.5), boot, file);
             assert_eq!(k.newest::<MissionCheckpoint>().header.boot == 7, result.is_ok());
             result

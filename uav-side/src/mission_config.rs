@@ -35,7 +35,8 @@ config! {
         /// Minimum knowledge of a vessel for a landing to begin: "computer" (its broadcast is received), "beacon" (a
         /// beacon gives its position, and the drone searches for its tags there) or "tag" (the camera detects its tags
         /// from within 10 m of the deck's centre; obstacles around the deck are unknown then).
-        pub least_vessel: VesselLevel = VesselLevel::Computer;
+        #[serde(alias = "least_vessel")]
+        pub min_vessel: VesselLevel = VesselLevel::Computer;
         /// Maximum distance from the starting point to which a beacon alone leads the drone, m: a beacon is not
         /// authenticated.
         /// Chosen: a boat within view of its crew.
@@ -51,7 +52,7 @@ config! {
         /// Time without a detection after which tracking ends, s.
         pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Radio silence after which, without vision, the drone enters Hold or searches for the vessel
-        /// (`least_vessel`), and a station over ground pauses until the vessel is back, s.
+        /// (`min_vessel`), and a station over ground pauses until the vessel is back, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Relative horizontal speed below which the drone is stable above the deck, m/s.
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;

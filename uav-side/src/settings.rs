@@ -76,7 +76,7 @@ impl DroneSettings {
         PredictorConfig {
             deck: self.deck,
             drone: self.airframe,
-            beacons: self.mission.least_vessel <= VesselLevel::Beacon,
+            beacons: self.mission.min_vessel <= VesselLevel::Beacon,
             ..self.predictor.clone()
         }
     }

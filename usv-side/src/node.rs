@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::advice::{Advice, Advisor};
-use crate::estimator::{Estimator, Gated};
+use crate::estimator::{Estimator, OutlierCounts};
 use crate::rate_control::RateControl;
 use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
@@ -73,7 +73,7 @@ pub struct SourceCounts {
     /// Measurements passed to the filter.
     pub taken: u64,
     /// Passed measurements with a component that the filter's gate rejected; inertial samples count by filter step.
-    pub gated: u64,
+    pub outliers: u64,
     /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,
     /// Measurements that are too old, from the future, or out of range.
@@ -178,8 +178,8 @@ impl VesselNode {
     pub fn rejected(&self) -> Rejections {
         self.rejected
     }
-    pub fn gated(&self) -> Gated {
-        self.estimator.gated()
+    pub fn outliers(&self) -> OutlierCounts {
+        self.estimator.outliers()
     }
     /// Statistics of source `source` of kind `kind` of [`KINDS`].
     pub fn source(&self, kind: usize, source: usize) -> SourceCounts {
@@ -232,7 +232,7 @@ impl VesselNode {
                     let counts = &mut self.sources[kind][source].counts;
                     counts.taken += u64::from(fused.is_some());
                     counts.spare += u64::from(fused.is_none());
-                    counts.gated += u64::from(fused == Some(true));
+                    counts.outliers += u64::from(fused == Some(true));
                 }
                 Err(reason) => {
                     let out_of_order = reason == RejectionReason::OutOfOrder;
@@ -254,12 +254,12 @@ impl VesselNode {
         let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
         // Inertial samples propagate the state to the time of the others, so they come first.
         self.take(now, (IMU, MAX_IMU_AGE_S), &readings.imu, |node, m| {
-            let gated = node.estimator.gated().imu;
+            let outliers = node.estimator.outliers().imu;
             let used = node.in_use[0].accepts(m.source, m.header.at);
             if used {
                 node.estimator.imu(m);
             }
-            used.then_some(node.estimator.gated().imu > gated)
+            used.then_some(node.estimator.outliers().imu > outliers)
         });
         self.take(
             now,
@@ -267,8 +267,8 @@ impl VesselNode {
             &readings.attitude,
             |node, m| {
                 let accepted = node.in_use[1].accepts(m.source, m.header.at);
-                let (used, gated) = accepted.then(|| node.estimator.attitude(m))?;
-                used.then_some(gated > 0)
+                let (used, outliers) = accepted.then(|| node.estimator.attitude(m))?;
+                used.then_some(outliers > 0)
             },
         );
         self.take(now, (GNSS, ages.0), &readings.gnss, |node, m| {

@@ -59,8 +59,8 @@ fn flown(
     watch: Watch<'_>,
     viewer: StartViewer<'_>,
 ) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
-    let mut watcher = watcher(args, scene, viewer)?;
-    if args.record.is_none() && watcher.is_none() {
+    let mut observer = observer(args, scene, viewer)?;
+    if args.record.is_none() && observer.is_none() {
         let flown = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch);
         return Ok((flown.doing("setting up the trial")?, Ok(())));
     }
@@ -71,11 +71,11 @@ fn flown(
         sea: &scene.sea,
         live: false,
     };
-    record::fly(args.record.as_deref(), &subject, watch, watcher.as_deref_mut())
+    record::fly(args.record.as_deref(), &subject, watch, observer.as_deref_mut())
 }
 
 /// Viewer of the landing, if requested.
-fn watcher(
+fn observer(
     args: &TrialArgs,
     scene: &Scene,
     start: StartViewer<'_>,
@@ -93,7 +93,7 @@ fn watcher(
         ..ComputerReport::default()
     };
     let bodies = Some((*deck, *airframe));
-    let (watcher, lines) = start(&view, "trial", known, bodies)?;
+    let (observer, lines) = start(&view, "trial", known, bodies)?;
     lines.into_iter().for_each(|line| note(args.form.alone(), line));
-    Ok(Some(watcher))
+    Ok(Some(observer))
 }

@@ -56,13 +56,17 @@ class Study:
         return Study(os.path.basename(os.path.normpath(directory)), _rows(rows), _json(directory, "summary.json"))
 
 
+# Names in the envelopes of former releases.
+_FORMER = {"refused": "rejected", "refused_interval": "rejected_interval"}
+
+
 @dataclasses.dataclass
 class Envelope:
     """In which relative wind and sea a drone lands on a boat.
 
     cells    for each sea state, wind (`wind_mps`, relative, 10 m above the water) and direction that it comes from
-             (`from_deg`, from the bow, clockwise): `trials`, `landed`, `refused`, `unsafe`, their 95 % intervals, and
-             `class`: landed, refused or unsafe
+             (`from_deg`, from the bow, clockwise): `trials`, `landed`, `rejected`, `unsafe`, their 95 % intervals, and
+             `class`: landed, rejected or unsafe
     rate     landing rate that the limit asks for, 0 to 1
     too_few  why there is no limit, where too few were flown for one; else None
     grid     `sea_states`, `winds_mps`, `directions`, `trials`, `seed0`
@@ -82,7 +86,9 @@ class Envelope:
     @staticmethod
     def of(value: Dict[str, Any]) -> "Envelope":
         """From the JSON of `alight study envelope --json`."""
-        return Envelope(value["hull"], value["cells"], value["rate"], value.get("too_few"), value["grid"])
+        cells = [{_FORMER.get(key, key): c[key] for key in c} for c in value["cells"]]
+        cells = [{**c, "class": _FORMER.get(c["class"], c["class"])} for c in cells]
+        return Envelope(value["hull"], cells, value["rate"], value.get("too_few"), value["grid"])
 
     def limit(self, sea_state: int, from_deg: float) -> Optional[float]:
         """The fastest wind (m/s) up to which, from this direction in this sea state, the lower end of every cell's

@@ -23,7 +23,7 @@ COLOURS = [BLUE, RED, GREEN, PURPLE, ORANGE]
 DASHES = ["-", "--", "-.", ":"]
 GREY, EDGE = "#777777", "#555555"
 # Class of a cell of an envelope: its pattern, and the share landed that its colour in the legend stands for.
-CLASSES = {"landed": ("", 1.0), "refused": ("//", 0.0), "unsafe": ("xx", 0.0)}
+CLASSES = {"landed": ("", 1.0), "rejected": ("//", 0.0), "unsafe": ("xx", 0.0)}
 # Ends of the scale of the share that landed, none to all: ColorBrewer's Blues. The program's own picture has the same.
 NONE_LANDED, ALL_LANDED = (222, 235, 247), (49, 130, 189)
 # Metric of Table II: the summary's name, what the axis says.

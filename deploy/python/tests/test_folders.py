@@ -93,7 +93,7 @@ class Studies(unittest.TestCase):
 
 def cell(wind, from_deg, landed, trials, unsafe, low):
     return {
-        "class": "unsafe" if unsafe else "landed" if landed == trials else "refused",
+        "class": "unsafe" if unsafe else "landed" if landed == trials else "rejected",
         "sea_state": 3,
         "wind_mps": wind,
         "from_deg": from_deg,

@@ -1,5 +1,5 @@
-//! Sizes of rooms, keys and terms of the whole project; each file is read once. `tidy/words.toml` lists terms with
-//! their replacements; `tidy/limits.toml` has the permitted counts of terms still in use, which may only be lowered.
+//! Sizes of rooms, keys and terms of the whole project; each file is read once. `tidy/words.toml` lists the terms that
+//! the project does not use, with their replacements.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -71,34 +71,26 @@ fn unread_keys(sources: &[SourceFile]) -> Vec<String> {
     unread.collect()
 }
 
-/// Message for each term above its limit.
-fn excess(places: &Places, limits: &BTreeMap<String, usize>, bans: &Bans) -> Vec<String> {
-    let above = places.iter().filter_map(|(term, all)| {
-        let (count, limit) = (all.len(), limits.get(term).copied().unwrap_or(0));
+/// Message for each term in use.
+fn terms_in_use(places: &Places, bans: &Bans) -> Vec<String> {
+    let messages = places.iter().map(|(term, all)| {
+        let count = all.len();
         let listed = all[..count.min(MAX_LISTED)].join("\n    ");
         let write = replacement(bans, term);
-        (count > limit).then(|| {
-            format!(
-                "{term:?}: {count} places, limit {limit}: write {write}, or add a phrase of another meaning to \
-                 allow\n    {listed}"
-            )
-        })
+        format!(
+            "{term:?}: {count} places: write {write}, or add a phrase of another meaning to allow\n    {listed}"
+        )
     });
-    above.collect()
+    messages.collect()
 }
 
 #[test]
 fn tidy() {
     let bans: Bans = toml::from_str(include_str!("tidy/words.toml")).unwrap();
-    let limits = toml::from_str(include_str!("tidy/limits.toml")).unwrap();
     let sources = project();
     let (table, mut problems) = rooms(&sources);
-    let places = places(&sources, &bans);
-    println!("{table}\nplaces of a term");
-    for (term, all) in &places {
-        println!("  {:>5}  {term}  -> {}", all.len(), replacement(&bans, term));
-    }
+    println!("{table}");
     problems.extend(unread_keys(&sources));
-    problems.extend(excess(&places, &limits, &bans));
+    problems.extend(terms_in_use(&places(&sources, &bans), &bans));
     assert!(problems.is_empty(), "{}", problems.join("\n"));
 }

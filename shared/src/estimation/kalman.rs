@@ -58,7 +58,7 @@ pub enum Update {
         nis: f64,
     },
     /// Rejected by the gate; state and covariance are unchanged.
-    Gated {
+    Rejected {
         /// Normalised innovation squared.
         nis: f64,
     },

@@ -12,7 +12,7 @@ mod wind;
 
 pub use contact::{BLIND_S, CONTACT_MPS, Contact, Margins, REACTION_S, alignment_mps};
 pub use odds::{Limit, MAX_ODDS, Odds};
-pub use staying::{Slopes, Stand, Staying, needed_hold_n};
+pub use staying::{Slopes, Staying, SupportPolygon, needed_hold_n};
 pub use wind::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, WindPush, beyond_aligned, drag, wind_during_alignment};
 
 /// Limit of the contact speeds, m/s; trials use the same limits.

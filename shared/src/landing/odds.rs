@@ -73,7 +73,7 @@ impl Odds {
             Limit::Fast if self.turns => ReasonCode::TurnTooFast,
             Limit::Fast => ReasonCode::LikelyFast,
             Limit::Tilted => ReasonCode::LikelyTilted,
-            Limit::Outside => ReasonCode::LikelyBeside,
+            Limit::Outside => ReasonCode::LikelyOutside,
             Limit::Slides => ReasonCode::LikelySlides,
         };
         (p < needed).then_some(Reason::new(code, p, needed))

@@ -99,18 +99,18 @@ impl Default for Staying {
 
 /// Contact conditions of the feet.
 #[derive(Clone, Copy, Debug)]
-pub struct Stand {
+pub struct SupportPolygon {
     /// Coefficient of friction, including forces that hold the drone down in addition to its weight.
     pub friction: f64,
     /// Distance from the centre at which the first foot leaves the deck, m.
     pub edge_m: f64,
 }
 
-impl Stand {
+impl SupportPolygon {
     /// Conditions of a drone on this deck.
-    pub fn on(deck: &DeckGeometry, drone: &DroneGeometry, friction: f64) -> Stand {
+    pub fn on(deck: &DeckGeometry, drone: &DroneGeometry, friction: f64) -> SupportPolygon {
         let edge = |side_m: f64, span_m: f64| 0.5 * (side_m - span_m);
-        Stand {
+        SupportPolygon {
             friction: friction * (1.0 + deck.hold_n / (drone.mass_kg * GRAVITY)),
             edge_m: edge(deck.length_m, drone.feet_span_m[0]).min(edge(deck.width_m, drone.feet_span_m[1])),
         }
@@ -129,8 +129,8 @@ pub fn needed_hold_n(
 ) -> Option<f64> {
     let stays = |hold: u32| {
         let hold_n = f64::from(hold);
-        let stand = Stand::on(&DeckGeometry { hold_n, ..*deck }, drone, friction);
-        Staying::of(slopes, &stand).probability >= probability
+        let support = SupportPolygon::on(&DeckGeometry { hold_n, ..*deck }, drone, friction);
+        Staying::of(slopes, &support).probability >= probability
     };
     // The probability increases with the force: bisect between an insufficient and a sufficient one.
     let (mut small, mut enough) = (0, MAX_HOLD_N);
@@ -153,11 +153,11 @@ pub fn needed_hold_n(
 
 impl Staying {
     /// Prediction from predicted and measured slopes and the wind; probability 0 if one of them is NaN.
-    pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
-        let upwind_m = slopes.blown(stand.friction).min(0.5 * stand.edge_m);
+    pub fn of(slopes: &Slopes, support: &SupportPolygon) -> Staying {
+        let upwind_m = slopes.blown(support.friction).min(0.5 * support.edge_m);
         let given = |(sds, weight): (f64, f64)| {
-            let friction = stand.friction * (1.0 + FRICTION_SD * sds);
-            weight * slopes.stays(friction, stand.edge_m, upwind_m)
+            let friction = support.friction * (1.0 + FRICTION_SD * sds);
+            weight * slopes.stays(friction, support.edge_m, upwind_m)
         };
         let probability: f64 = NODES.into_iter().map(given).sum();
         let meets = slopes.downwind() * -upwind_m;
@@ -459,7 +459,7 @@ mod tests {
 
     #[test]
     fn staying_in_a_sea() {
-        let stand = Stand {
+        let support = SupportPolygon {
             friction: 0.4,
             edge_m: 0.65,
         };
@@ -468,7 +468,11 @@ mod tests {
                 mean: Vector2::new(wind, 0.0),
                 gust_sd: 0.0,
             };
-            Staying::of(&Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &wind), &stand).probability
+            Staying::of(
+                &Slopes::in_sea(peaks(slope_sd), Vector2::zeros(), &wind),
+                &support,
+            )
+            .probability
         };
         assert!(p(0.02, 0.0) > 0.99 && p(0.25, 0.0) < 0.5);
         assert!(p(f64::NAN, 0.0) < 1e-12 && p(0.02, f64::NAN) < 1e-12);
@@ -517,19 +521,22 @@ mod tests {
         // Mean displacement in 12 m/s, compensated by an upwind target.
         let gusty = slopes(3.8, 1.1);
         assert!((0.05..0.2).contains(&gusty.blown(0.4)), "{}", gusty.blown(0.4));
-        let stand = Stand {
+        let support = SupportPolygon {
             friction: 0.4,
             edge_m: 0.65,
         };
-        let staying = Staying::of(&gusty, &stand);
+        let staying = Staying::of(&gusty, &support);
         assert!(
             (staying.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
             "{staying:?}"
         );
         assert!(gusty.stays(0.4, 0.65, staying.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
-        let narrow = Stand { edge_m: 0.1, ..stand };
+        let narrow = SupportPolygon {
+            edge_m: 0.1,
+            ..support
+        };
         assert!((Staying::of(&gusty, &narrow).meets.norm() - 0.05).abs() < 1e-9);
-        let [none, far] = [f64::NAN, f64::INFINITY].map(|w| Staying::of(&slopes(w, 1.0), &stand));
+        let [none, far] = [f64::NAN, f64::INFINITY].map(|w| Staying::of(&slopes(w, 1.0), &support));
         assert_eq!([none.probability, far.probability], [0.0; 2]);
         assert_eq!([none.meets, far.meets], [Vector2::zeros(); 2]);
     }
@@ -547,7 +554,7 @@ mod tests {
         assert!(force > 5.0 && force < 100.0, "{force}");
         let stays = |hold_n: f64| {
             let deck = DeckGeometry { hold_n, ..*pair.0 };
-            Staying::of(&slopes, &Stand::on(&deck, pair.1, 0.4)).probability
+            Staying::of(&slopes, &SupportPolygon::on(&deck, pair.1, 0.4)).probability
         };
         assert!(stays(force) >= 0.95 && stays(force - 1.0) < 0.95);
         assert_eq!(needed(f64::NAN).1, None);

@@ -100,7 +100,7 @@ impl fmt::Display for Starved {
 /// Silent drone that may be descending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
-pub struct Unheard {
+pub struct SilentDrone {
     /// Number of the drone.
     pub drone: u32,
     /// Time since its newest status, s.
@@ -109,7 +109,7 @@ pub struct Unheard {
     pub remaining_s: f64,
 }
 
-impl fmt::Display for Unheard {
+impl fmt::Display for SilentDrone {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -237,7 +237,7 @@ pub struct SourceUse {
     /// Measurements passed to the filter.
     pub used: u64,
     /// Passed measurements outside the chi-square gates.
-    pub gated: u64,
+    pub outliers: u64,
     /// Measurements older than the previous one.
     pub out_of_order: u64,
     /// Measurements rejected before the gates: too old, from the future, or absurd.
@@ -270,7 +270,7 @@ pub struct EstimatorStatus {
     /// Advice for the helm, once the wave directions are known.
     pub advice: Option<CourseAdvice>,
     /// Measurements outside their chi-square gates: inertial, GNSS, heading.
-    pub gated: [u64; 3],
+    pub outliers: [u64; 3],
     /// Restarts from scratch.
     pub restarts: u64,
     /// Inputs rejected before the gates.
@@ -292,7 +292,7 @@ pub struct DeckStatus {
     /// Drone with a low battery that waits for a silent owner.
     pub starved: Option<Starved>,
     /// Silent drones that may be descending.
-    pub unheard: Seq<Unheard, MAX_NAMED>,
+    pub silent_drones: Seq<SilentDrone, MAX_NAMED>,
     /// Drone that follows another computer with this vessel's identity.
     pub follows_another: Option<FollowsAnother>,
     /// Drones that have not acknowledged an abort.

@@ -179,7 +179,7 @@ pub struct AutopilotState {
     pub mode: AutopilotMode,
     /// The autopilot holds because of set-point loss and follows set-points as soon as they return, or it was in hold
     /// when the link started and nothing shows that a pilot chose it. Any other hold belongs to a pilot.
-    pub lapsed: bool,
+    pub set_points_lost: bool,
     /// State by the autopilot's land detector.
     pub landed: LandedState,
     /// Height of the NED origin above mean sea level, as reported, m; None: not reported.

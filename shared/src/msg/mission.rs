@@ -133,7 +133,7 @@ pub struct MissionState {
     /// Settings may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
     pub settable: bool,
     /// Minimum knowledge of the vessel required to begin a landing.
-    pub least_vessel: VesselLevel,
+    pub min_vessel: VesselLevel,
     /// Minimum clearance of plans above the deck along its normal, m; None: down to the deck.
     pub lowest_clearance_m: Option<f64>,
     /// Clearance below which only hard reasons break a landing off, m.

@@ -56,8 +56,9 @@ pub mod vessel;
 
 pub use aboard::{
     Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother, Line,
-    MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SourceRemark, SourceReport, SourceStatus, SourceUse,
-    Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S, Unheard, VesselStatus,
+    MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SilentDrone, SourceRemark, SourceReport,
+    SourceStatus, SourceUse, Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S,
+    VesselStatus,
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use command::{Command, CommandKind, CommandProgress, CommandReceipt, OperatorCommand};

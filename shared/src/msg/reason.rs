@@ -171,7 +171,7 @@ reasons! {
     /// Probability of a landing too low because of the angle between drone and deck.
     LikelyTilted { "a landing is {likely:.0} % likely (needs {needed:.0}): the deck may tilt too far" }
     /// Probability of a landing too low because of the touchdown position.
-    LikelyBeside { "a landing is {likely:.0} % likely (needs {needed:.0}): it may miss the deck's middle" }
+    LikelyOutside { "a landing is {likely:.0} % likely (needs {needed:.0}): it may miss the deck's middle" }
     /// Probability of a landing too low because a landed drone slides in this slope and wind.
     LikelySlides { "a landing is {likely:.0} % likely (needs {needed:.0}): slope and wind may move it off" }
     /// Touchdown detected with the feet above the deck, m.
@@ -330,7 +330,7 @@ reasons! {
     /// End of a sortie: an operator has ordered the drone back from the autopilot's own mission.
     OrderedBack { "ordered back: ends the autopilot's mission" }
     /// The autopilot did not begin its own mission after hand-over: time waited, s, and the limit.
-    HandOverRefused { "the autopilot did not begin its own mission within {l:.0} s: lands, no further sortie" }
+    HandOverRejected { "the autopilot did not begin its own mission within {l:.0} s: lands, no further sortie" }
     /// On the deck until ready for the next sortie: charge, fraction, and the charge at which it starts by itself.
     NotReady { "ready for the next sortie at {l_percent:.0} % (has {v_percent:.0} %), or by alight command ready" }
     /// Ready for the next sortie: its number, and the planned number.

@@ -354,7 +354,7 @@ impl Belief {
         }
         let nis = innovation * innovation / s;
         if !(nis <= gate) {
-            return Update::Gated { nis };
+            return Update::Rejected { nis };
         }
         for (b, g) in self.blocks.iter_mut().enumerate() {
             if used[b + 1] > used[b] {

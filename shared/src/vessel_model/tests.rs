@@ -186,7 +186,7 @@ fn update_with_a_rejected_outlier() {
     let row = [Term::new(HEAVE, ETA, 1.0)];
     assert!(matches!(
         belief.update(&row, 50.0, 0.1, 5.4),
-        Update::Gated { .. }
+        Update::Rejected { .. }
     ));
     assert_eq!(belief.update(&row, f64::NAN, 0.1, 5.4), Update::Invalid);
     for (b, old) in belief.blocks().iter().zip(before.blocks()) {

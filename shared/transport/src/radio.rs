@@ -169,7 +169,7 @@ impl Parts {
     }
     fn open(&self) -> Result<Open, TransportError> {
         let own: Vec<String> = self.publications.iter().map(|o| o.key.clone()).collect();
-        let name = self.name().unwrap_or("alight/nobody");
+        let name = self.name().unwrap_or("alight/unnamed");
         let session = zenoh::open(self.config.session(name, &own, self.file.as_ref())?)
             .wait()
             .map_err(|e| TransportError::because("opening the radio's session", e))?;

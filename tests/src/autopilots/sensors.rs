@@ -17,7 +17,7 @@ const PER_HZ: f64 = 100.0;
 const SEA_LEVEL_K: f64 = 288.15;
 const SEA_LEVEL_HPA: f64 = 1013.25;
 /// Temperature gradient of the standard atmosphere, K/m, and the exponent `g M / (R L)` of its pressure.
-const LAPSE: f64 = 0.0065;
+const LAPSE_RATE: f64 = 0.0065;
 const EXPONENT: f64 = 5.255_88;
 
 /// Sensors with the same noise as those of the simulated autopilot.
@@ -88,7 +88,7 @@ impl FirmwareSensors {
             magnetometer: magnetometer.into(),
             pressure_hpa: pressure,
             pressure_altitude_m: altitude_m(pressure),
-            temperature_degc: SEA_LEVEL_K - LAPSE * height - 273.15,
+            temperature_degc: SEA_LEVEL_K - LAPSE_RATE * height - 273.15,
         }
     }
 
@@ -128,11 +128,14 @@ fn micros(t: Time<TrueTime>) -> u64 {
 
 /// Pressure of the standard atmosphere at a height in metres.
 fn pressure_hpa(height_m: f64) -> f64 {
-    SEA_LEVEL_HPA * (1.0 - LAPSE * height_m / SEA_LEVEL_K).max(0.1).powf(EXPONENT)
+    SEA_LEVEL_HPA
+        * (1.0 - LAPSE_RATE * height_m / SEA_LEVEL_K)
+            .max(0.1)
+            .powf(EXPONENT)
 }
 /// Inverse of [`pressure_hpa`], m.
 fn altitude_m(pressure_hpa: f64) -> f64 {
-    SEA_LEVEL_K / LAPSE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
+    SEA_LEVEL_K / LAPSE_RATE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }
 
 #[cfg(test)]

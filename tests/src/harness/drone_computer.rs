@@ -14,9 +14,9 @@ use super::failing::{Failing, Spoiled, spoil_sensors};
 use super::foresight::Foresight;
 use super::link::{Checkpoints, LinkedAutopilot};
 use super::mutant::Mutant;
+use super::observer::WorldObserver;
 use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
-use super::tap::Tap;
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::bytes::boat::RECEIVER;
@@ -24,7 +24,7 @@ use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
 use alight_bridge::{BridgeConfig, Packet};
 use alight_shared::bus::{Reader as _, Row, Wired, Writer as _, readers};
-use alight_shared::checkpoint::{Keeper, Republisher};
+use alight_shared::checkpoint::{CheckpointStore, Republisher};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, DroneStatus, EstimateUpdate,
     Header, MissionState, Plan, SetPoint, TagPose, TimeRequest, UvdarFix, still_armed_s,
@@ -228,7 +228,7 @@ impl SimulatedDroneComputer {
         let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
         let forced = scenario.begin_anyway.then(moment);
         let render = &scenario.sensors.render;
-        let Ok(kept) = Republisher::join(&bus, Keeper::default());
+        let Ok(kept) = Republisher::join(&bus, CheckpointStore::default());
         let Ok(observer) = Observer::join(&bus);
         let mut rows = DroneRows {
             // The process was already running before this flight.
@@ -359,7 +359,7 @@ impl SimulatedDroneComputer {
         let new = SimulatedDroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
         self.succeed(new);
         if checkpoints == Checkpoints::Lost {
-            *self.kept.keeper_mut() = Keeper::default();
+            *self.kept.store_mut() = CheckpointStore::default();
         }
         self.start_row(ProcessKind::Mission, nodes);
         self.start_row(ProcessKind::Autopilot, nodes);
@@ -369,13 +369,13 @@ impl SimulatedDroneComputer {
         self.kept.take(physics.drone_now(self.k) + self.ahead);
         self.boot += 1;
         if checkpoints == Checkpoints::Lost {
-            *self.kept.keeper_mut() = Keeper::default();
+            *self.kept.store_mut() = CheckpointStore::default();
         }
     }
     /// Replaces this computer by a new one on the same drone.
     fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
-        *self.kept.keeper_mut() = before.kept.keeper().clone();
+        *self.kept.store_mut() = before.kept.store().clone();
         (self.radio, self.linked, self.handed_over) = (before.radio, before.linked, before.handed_over);
         (self.ahead, self.apart) = (before.ahead, before.apart);
         (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
@@ -384,7 +384,7 @@ impl SimulatedDroneComputer {
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
-        *self.kept.keeper_mut() = self.kept.keeper().lasting();
+        *self.kept.store_mut() = self.kept.store().lasting();
     }
     /// Gives the drone's mission an operator's command.
     pub(super) fn command(&mut self, kind: CommandKind, physics: &mut Physics) {
@@ -435,7 +435,7 @@ impl SimulatedDroneComputer {
         physics: &mut Physics,
         reports_status: bool,
         foresight: Option<&Foresight>,
-        tap: &mut impl Tap,
+        observer: &mut impl WorldObserver,
     ) {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
@@ -453,21 +453,21 @@ impl SimulatedDroneComputer {
             return;
         }
         self.kept.poll(now);
-        self.step_bridge((t, now), packets, reports_status, tap);
+        self.step_bridge((t, now), packets, reports_status, observer);
         if self.linked.is_some() {
-            self.receive_from_autopilot((t, now), physics, tap);
-            self.sense((t, now), physics, tap);
-            self.step_predictor((t, now), physics, foresight, tap);
+            self.receive_from_autopilot((t, now), physics, observer);
+            self.sense((t, now), physics, observer);
+            self.step_predictor((t, now), physics, foresight, observer);
             self.plans
                 .arrived(t)
                 .iter()
                 .for_each(|plan| self.outside.plans.send(plan));
-            self.step_mission((t, now), tap);
-            self.step_planner((t, now), tap);
-            self.step_pilot((t, now), tap);
+            self.step_mission((t, now), observer);
+            self.step_planner((t, now), observer);
+            self.step_pilot((t, now), observer);
             let runs = self.runs(ProcessKind::Autopilot);
             if due(&mut self.rows.autopilot, runs, now).is_some() {
-                self.step_link((t, now), Vec::new(), tap);
+                self.step_link((t, now), Vec::new(), observer);
             }
         }
         self.look(now);

@@ -18,7 +18,7 @@ pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// Maximum time from first contact to the stop of the motors, s.
 pub const MAX_STOP_S: f64 = 2.0;
 /// Time from the stop of the motors until the rest on the deck begins, s.
-pub const SETTLE_S: f64 = 1.0;
+pub const SETTLING_S: f64 = 1.0;
 pub const REST_S: f64 = 3.0;
 pub const TIME_LIMIT_S: f64 = 180.0;
 /// Maximum height of a foot that counts as on the deck, m.
@@ -197,13 +197,13 @@ pub struct Outcome {
 impl Outcome {
     /// No landing was completed in time, and no contact exceeded a limit: the drone waited, aborted, or began its
     /// descent too late.
-    pub fn is_refused(&self) -> bool {
+    pub fn is_rejected(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
-    /// The drone neither landed nor was rejected by [`Outcome::is_refused`].
+    /// The drone neither landed nor was rejected by [`Outcome::is_rejected`].
     pub fn is_unsafe(&self) -> bool {
-        !self.success && !self.is_refused()
+        !self.success && !self.is_rejected()
     }
 }
 
@@ -383,7 +383,7 @@ impl Judge {
     }
 
     fn rest(&mut self, o: &TrialObservation<'_>, stopped: f64, half_deck: [f64; 2]) {
-        if o.t_s > stopped + SETTLE_S && self.failure.is_none() {
+        if o.t_s > stopped + SETTLING_S && self.failure.is_none() {
             if o.feet
                 .iter()
                 .any(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1])
@@ -393,7 +393,7 @@ impl Judge {
                 self.fail(Ending::Tipped, format!("a foot is {:.2} m above the deck", f[2]));
             }
         }
-        if o.t_s >= stopped + SETTLE_S + REST_S {
+        if o.t_s >= stopped + SETTLING_S + REST_S {
             self.rest_error = Some(centroid_error(&o.feet));
             self.ended = true;
         }

@@ -3,10 +3,10 @@
 use alight_shared::msg::{CommandKind, MissionState, State};
 
 use super::failing::Failing;
+use super::observer::{NoObserver, WorldObserver};
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::storm::{Effect, Fault, FaultKind};
-use super::tap::{NoTap, Tap};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
 
@@ -24,17 +24,17 @@ pub struct Rig {
 impl Rig {
     /// The rig at the start of the flight of `seed`.
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
-        Rig::tapped(scenario, nodes, seed, &mut NoTap)
+        Rig::observed(scenario, nodes, seed, &mut NoObserver)
     }
-    /// A rig whose warm-up is shown to a tap.
-    pub fn tapped(
+    /// A rig whose warm-up is shown to an observer.
+    pub fn observed(
         scenario: &Scenario,
         nodes: &NodeConfigs,
         seed: u64,
-        tap: &mut impl Tap,
+        observer: &mut impl WorldObserver,
     ) -> Result<Rig, SetupError> {
         let mut world = World::new(scenario, nodes, seed)?;
-        world.warm_up(tap);
+        world.warm_up(observer);
         Ok(Rig::of(world, scenario, nodes))
     }
     /// A rig of a world after its warm-up.
@@ -54,14 +54,14 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Advances one tick, shown to a tap. Two drones must never use the deck at the same time.
-    pub fn tick(&mut self, tap: &mut impl Tap) {
-        self.advance(tap);
+    /// Advances one tick, shown to an observer. Two drones must never use the deck at the same time.
+    pub fn tick(&mut self, observer: &mut impl WorldObserver) {
+        self.advance(observer);
         assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
     }
     /// Advances one tick without that check.
-    pub fn advance(&mut self, tap: &mut impl Tap) {
-        self.world.tick(tap);
+    pub fn advance(&mut self, observer: &mut impl WorldObserver) {
+        self.world.tick(observer);
         let t_s = self.t_s();
         if self.touched_s.is_none() && self.world.physics().touches(0) {
             self.touched_s = Some(t_s);
@@ -83,14 +83,14 @@ impl Rig {
             if done(self) {
                 return true;
             }
-            self.tick(&mut NoTap);
+            self.tick(&mut NoObserver);
         }
         done(self)
     }
     /// Runs, and calls `after` after every tick until that returns true (the flight is over), for at most `limit_s`.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
-            self.tick(&mut NoTap);
+            self.tick(&mut NoObserver);
             if after(self) {
                 break;
             }

@@ -3,12 +3,12 @@
 use alight_shared::msg::{CommandKind, Reason, State};
 use alight_shared::time::Span;
 
+use crate::harness::observer::{NoObserver, WorldObserver};
 use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S, centroid_error};
 use crate::harness::physics::TICK;
 use crate::harness::rig::Rig;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::storm::Schedule;
-use crate::harness::tap::{NoTap, Tap};
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
@@ -42,7 +42,7 @@ pub fn fly(
     sea: &str,
     watch: Watch<'_>,
 ) -> Result<FlownTrial, SetupError> {
-    fly_with(scenario, nodes, seed, sea, watch, &mut NoTap)
+    fly_with(scenario, nodes, seed, sea, watch, &mut NoObserver)
 }
 
 /// Flies the trial without events and trace.
@@ -66,10 +66,10 @@ pub fn fly_with(
     seed: u64,
     sea: &str,
     watch: Watch<'_>,
-    tap: &mut impl Tap,
+    observer: &mut impl WorldObserver,
 ) -> Result<FlownTrial, SetupError> {
     let world = World::new(scenario, nodes, seed)?;
-    Ok(land(world, scenario, nodes, seed, sea, watch, tap))
+    Ok(land(world, scenario, nodes, seed, sea, watch, observer))
 }
 
 /// Flies in a prepared world whose warm-up has not begun.
@@ -80,9 +80,9 @@ pub fn land(
     seed: u64,
     sea: &str,
     watch: Watch<'_>,
-    tap: &mut impl Tap,
+    observer: &mut impl WorldObserver,
 ) -> FlownTrial {
-    world.warm_up(tap);
+    world.warm_up(observer);
     world.command(CommandKind::Land);
     let (mut rig, mut faults) = (Rig::of(world, scenario, nodes), Schedule::new(&scenario.faults));
 
@@ -99,7 +99,7 @@ pub fn land(
     // The judge's time limit, in ticks, bounds the loop.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
-        rig.advance(tap);
+        rig.advance(observer);
         let world = &mut rig.world;
         let t_s = world.physics().time_since_start().secs();
         let mission = world.mission_state();
@@ -141,7 +141,7 @@ pub fn land(
     outcome.digest = format!("{:016x}", rig.world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
         faults.act(&mut rig);
-        rig.advance(tap);
+        rig.advance(observer);
     }
     if scenario.stay_s > 0.0 && outcome.success {
         outcome.stay_position_error_m = Some(centroid_error(&rig.world.observation().feet));

@@ -10,10 +10,10 @@ use super::failing::Failing;
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
+use super::observer::{NoObserver, WorldObserver};
 use super::outcome::TrialObservation;
 use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::tap::{NoTap, Tap};
 use super::vessel_computer::VesselSide;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
@@ -50,7 +50,7 @@ pub struct World {
     operator_sequence: u32,
     /// Drones report to the vessel, which grants its deck and relays commands. A single drone that needs no reservation
     /// saves this load.
-    shares_deck: bool,
+    is_deck_shared: bool,
     /// Owner of the deck by the vessel's newest grant; 0: no owner.
     deck_owner: u32,
     // The drones' radios and computers.
@@ -85,7 +85,7 @@ impl World {
             vessel: VesselSide::new(scenario, nodes, physics.vessel_clock(), BOOT),
             given: ComputerIn::default(),
             operator_sequence: 0,
-            shares_deck: scenario.drones > 1
+            is_deck_shared: scenario.drones > 1
                 || nodes.drone.mission.reservation_required
                 || nodes.drone.mission.takeoff,
             deck_owner: 0,
@@ -116,11 +116,11 @@ impl World {
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
     /// Runs the vessel's side until the start; the drones appear in the air shortly before the start.
-    pub fn warm_up(&mut self, tap: &mut impl Tap) {
-        while self.warm_up_tick(tap) {}
+    pub fn warm_up(&mut self, observer: &mut impl WorldObserver) {
+        while self.warm_up_tick(observer) {}
     }
     /// One tick of the warm-up; false once it is over.
-    pub fn warm_up_tick(&mut self, tap: &mut impl Tap) -> bool {
+    pub fn warm_up_tick(&mut self, observer: &mut impl WorldObserver) -> bool {
         let now = self.physics.now();
         if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
             for drone in &mut self.drones {
@@ -129,7 +129,7 @@ impl World {
         }
         let warms_up = now < self.physics.started();
         if warms_up {
-            self.tick(tap);
+            self.tick(observer);
         }
         warms_up
     }
@@ -147,8 +147,8 @@ impl World {
         self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
     }
     /// Makes drones report to the vessel, which grants its deck and relays commands, even for a single drone.
-    pub fn share_deck(&mut self) {
-        self.shares_deck = true;
+    pub fn set_deck_shared(&mut self) {
+        self.is_deck_shared = true;
     }
     /// Sends a drone a command of the vessel's operator.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
@@ -259,10 +259,10 @@ impl World {
         self.drones[k].radio.set_outage([from, until]);
     }
 
-    /// Advances everything by one tick of 10 ms, shown to a tap, which receives the first drone's nodes.
-    pub fn tick(&mut self, tap: &mut impl Tap) {
+    /// Advances everything by one tick of 10 ms, shown to an observer, which receives the first drone's nodes.
+    pub fn tick(&mut self, observer: &mut impl WorldObserver) {
         let t = self.physics.now();
-        tap.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
+        observer.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
 
         self.advance_clocks();
 
@@ -275,7 +275,9 @@ impl World {
         };
         let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
-        let output = self.vessel.tick(now, measured, input, |step| tap.step(t, step));
+        let output = self
+            .vessel
+            .tick(now, measured, input, |step| observer.step(t, step));
         self.broadcast(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
@@ -283,8 +285,8 @@ impl World {
         let foresight = self.foresight.as_ref();
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
-                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, tap),
-                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &mut NoTap),
+                0 => drone.tick(&mut self.physics, self.is_deck_shared, foresight, observer),
+                _ => drone.tick(&mut self.physics, self.is_deck_shared, foresight, &mut NoObserver),
             }
         }
 
@@ -315,7 +317,7 @@ impl World {
     }
     /// Broadcasts the output of the vessel's computer to the drones.
     fn broadcast(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
-        let with_deck = self.shares_deck;
+        let with_deck = self.is_deck_shared;
         if let Some(grant) = output.grant.filter(|_| with_deck) {
             self.deck_owner = grant.owner;
         }

@@ -4,7 +4,7 @@
 //! planners that fly differently have the same errors at the same time.
 //!
 //! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
-//! [`sight_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
+//! [`vision_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
 
 pub mod attitude;
 pub mod beacon;
@@ -22,10 +22,10 @@ pub mod occlusion;
 pub mod outlet;
 pub mod rangefinder;
 pub mod render;
-pub mod sight_loss;
 pub mod square_pose;
 pub mod tag;
 pub mod uvdar;
+pub mod vision_loss;
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};

@@ -100,23 +100,24 @@ impl NightConfig {
         let step = self.step(gain);
         (dark * dark + step * step * self.read * self.read + step * grey.max(0.0)).sqrt()
     }
-    /// Setting to which metering converges on a white under `white_lux`: exposure first, up to `longest_s`, then gain.
-    pub fn settled(&self, white_lux: f64, longest_s: f64) -> Setting {
+    /// Setting to which metering converges on a white under `white_lux`: exposure first, up to `max_exposure_s`, then
+    /// gain.
+    pub fn auto_exposure(&self, white_lux: f64, max_exposure_s: f64) -> Setting {
         let exposure_s = |gain: f64| AIM / (self.electrons * self.step(gain) * white_lux.max(1e-9));
         Setting {
-            exposure_s: exposure_s(1.0).clamp(MIN_EXPOSURE_S.min(longest_s), longest_s),
-            gain: (exposure_s(1.0) / longest_s).clamp(1.0, self.max_gain),
+            exposure_s: exposure_s(1.0).clamp(MIN_EXPOSURE_S.min(max_exposure_s), max_exposure_s),
+            gain: (exposure_s(1.0) / max_exposure_s).clamp(1.0, self.max_gain),
         }
     }
-    pub(super) fn at_limit(&self, setting: &Setting, longest_s: f64) -> bool {
-        setting.exposure_s >= longest_s && setting.gain >= self.max_gain
+    pub(super) fn at_limit(&self, setting: &Setting, max_exposure_s: f64) -> bool {
+        setting.exposure_s >= max_exposure_s && setting.gain >= self.max_gain
     }
     /// Ranges of exposure and gain as reported by a device.
-    pub fn ranges(&self, longest_s: f64) -> [alight_uav::camera::metering::SettingRange; 2] {
+    pub fn ranges(&self, max_exposure_s: f64) -> [alight_uav::camera::metering::SettingRange; 2] {
         let range = |low, most, step| alight_uav::camera::metering::SettingRange { low, most, step };
-        let min_s = MIN_EXPOSURE_S.min(longest_s);
+        let min_s = MIN_EXPOSURE_S.min(max_exposure_s);
         [
-            range(min_s, longest_s, 0.1 * min_s),
+            range(min_s, max_exposure_s, 0.1 * min_s),
             range(1.0, self.max_gain, (self.max_gain - 1.0).max(1e-3) / 256.0),
         ]
     }
@@ -126,24 +127,24 @@ impl NightConfig {
 mod tests {
     use super::*;
 
-    const LONGEST_S: f64 = 0.004;
+    const MAX_EXPOSURE_S: f64 = 0.004;
 
     #[test]
     fn exposure_before_gain_up_to_both_limits() {
         let night = NightConfig::default();
         // A white of 180 grey levels is 3600 electrons.
-        let grey = |lux: f64| lux * night.grey_per_lux(&night.settled(lux, LONGEST_S));
+        let grey = |lux: f64| lux * night.grey_per_lux(&night.auto_exposure(lux, MAX_EXPOSURE_S));
         for lux in [2e3, 1e4, 5e4] {
-            let s = night.settled(lux, LONGEST_S);
+            let s = night.auto_exposure(lux, MAX_EXPOSURE_S);
             assert_eq!(s.gain, 1.0);
             assert!((s.exposure_s - 6.0 / lux).abs() < 1e-9 && (grey(lux) - 180.0).abs() < 1e-6);
         }
-        let s = night.settled(300.0, LONGEST_S);
-        assert!((s.exposure_s, s.gain) == (LONGEST_S, 5.0) && (grey(300.0) - 180.0).abs() < 1e-6);
+        let s = night.auto_exposure(300.0, MAX_EXPOSURE_S);
+        assert!((s.exposure_s, s.gain) == (MAX_EXPOSURE_S, 5.0) && (grey(300.0) - 180.0).abs() < 1e-6);
         // 24 dB are reached at 94 lux; a tenth of that yields a tenth of the level.
-        let s = night.settled(9.4, LONGEST_S);
+        let s = night.auto_exposure(9.4, MAX_EXPOSURE_S);
         assert!(
-            night.at_limit(&s, LONGEST_S) && (grey(9.4) - 18.0).abs() < 0.1,
+            night.at_limit(&s, MAX_EXPOSURE_S) && (grey(9.4) - 18.0).abs() < 0.1,
             "{s:?}"
         );
     }

@@ -9,8 +9,8 @@ use super::camera::{CameraMotion, CameraMount};
 /// Radius of a leg, m.
 /// Chosen: a carbon tube of 16 mm with its clamps.
 const LEG_RADIUS_M: f64 = 0.01;
-/// Radius of the parts that cast a shadow (plates, battery, arms' roots), in lengths of an arm. Spinning rotors pass
-/// nine tenths of the light.
+/// Radius of the parts that cast a shadow (plates, battery, roots of the rotor arms), in lengths of a rotor arm. Spinning
+/// rotors pass nine tenths of the light.
 /// Chosen: as on a Tarot T650.
 const BODY: f64 = 0.4;
 /// Number of points along a leg, so that their distance is below its radius.

@@ -1,7 +1,7 @@
 //! Pose solver of the drone's camera, as used by the measurement model. Its errors are measured here, with the noise of
 //! the simulated world.
 
-pub use alight_uav::camera::square_pose::{DeckPose, SeenTag, corners, corners_of, solve};
+pub use alight_uav::camera::square_pose::{DeckPose, DetectedTag, corners, corners_of, solve};
 
 #[cfg(test)]
 mod tests {
@@ -18,7 +18,7 @@ mod tests {
             side_m,
             ..DeckTag::default()
         };
-        super::solve(&[SeenTag {
+        super::solve(&[DetectedTag {
             tag,
             image: *image,
             sd,

@@ -24,7 +24,7 @@
 //! 0.5: with `c/2` of 17 all images are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and
 //! `k` 1.05.
 //!
-//! Temporary covers of the tag are not included; [`super::sight_loss`] models them.
+//! Temporary covers of the tag are not included; [`super::vision_loss`] models them.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
@@ -39,8 +39,8 @@ use super::camera::{CameraMotion, PinholeLens};
 use super::night::{NightConfig, veil};
 use super::noise::{Noise, Windows};
 use super::occlusion::Occlusion;
-use super::sight_loss::{SightLoss, SightLossConfig};
-use super::square_pose::{SeenTag, corners, solve};
+use super::square_pose::{DetectedTag, corners, solve};
+use super::vision_loss::{VisionLoss, VisionLossConfig};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -98,7 +98,7 @@ config! {
         /// Maximum motion of the tag in the image during the exposure, px.
         pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
         /// Temporary losses of the tag: glare, spray, a cover.
-        pub loss: SightLossConfig;
+        pub loss: VisionLossConfig;
         /// Windows `[start, end)` without detections, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
@@ -114,7 +114,7 @@ pub(crate) struct SimulatedTagDetector {
     occlusion: Option<Occlusion>,
     night: Option<NightConfig>,
     corner: Noise,
-    loss: SightLoss,
+    loss: VisionLoss,
     read: Noise,
 }
 
@@ -132,7 +132,7 @@ impl SimulatedTagDetector {
             occlusion: None,
             night: None,
             corner: Noise::new(streams, &format!("{name}.corner")),
-            loss: SightLoss::new(&config.loss, streams),
+            loss: VisionLoss::new(&config.loss, streams),
             read: Noise::new(streams, &format!("{name}.read")),
             config: config.clone(),
         }
@@ -210,17 +210,17 @@ impl SimulatedTagDetector {
             .collect()
     }
     fn converged_setting(&self, tag_views: &[TagView]) -> Setting {
-        let longest_s = self.config.exposure_s;
+        let max_exposure_s = self.config.exposure_s;
         let Some(night) = &self.night else {
             return Setting {
-                exposure_s: longest_s,
+                exposure_s: max_exposure_s,
                 gain: 1.0,
             };
         };
         let largest = tag_views.iter().max_by(|a, b| a.width.total_cmp(&b.width));
         // Without a tag the mean is metered: a third of the white's level for a quarter of its light.
         let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
-        night.settled(white_lux, longest_s)
+        night.auto_exposure(white_lux, max_exposure_s)
     }
     pub(crate) fn detect(
         &mut self,
@@ -232,7 +232,7 @@ impl SimulatedTagDetector {
         let tag_views = self.tag_views(view, deck);
         let shown: Vec<_> = tag_views.iter().flatten().copied().collect();
         let setting = self.converged_setting(&shown);
-        let detected: Vec<SeenTag> = (0..self.tags.len())
+        let detected: Vec<DetectedTag> = (0..self.tags.len())
             .filter_map(|k| {
                 // The noise of a frame is drawn even if the tag is not detected, so that two planners meet the same
                 // noise at the same time.
@@ -342,7 +342,7 @@ impl SimulatedTagDetector {
         }
     }
     /// Detection of the tag: noisy corners with their reported noise.
-    fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<SeenTag> {
+    fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<DetectedTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
         let stated = image.sd_px.max(self.config.stated_sd_px) / self.lens.focal_px;
@@ -352,7 +352,7 @@ impl SimulatedTagDetector {
         } else {
             stated
         };
-        Some(SeenTag {
+        Some(DetectedTag {
             tag: *known,
             image: measured,
             sd,

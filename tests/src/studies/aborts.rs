@@ -3,9 +3,9 @@
 
 use alight_shared::msg::{CommandKind, Phase};
 
+use crate::harness::observer::NoObserver;
 use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::tap::NoTap;
 use crate::harness::world::World;
 use crate::physics::vessel::VesselCourse;
 use alight_shared::process::ProcessKind;
@@ -76,13 +76,13 @@ pub fn fly(
     height_m: f64,
 ) -> Result<Option<Interrupted>, SetupError> {
     let mut world = World::new(scenario, nodes, seed)?;
-    world.warm_up(&mut NoTap);
+    world.warm_up(&mut NoObserver);
     world.command(CommandKind::Land);
     let (mut began, mut near) = (false, true);
     let mut end_s = LIMIT_S;
     let mut report = Interrupted::default();
     loop {
-        world.tick(&mut NoTap);
+        world.tick(&mut NoObserver);
         let t = world.physics().time_since_start().secs();
         let landing = world.mission_state().state.phase() == Phase::Landing;
         let o = world.observation();

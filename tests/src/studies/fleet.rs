@@ -5,9 +5,9 @@
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
 use super::aborts::drive;
+use crate::harness::observer::NoObserver;
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::tap::NoTap;
 use crate::harness::world::World;
 use crate::physics::sea::SeaConfig;
 use crate::physics::streams::Streams;
@@ -205,7 +205,7 @@ pub fn fly(
     drive(&mut scenario, speed);
     let stays = draw.chance(0.5).then_some(0);
     let mut world = World::new(&scenario, nodes, seed)?;
-    world.warm_up(&mut NoTap);
+    world.warm_up(&mut NoObserver);
     let mut flight = Flight {
         world,
         draw,
@@ -231,7 +231,7 @@ pub fn fly(
             flight.happen(t);
         }
         flight.attend(t);
-        flight.world.tick(&mut NoTap);
+        flight.world.tick(&mut NoObserver);
         flight.judge(t, nodes.drone.mission.approach_height_m);
     }
     Ok(flight.report)

@@ -11,9 +11,9 @@ use rand::RngExt;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::harness::observer::NoObserver;
 use crate::harness::outcome::Outcome;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::tap::NoTap;
 use crate::harness::trial::{self, Watch};
 use crate::harness::world::World;
 use crate::physics::streams::{MOVES, Stream, Streams};
@@ -161,7 +161,8 @@ pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Resu
         trace_step_s: None,
     };
     let world = World::new(scenario, nodes, *streams)?;
-    let Outcome { limit_ratio, .. } = trial::land(world, scenario, nodes, 0, "", watch, &mut NoTap).outcome;
+    let Outcome { limit_ratio, .. } =
+        trial::land(world, scenario, nodes, 0, "", watch, &mut NoObserver).outcome;
     Ok(limit_ratio)
 }
 

@@ -196,7 +196,7 @@ pub struct Summary {
     /// Number of descents begun, and of those that ended badly: neither at rest on the deck nor aborted without a
     /// contact.
     pub descents: [u32; 2],
-    /// Number of trials that neither succeeded nor ended without a landing and safely ([`Outcome::is_refused`]).
+    /// Number of trials that neither succeeded nor ended without a landing and safely ([`Outcome::is_rejected`]).
     pub unsafe_trials: usize,
     pub unsafe_contacts: u32,
     pub water_contacts: u32,

@@ -22,7 +22,7 @@ fn scenario() -> Scenario {
 }
 fn nodes() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
-    nodes.drone.mission.least_vessel = VesselLevel::Beacon;
+    nodes.drone.mission.min_vessel = VesselLevel::Beacon;
     nodes
 }
 

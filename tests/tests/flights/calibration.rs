@@ -4,8 +4,8 @@ use alight_shared::msg::{CommandKind, State};
 use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::Tap;
 use alight_sim::harness::world::World;
 use alight_sim::physics::vessel::rigid::rigid_body_mass;
 use alight_sim::physics::vessel::{VesselConfig, VesselLoad, hull::Hull};
@@ -26,7 +26,7 @@ struct Press {
     stands: bool,
 }
 
-impl Tap for Press {
+impl WorldObserver for Press {
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         if let Some(input) = step.input::<PredictorIn>() {
             self.calibration.take(input, self.stands);
@@ -61,20 +61,20 @@ fn press(
         receivers_sd_m: receivers_sd_m.unwrap_or(middle.receivers_sd_m),
         ..middle
     };
-    let mut tap = Press {
+    let mut observer = Press {
         calibration: DeckCalibration::new(&config, stand),
         stands: false,
     };
     let mut world = World::new(scenario, nodes, seed).unwrap();
-    world.warm_up(&mut tap);
+    world.warm_up(&mut observer);
     world.command(CommandKind::Land);
     let mut landed = None;
     for _ in 0..60_000 {
-        world.tick(&mut tap);
+        world.tick(&mut observer);
         if world.mission_state().state == State::Landed && landed.is_none() {
             landed = Some(world.physics().now().secs() + 3.0);
         }
-        tap.stands = landed.is_some_and(|t| world.physics().now().secs() >= t);
+        observer.stands = landed.is_some_and(|t| world.physics().now().secs() >= t);
         if landed.is_some_and(|t| world.physics().now().secs() >= t + seconds) {
             break;
         }
@@ -83,7 +83,7 @@ fn press(
     let deck = world.physics().deck();
     let drone = world.physics().drone(0).unwrap();
     let at = deck.attitude.0.inverse() * (drone.position.0 - deck.position.0);
-    (tap.calibration.result(), [at.x, at.y])
+    (observer.calibration.result(), [at.x, at.y])
 }
 
 fn within(found: &ValueWithSd, truth: f64, what: &str) {
@@ -124,7 +124,7 @@ fn deck_calibration_of_a_displaced_deck() {
 #[derive(Default)]
 struct Recorder(Record);
 
-impl Tap for Recorder {
+impl WorldObserver for Recorder {
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         if let Some(input) = step.input::<ComputerIn>() {
             self.0.add(&Readings::of(&input.sensors));
@@ -185,7 +185,7 @@ fn pushed(strength: f64) -> Scenario {
         for _ in 0..3 {
             let mut by_n_nm = [0.0; 6];
             by_n_nm[dof] = by * strength;
-            s.vessel.pushes.push(VesselLoad {
+            s.vessel.loads.push(VesselLoad {
                 at_s: t,
                 for_s,
                 by_n_nm,
@@ -197,7 +197,7 @@ fn pushed(strength: f64) -> Scenario {
 }
 
 #[test]
-fn vessel_calibration_from_pushes() {
+fn vessel_calibration_from_impulses() {
     let mut scenario = pushed(1.0);
     scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
     for seed in [1, 2] {
@@ -211,8 +211,8 @@ fn vessel_calibration_from_pushes() {
             ] {
                 let off = (figure.value - truth).abs();
                 println!(
-                    "{} {what} {figure:?} truth {truth:.3}, {} pushes",
-                    DOF_NAMES[dof], d.pushes
+                    "{} {what} {figure:?} truth {truth:.3}, {} impulses",
+                    DOF_NAMES[dof], d.impulses
                 );
                 // The hull is not a linear model: 5 % of the error are due to that.
                 assert!(

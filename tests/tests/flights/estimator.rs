@@ -88,7 +88,7 @@ fn estimate_of_a_slamming_hull() {
 
 /// Prediction at 1 s for a hull without wave-following motion, in waves steeper than any sum of the components.
 #[test]
-fn prediction_in_sharp_crests() {
+fn prediction_in_steep_waves() {
     let mut scenario = at_sea("0.8,5");
     scenario.vessel.sideways_coupling = 0.0;
     let mut all = Scores::default();

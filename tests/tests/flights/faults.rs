@@ -304,7 +304,7 @@ fn faults_at_every_moment_over_both_autopilots() {
 
 #[test]
 #[ignore = "needs ../shared/data/decks"]
-fn faults_on_the_decks_beside_the_project() {
+fn faults_on_the_decks_next_to_the_project() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
     let decks = ["mono-5m-js15-6", "twin-5m-cross", "work-12m-js25-7"];
     let decks = decks.map(|d| folder.join(d).with_extension("csv"));

@@ -22,7 +22,7 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
 #[derive(Default)]
 struct Received(Vec<AutopilotState>);
 
-impl alight_sim::harness::tap::Tap for Received {
+impl alight_sim::harness::observer::WorldObserver for Received {
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         self.0.extend(step.input::<MissionIn>().and_then(|i| i.autopilot));
     }
@@ -45,10 +45,10 @@ fn by_hand(t: f64) -> f64 {
 }
 
 #[test]
-fn shadow_while_a_person_lands() {
+fn shadow_while_a_pilot_lands() {
     let (scenario, nodes) = (at_sea("0.5,5"), nodes(LandingMode::Shadow));
     let mut received = Received::default();
-    let mut rig = Rig::tapped(&scenario, &nodes, 71, &mut received).unwrap();
+    let mut rig = Rig::observed(&scenario, &nodes, 71, &mut received).unwrap();
     rig.world.command(CommandKind::Land);
     let mut landed_for = 0;
     for _ in 0..(90.0 / TICK.secs()) as u32 {

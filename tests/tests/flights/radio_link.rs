@@ -1,10 +1,10 @@
 //! Radio link of the whole system: load, loss, recovery.
 
 use alight_shared::msg::State;
+use alight_sim::harness::observer::NoObserver;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial;
 use alight_sim::harness::world::World;
 use alight_sim::radio::Transport;
@@ -22,7 +22,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
     let mut counts = Vec::new();
     for _ in 0..2 {
         for _ in 0..3000 {
-            world.tick(&mut NoTap);
+            world.tick(&mut NoObserver);
         }
         counts.push(world.drones()[0].radio_counts()[0]);
     }

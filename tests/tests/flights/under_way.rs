@@ -9,8 +9,8 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
 use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::Tap;
 use alight_sim::harness::world::World;
 use alight_sim::physics::body::RigidState;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
@@ -41,7 +41,7 @@ struct PredictorFlight {
     drone: Vector3<f64>,
 }
 
-impl Tap for PredictorFlight {
+impl WorldObserver for PredictorFlight {
     fn truth(
         &mut self,
         _: Time<TrueTime>,

@@ -43,7 +43,7 @@ config! {
         /// heartbeats of two vehicles are received.
         pub vehicle: u8 = 0;
         /// System number of the beacon that reports the vessel's position over this link (`GLOBAL_POSITION_INT`,
-        /// `FOLLOW_TARGET`), for `drone.mission.least_vessel = "beacon"` or "tag"; 0: none.
+        /// `FOLLOW_TARGET`), for `drone.mission.min_vessel = "beacon"` or "tag"; 0: none.
         pub beacon_system: u8 = 0;
         /// MMSI of the vessel whose AIS reports serve as a beacon: `AIS_VESSEL` over this link (ArduPilot with an AIS
         /// receiver), or sentences of `ais`; 0: none.

@@ -342,7 +342,7 @@ impl AutopilotLink {
                 AutopilotMode::Offboard if !ours => AutopilotMode::Other,
                 mode => mode,
             },
-            lapsed: self.stream.loss.is_lost(),
+            set_points_lost: self.stream.loss.is_lost(),
             landed: p.landed(now),
             origin_sea_m: (origin.datum.zip(origin.geoid_m)).map(|(d, geoid_m)| d.height_m - geoid_m),
             battery: p.charge(now),

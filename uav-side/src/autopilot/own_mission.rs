@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn mission_done_and_held_by_px4_or_by_a_person() {
+    fn mission_done_and_held_by_px4_or_by_a_pilot() {
         let hold = Some(AutopilotMode::Hold);
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::Px4, 4, ACTIVE);

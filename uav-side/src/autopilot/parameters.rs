@@ -141,7 +141,7 @@ impl Parameters {
     /// Reason that forbids a landing, with an empty code if a landing is permitted. Unsuitable parameters come before
     /// unreported ones.
     pub fn rejection(&self) -> Reason {
-        let forbids = |i: &&Item| i.parameter.severity == Severity::Refuse;
+        let forbids = |i: &&Item| i.parameter.severity == Severity::Reject;
         let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
         reasons()
             .find(|r| r.code == ReasonCode::AutopilotParameter)
@@ -184,7 +184,7 @@ impl Parameters {
             i.reason()
                 .filter(|_| is_new)
                 .map(|why| match i.parameter.severity {
-                    Severity::Refuse => format!("{firmware}, no landing: {why}"),
+                    Severity::Reject => format!("{firmware}, no landing: {why}"),
                     Severity::Warn => format!("{firmware}, a warning: {why}"),
                 })
         })

@@ -3,14 +3,14 @@
 use alight_shared::tags::DeckTag;
 use nalgebra::{Vector2, Vector3};
 
-use super::square_pose::{SeenTag, solve};
+use super::square_pose::{DetectedTag, solve};
 
 pub(super) const MAX_DECKS: usize = 4;
 /// Maximum distance of a tag from its place on a deck to be assigned to it, m: half of the narrowest deck.
 const WITHIN_M: f64 = 0.8;
 
 /// Tags by deck, the deck with the largest tag first. When no number occurs twice, all tags belong to one deck.
-pub(super) fn apart(detected: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
+pub(super) fn apart(detected: Vec<DetectedTag>) -> Vec<Vec<DetectedTag>> {
     let (mut rest, mut decks) = (detected, Vec::new());
     while decks.len() < MAX_DECKS && !rest.is_empty() {
         let Some(around) = repeats(&rest).then(|| around_largest(&rest)).flatten() else {
@@ -25,21 +25,21 @@ pub(super) fn apart(detected: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
     decks
 }
 
-fn repeats(detected: &[SeenTag]) -> bool {
+fn repeats(detected: &[DetectedTag]) -> bool {
     (detected.iter().enumerate()).any(|(k, a)| detected.iter().skip(k + 1).any(|b| a.tag.id == b.tag.id))
 }
 
-fn middle(s: &SeenTag) -> Vector2<f64> {
+fn middle(s: &DetectedTag) -> Vector2<f64> {
     s.image.iter().sum::<Vector2<f64>>() / 4.0
 }
 
 /// Largest tag and the tags that lie where its deck has them, one of each number; None when the largest tag has no
 /// pose.
-fn around_largest(detected: &[SeenTag]) -> Option<Vec<usize>> {
-    let size = |s: &SeenTag| (s.image[2] - s.image[0]).norm_squared();
+fn around_largest(detected: &[DetectedTag]) -> Option<Vec<usize>> {
+    let size = |s: &DetectedTag| (s.image[2] - s.image[0]).norm_squared();
     let largest = detected.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
     let pose = solve(&[*largest])?;
-    let off_m = |s: &SeenTag| {
+    let off_m = |s: &DetectedTag| {
         let DeckTag { centre_m, .. } = s.tag;
         let at = pose.attitude * Vector3::from(centre_m) + pose.position;
         if at.z > 0.0 {
@@ -76,14 +76,14 @@ mod tests {
     #[test]
     fn tags_of_two_boats_in_one_image() {
         let tags = DeckGeometry::default().tags();
-        let deck = |x: f64, roll: f64| -> Vec<SeenTag> {
+        let deck = |x: f64, roll: f64| -> Vec<DetectedTag> {
             let attitude = UnitQuaternion::from_euler_angles(roll, -0.05, 0.3);
             let image = |corner: Vector3<f64>| {
                 let at = attitude * corner + Vector3::new(x, 0.4, 9.0);
                 at.xy() / at.z
             };
             (tags.iter())
-                .map(|tag| SeenTag {
+                .map(|tag| DetectedTag {
                     tag: *tag,
                     image: corners_of(tag).map(image),
                     sd: 1e-3,

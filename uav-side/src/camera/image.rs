@@ -45,7 +45,7 @@ pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
-    /// Its record holds the pixels.
+    /// Whether the image's record holds the pixels.
     is_kept: bool,
 }
 
@@ -112,7 +112,7 @@ impl GreyImage {
             is_kept: false,
         })
     }
-    /// Its record holds the pixels from now on, and not their hash alone.
+    /// Makes the image's record hold the pixels, and not their hash alone.
     pub fn keep(&mut self) {
         self.is_kept = true;
     }
@@ -201,7 +201,7 @@ mod tests {
     fn pgm_round_trip_with_comments() {
         let image = GreyImage::new(40, 33, (0..40 * 33).map(|k| k as u8).collect()).unwrap();
         assert_eq!(GreyImage::from_pgm(&image.to_pgm()), Ok(image.clone()));
-        let text = b"P5 # made by a person\n# 7\n40\t33 255\n";
+        let text = b"P5 # made by hand\n# 7\n40\t33 255\n";
         let bytes = [&text[..], image.pixels()].concat();
         assert_eq!(GreyImage::from_pgm(&bytes), Ok(image));
     }

@@ -2,11 +2,12 @@
 //!
 //! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags), [`detector`] (their
 //! corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`]
-//! (exposure and gain); [`marked`] (image for display), [`strangers`] (tags of other decks); then [`uvdar`], the second
-//! camera.
+//! (exposure and gain); [`marked`] (image for display), [`foreign_tags`] (tags of other decks); then [`uvdar`], the
+//! second camera.
 
 mod decks;
 pub mod detector;
+pub mod foreign_tags;
 pub mod image;
 pub mod layout;
 pub mod lens;
@@ -17,7 +18,6 @@ pub mod motion_blur;
 pub mod node;
 mod refine;
 pub mod square_pose;
-pub mod strangers;
 pub mod uvdar;
 
 use alight_shared::config;

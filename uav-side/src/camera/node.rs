@@ -16,7 +16,7 @@ use super::light::{ImageLight, TagLight, mean_level};
 use super::marked::MarkedImage;
 use super::metering::{Exposed, Light};
 use super::motion_blur::width_px;
-use super::square_pose::{SeenTag, solve};
+use super::square_pose::{DetectedTag, solve};
 use super::{CameraSettings, Lens};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,7 +206,7 @@ impl CameraNode {
     }
     /// Deck pose from the corners of its tags. A tag that fits no common pose, because it came loose or belongs
     /// elsewhere, is left out.
-    fn common_pose(&mut self, mut detected: Vec<SeenTag>) -> Option<TagPose> {
+    fn common_pose(&mut self, mut detected: Vec<DetectedTag>) -> Option<TagPose> {
         while !detected.is_empty() {
             if let Some(pose) = self.pose(&detected) {
                 self.detector.counts.detected += 1;
@@ -215,7 +215,7 @@ impl CameraNode {
             self.detector.counts.misfit += 1;
             // Leaves out the tag without which the others fit best.
             let without = |k: usize| {
-                let others: Vec<SeenTag> = (detected.iter().enumerate())
+                let others: Vec<DetectedTag> = (detected.iter().enumerate())
                     .filter_map(|(i, s)| (i != k).then_some(*s))
                     .collect();
                 solve(&others).map_or(f64::INFINITY, |s| s.misfit)
@@ -229,7 +229,7 @@ impl CameraNode {
     }
     /// Detection at unit distance, with its noise; the uncertainty of the tag's position on the deck is converted to
     /// the image.
-    fn placed(&self, detection: &TagDetection) -> Option<SeenTag> {
+    fn placed(&self, detection: &TagDetection) -> Option<DetectedTag> {
         let mut image = [Vector2::zeros(); 4];
         // All corners have the same weight: that of the largest pixel at unit distance.
         let mut pixel = 0.0_f64;
@@ -239,13 +239,13 @@ impl CameraNode {
         }
         let place_sd = self.place_sd_m * width_px(&image) / detection.tag.side_m;
         let sd = (corner_sd_px(&self.tag, detection) * pixel).hypot(place_sd);
-        Some(SeenTag {
+        Some(DetectedTag {
             tag: detection.tag,
             image,
             sd,
         })
     }
-    fn pose(&self, detected: &[SeenTag]) -> Option<TagPose> {
+    fn pose(&self, detected: &[DetectedTag]) -> Option<TagPose> {
         let s = solve(detected)?;
         // Eight coordinates per tag minus six of the pose; a single tag leaves two degrees of freedom.
         let freedom = 8.0 * detected.len() as f64 - 6.0;
@@ -345,7 +345,7 @@ mod tests {
                 light: TagLight::default(),
             })
             .collect();
-        let placed: Vec<SeenTag> = detected.iter().filter_map(|d| node.placed(d)).collect();
+        let placed: Vec<DetectedTag> = detected.iter().filter_map(|d| node.placed(d)).collect();
         let pose = node.common_pose(placed.clone()).unwrap();
         assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
         assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));

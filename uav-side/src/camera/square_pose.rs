@@ -26,7 +26,7 @@ const LIMITS: RefinementLimits = RefinementLimits {
 };
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenTag {
+pub struct DetectedTag {
     pub tag: DeckTag,
     /// Corners of the square at unit distance, in the order of [`corners`].
     pub image: [Vector2<f64>; 4],
@@ -67,7 +67,7 @@ pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
 type Corner = (Vector3<f64>, Vector2<f64>, f64);
 
 /// Deck pose from its tags in an image. None without a tag, for degenerate corners, or when the refinement fails.
-pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
+pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     let (best, size) = (tags.iter())
         .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;

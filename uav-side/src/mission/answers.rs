@@ -16,7 +16,7 @@ pub(super) fn not_done(
 ) -> Option<Reason> {
     let because = |code: ReasonCode| Some(code.into());
     let anothers = match s.flight {
-        ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Unknown => true,
+        ControlState::OtherControl(_) | ControlState::SetPointsLost | ControlState::Unknown => true,
         ControlState::Disarmed | ControlState::OnGround | ControlState::Ours => false,
     };
     match order {

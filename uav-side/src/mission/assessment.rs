@@ -1,7 +1,7 @@
 //! Derives the situation of a step from the newest inputs, and the odds of a landing.
 
 use alight_shared::frames::{DroneNed, Vector};
-use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
+use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
 use alight_shared::msg::{
     CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve, State,
     WaitingPlace,
@@ -40,8 +40,8 @@ impl MissionNode {
 
     fn update_odds(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
-        let stand = Stand::on(plate, drone, self.config.friction);
-        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind()), &stand);
+        let support = SupportPolygon::on(plate, drone, self.config.friction);
+        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind()), &support);
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };

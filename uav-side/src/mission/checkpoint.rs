@@ -198,7 +198,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         low_since: None,
         stopped: m.stopped,
         overruled: false,
-        lapsed: false,
+        set_points_lost: false,
         station: None,
         sortie: m.sortie,
         // The distance is measured again from the present place.
@@ -257,7 +257,7 @@ pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress 
         started: now,
         deck_first: m.deck_first,
         armed: true,
-        lapsed: true,
+        set_points_lost: true,
         station: m.state.station.map(begun),
         stopped: m.stopped,
         deck_declined: m.deck_declined,
@@ -298,7 +298,7 @@ pub(super) fn safe_start(
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
         // The drone may come under our control at any time, low over the deck.
-        ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(_) => return Err(()),
+        ControlState::Unknown | ControlState::SetPointsLost | ControlState::OtherControl(_) => return Err(()),
         ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
     }

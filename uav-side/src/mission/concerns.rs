@@ -157,10 +157,10 @@ fn control(
             Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
         }
         // Low over the deck the drone climbs as soon as it follows set-points again.
-        ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
+        ControlState::SetPointsLost if phase.takes_off() => take_off::set_points_lost(phase, s, c),
         // The drone resumes its hold, or its climb to the hold, once it follows set-points again.
-        ControlState::Lapsed if phase.rests() => None,
-        ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
+        ControlState::SetPointsLost if phase.rests() => None,
+        ControlState::SetPointsLost => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
     }
 }

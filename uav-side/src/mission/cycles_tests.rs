@@ -1,5 +1,5 @@
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRefused,
+    ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRejected,
     HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack,
     SeeksVessel, SortieBegins, SortiesDone, TakeOffTilted,
 };
@@ -161,7 +161,7 @@ fn endings_of_unattended_cycles() {
         (MissionPhase::Idle, on_sortie, None, standing(|_| {}), NotOnDeck),
         (spins, cycling(), None, standing(|_| {}), ArmingRejected),
         (MissionPhase::DESCENT, on_sortie, None, hard, HardContact),
-        (hold(), handed, None, with(|_| {}), HandOverRefused),
+        (hold(), handed, None, with(|_| {}), HandOverRejected),
         (
             leaves,
             cycling(),
@@ -218,7 +218,7 @@ fn mission_restarted_while_it_hands_over() {
         cycling: true,
         ..MissionCheckpoint::default()
     };
-    for (now_s, expected) in [(3.0, HandsOver), (10.0, HandOverRefused)] {
+    for (now_s, expected) in [(3.0, HandsOver), (10.0, HandOverRejected)] {
         let s = with(|s| s.now = at(now_s));
         let (phase, _) = checkpoint::restored(&m, true, &s, &permits());
         let d = step(phase, checkpoint::progress(&m), None, &s);

@@ -342,7 +342,7 @@ fn hard_contact_that_is_not_repeated() {
 
 #[test]
 fn order_after_a_set_point_loss_and_a_takeover() {
-    let holds = with(|s| s.flight = ControlState::Lapsed);
+    let holds = with(|s| s.flight = ControlState::SetPointsLost);
     let d = step(DESCENT, &holds);
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);

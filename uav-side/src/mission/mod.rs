@@ -398,13 +398,16 @@ impl MissionNode {
 
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
         // A pilot has taken over after a set-point loss.
-        let taken = self.progress.lapsed && !decision.progress.lapsed;
+        let taken = self.progress.set_points_lost && !decision.progress.set_points_lost;
         self.progress = decision.progress;
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
         // When the drone comes back under our control, it may be near the deck without an order.
-        let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
+        let away = matches!(
+            s.flight,
+            ControlState::SetPointsLost | ControlState::OtherControl(_)
+        );
         if changed && away && self.phase == MissionPhase::Idle {
             self.succession
                 .needs_safe_start
@@ -459,7 +462,7 @@ impl MissionNode {
             station: self.phase.station(),
             settings: self.settings,
             settable: self.is_settable(s),
-            least_vessel: c.least_vessel,
+            min_vessel: c.min_vessel,
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
             battery: s.battery,

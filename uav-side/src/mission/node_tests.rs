@@ -282,7 +282,7 @@ fn repeated_landing_after_a_takeover() {
 #[test]
 fn order_after_a_hold_by_the_pilot() {
     let mode = AutopilotMode::Hold;
-    for (lapsed, flies) in [(false, false), (true, true)] {
+    for (set_points_lost, flies) in [(false, false), (true, true)] {
         let mut m = node();
         assert_eq!(
             state_after(&mut m, 20.0, vec![land(7, 1, 20.0)]),
@@ -290,14 +290,16 @@ fn order_after_a_hold_by_the_pilot() {
         );
         for k in 0..30 {
             let t = 21.0 + 0.1 * f64::from(k);
-            let held = flown(&mut m, t, Vec::new(), |a| (a.mode, a.lapsed) = (mode, lapsed));
+            let held = flown(&mut m, t, Vec::new(), |a| {
+                (a.mode, a.set_points_lost) = (mode, set_points_lost)
+            });
             assert_eq!(held, State::Idle);
         }
         let flown = [(25.0, Vec::new()), (25.1, vec![land(7, 2, 20.0)])].map(|(t, repeated)| {
             let state = state_after(&mut m, t, repeated);
             state.phase() == Phase::Navigation
         });
-        assert_eq!(flown, [flies; 2], "lapsed: {lapsed}");
+        assert_eq!(flown, [flies; 2], "set_points_lost: {set_points_lost}");
     }
 }
 
@@ -440,7 +442,7 @@ fn set_point_loss_low_above_the_deck() {
             let mut input = fresh_input(k, t, [0.1, 0.0, z]);
             input.forecast.as_mut().unwrap().radio_age_s = 9.0;
             let a = input.autopilot.as_mut().unwrap();
-            (a.mode, a.lapsed) = (mode, mode == AutopilotMode::Hold);
+            (a.mode, a.set_points_lost) = (mode, mode == AutopilotMode::Hold);
             if unfit {
                 a.rejection = Reason::plain(ReasonCode::AutopilotParameterUnknown);
             }

@@ -31,7 +31,7 @@ const FLIGHTS: [ControlState; 7] = [
     ControlState::OnGround,
     ControlState::OtherControl(AutopilotMode::Other),
     ControlState::OtherControl(AutopilotMode::Return),
-    ControlState::Lapsed,
+    ControlState::SetPointsLost,
     ControlState::Ours,
 ];
 const ORDERS: [CommandKind; 6] = [
@@ -54,7 +54,7 @@ fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situa
             let stops = !landing || d.waiting.code == CompletesLanding;
             let anothers = matches!(
                 s.flight,
-                ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Unknown
+                ControlState::OtherControl(_) | ControlState::SetPointsLost | ControlState::Unknown
             );
             let nothing = state == State::Idle && anothers && !before.landing;
             stops && !d.progress.landing && !nothing
@@ -116,7 +116,7 @@ fn orders_that_are_rejected_with_their_reason() {
         (MissionPhase::Idle, pilot, CommandKind::Hold, NotInControl),
         (
             MissionPhase::Idle,
-            ControlState::Lapsed,
+            ControlState::SetPointsLost,
             CommandKind::Hold,
             NotInControl,
         ),

@@ -176,10 +176,13 @@ mod tests {
             ),
             (of(|d| d.turn_mps = 0.7, |_| {}), ReasonCode::TurnTooFast),
             (of(|_| {}, |s| s.euler_sd = [0.1; 3]), ReasonCode::LikelyTilted),
-            (of(|_| {}, |s| s.position_sd = [0.5; 3]), ReasonCode::LikelyBeside),
+            (
+                of(|_| {}, |s| s.position_sd = [0.5; 3]),
+                ReasonCode::LikelyOutside,
+            ),
             (
                 of(|_| {}, |s| s.position_sd = [f64::NAN; 3]),
-                ReasonCode::LikelyBeside,
+                ReasonCode::LikelyOutside,
             ),
         ] {
             assert_eq!(code(&odds), Some(why), "{odds:?}");

@@ -249,7 +249,7 @@ pub struct MissionProgress {
     /// Whether the pilot's touchdown was false, so that it is ignored until it is withdrawn.
     pub overruled: bool,
     /// Whether set-points were lost and the autopilot holds: the landing resumes once they are back.
-    pub lapsed: bool,
+    pub set_points_lost: bool,
     /// Station of the drone before its computer restarted; the drone returns to it once it is under our control.
     pub station: Option<KeptStation>,
     /// Whether the drone has taken off from the deck and not landed since: it then returns while its battery lasts.

@@ -29,7 +29,7 @@ pub enum ControlState {
     /// Armed, controlled by a pilot or by the autopilot itself.
     OtherControl(AutopilotMode),
     /// Armed, in the autopilot's hold after a set-point loss, without a pilot's takeover.
-    Lapsed,
+    SetPointsLost,
     /// Armed, in the air, following set-points.
     Ours,
 }
@@ -47,7 +47,7 @@ impl ControlState {
         match (a.mode, a.landed) {
             (_, LandedState::OnGround) if mode == LandingMode::Shadow => ControlState::OnGround,
             _ if mode == LandingMode::Shadow => ControlState::Ours,
-            (AutopilotMode::Hold, _) if a.lapsed => ControlState::Lapsed,
+            (AutopilotMode::Hold, _) if a.set_points_lost => ControlState::SetPointsLost,
             (AutopilotMode::Offboard, LandedState::OnGround) => ControlState::OnGround,
             (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => ControlState::Ours,
             (
@@ -219,7 +219,7 @@ impl Deck {
             },
             beacon: forecast
                 .beacon
-                .filter(|_| config.least_vessel <= VesselLevel::Beacon),
+                .filter(|_| config.min_vessel <= VesselLevel::Beacon),
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| ContactOutcomes::predict(now, forecast, &own.position, &own.velocity, drone))

@@ -64,14 +64,14 @@ pub(super) fn step(
                 yaw,
                 fresh,
             };
-            if s.flight == ControlState::Lapsed {
+            if s.flight == ControlState::SetPointsLost {
                 return hold(None).stay(NotFlying);
             }
             held(cause, hold, fresh, progress, s, c)
         }
         MissionPhase::GaveUp { at, yaw } => {
             let at = held_place(&at, s, true);
-            let rests = if s.flight == ControlState::Lapsed {
+            let rests = if s.flight == ControlState::SetPointsLost {
                 NotFlying
             } else {
                 NotCommanded
@@ -175,9 +175,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
             let from = [own.position.x, own.position.y];
             MissionPhase::GetAltitude { from }.enter(Commanded)
         }
-        (Some(deck), _)
-            if (c.least_vessel == VesselLevel::Tag || deck.beacon.is_some()) && above(deck, c) =>
-        {
+        (Some(deck), _) if (c.min_vessel == VesselLevel::Tag || deck.beacon.is_some()) && above(deck, c) => {
             progress.started = s.now;
             MissionPhase::TRACKING.enter(TagsInSight)
         }
@@ -314,7 +312,7 @@ fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<R
     }
     let (needed, max_harm) = ((1.0 - urgency) * needed, max_harm.powf(1.0 - urgency));
     // Without a forecast of the contact the landing has no probability.
-    let unknown = Reason::new(ReasonCode::LikelyBeside, 0.0, needed);
+    let unknown = Reason::new(ReasonCode::LikelyOutside, 0.0, needed);
     let why = |odds: Odds| odds.below(needed).or_else(|| odds.harmful(max_harm));
     s.odds.map_or(Some(unknown), why)
 }
@@ -460,7 +458,10 @@ fn landed(
     }
     let armed = matches!(
         s.flight,
-        ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Ours
+        ControlState::OnGround
+            | ControlState::OtherControl(_)
+            | ControlState::SetPointsLost
+            | ControlState::Ours
     );
     if disarmed && armed {
         return MissionPhase::Idle.enter(ArmedAgain);

@@ -1,4 +1,4 @@
-use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
+use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
 use alight_shared::msg::{DeckForecast, DeckStage};
 
 use super::MissionConfig;
@@ -20,12 +20,12 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
         ..DeckStage::default()
     };
     f.stages.push(stage).unwrap();
-    let stand = Stand {
+    let support = SupportPolygon {
         friction: 0.4,
         edge_m: 0.65,
     };
     let wind = WindPush::of(&WindMonitor::steady(wind_mps2));
-    Staying::of(&Slopes::of(Some(&f), &wind), &stand).probability
+    Staying::of(&Slopes::of(Some(&f), &wind), &support).probability
 }
 
 /// Waves of four seconds with this slope.
@@ -70,10 +70,10 @@ fn drift_by_waves_and_wind_together() {
 
 #[test]
 fn probability_that_is_no_number() {
-    let stand = Stand {
+    let support = SupportPolygon {
         friction: f64::NAN,
         edge_m: 0.65,
     };
-    let p = Staying::of(&Slopes::of(None, &WindPush::default()), &stand).probability;
+    let p = Staying::of(&Slopes::of(None, &WindPush::default()), &support).probability;
     assert!(!likely(p));
 }

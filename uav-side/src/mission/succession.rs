@@ -79,7 +79,7 @@ impl MissionNode {
             ControlState::Unknown => false,
             ControlState::OnGround
             | ControlState::Ours
-            | ControlState::Lapsed
+            | ControlState::SetPointsLost
             | ControlState::OtherControl(_) => s.fresh_deck().is_some(),
         };
         let ids = [self.drone_id, self.boot];

@@ -185,7 +185,7 @@ fn purpose_that_outlives_a_reboot() {
             if let Some(a) = &mut input.autopilot {
                 let mode = modes.get(k as usize / 20).or(modes.last());
                 (a.mode, a.battery) = (mode.copied().unwrap_or(AutopilotMode::Offboard), Some(battery));
-                a.lapsed = a.mode == AutopilotMode::Hold;
+                a.set_points_lost = a.mode == AutopilotMode::Hold;
             }
             last = m
                 .step(t, &MissionIn { checkpoint, ..input })

@@ -146,7 +146,11 @@ fn is_measured(s: &Situation) -> bool {
 
 /// Transition on a set-point loss in a take-off, while the autopilot holds low over the deck: the drone climbs out once
 /// set-points are back.
-pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
+pub(super) fn set_points_lost(
+    phase: MissionPhase,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
     let leaves = matches!(phase, MissionPhase::TakeOff { .. });
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
@@ -180,7 +184,7 @@ fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
-        ControlState::OnGround | ControlState::Ours | ControlState::Lapsed
+        ControlState::OnGround | ControlState::Ours | ControlState::SetPointsLost
     )
 }
 /// Stand-down on the deck with the thrust cut. The rotors may turn even if the drone is not reported armed, because a
@@ -232,7 +236,7 @@ fn taken_over(s: &Situation) -> Option<PhaseTransition> {
         ControlState::OnGround
         | ControlState::Ours
         | ControlState::OtherControl(_)
-        | ControlState::Lapsed => Some(MissionPhase::Idle.enter(NotOnDeck)),
+        | ControlState::SetPointsLost => Some(MissionPhase::Idle.enter(NotOnDeck)),
         ControlState::Disarmed | ControlState::Unknown => None,
     }
 }
@@ -288,7 +292,7 @@ pub(super) fn spin_up(
         // A pilot or the autopilot itself has disarmed the drone.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
-        (ControlState::Lapsed, _) => return cut(s, c, NotFlying),
+        (ControlState::SetPointsLost, _) => return cut(s, c, NotFlying),
         (ControlState::Disarmed | ControlState::Unknown, armed) => armed,
         (ControlState::OnGround | ControlState::Ours, armed) => armed.or(Some(s.now)),
     };
@@ -385,8 +389,8 @@ pub(super) fn climb_out(
     else {
         return phase.stay(Reason::default());
     };
-    let lapsed = s.flight == ControlState::Lapsed;
-    let since = if lapsed { s.now } else { since };
+    let set_points_lost = s.flight == ControlState::SetPointsLost;
+    let since = if set_points_lost { s.now } else { since };
     let (moves, at) = moving_place(&at, s, true);
     let error = s.own.map_or(f64::INFINITY, |own| (own.position.z - at.z).abs());
     let low = || {
@@ -404,7 +408,7 @@ pub(super) fn climb_out(
         sooner()
     };
     let ends = ends.or_else(|| exceeds(TooLong, (s.now - since).secs(), CLIMB_OUT_S));
-    match ends.filter(|_| !lapsed) {
+    match ends.filter(|_| !set_points_lost) {
         Some(why) => {
             if !progress.landing {
                 progress.started = s.now;
@@ -417,7 +421,7 @@ pub(super) fn climb_out(
             yaw,
             stopped,
         }
-        .stay(if lapsed {
+        .stay(if set_points_lost {
             NotFlying.into()
         } else {
             Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M)
@@ -443,12 +447,12 @@ pub(super) fn stand_down(
         (ControlState::OtherControl(_), _) => MissionPhase::Idle.enter(NotFlying),
         (ControlState::Disarmed, Some(_)) => stays(unarmed, Reason::new(Arming, lasted_s, ARMING_SHOWS_S)),
         (ControlState::Unknown, _) => stays(unarmed, Reason::new(StillArmed, lasted_s, 0.0)),
-        (ControlState::OnGround | ControlState::Ours | ControlState::Lapsed, _)
+        (ControlState::OnGround | ControlState::Ours | ControlState::SetPointsLost, _)
             if unwitnessed && s.odometry_age_s <= s.odometry_limit_s =>
         {
             climbing_out(s, c).enter(MayFly)
         }
-        (ControlState::OnGround | ControlState::Ours | ControlState::Lapsed, _) => {
+        (ControlState::OnGround | ControlState::Ours | ControlState::SetPointsLost, _) => {
             stays(None, Reason::new(StillArmed, lasted_s, 0.0))
         }
     }

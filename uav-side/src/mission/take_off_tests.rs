@@ -265,7 +265,7 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
 /// Low over the deck only climbing is safe, regardless of who controls the drone after a set-point loss.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
-    let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
+    let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::SetPointsLost, 0.5));
     for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
         let d = decided(phase, None, &holds);
         assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
@@ -284,7 +284,7 @@ fn set_points_that_cease_in_a_take_off() {
 #[test]
 fn set_points_that_cease_while_it_stands() {
     let cut = |change: fn(&mut Situation)| {
-        let (phase, mut s) = spun(2.0, |s| s.flight = ControlState::Lapsed);
+        let (phase, mut s) = spun(2.0, |s| s.flight = ControlState::SetPointsLost);
         change(&mut s);
         follows(phase, None, &s)
     };
@@ -312,7 +312,7 @@ fn set_points_that_cease_while_it_stands() {
     for change in [
         (|s: &mut Situation| s.leaving.unwitnessed_s = 0.8) as fn(&mut Situation),
         |s| s.leaving.standing = StandingVerdict::Flies,
-        |s| (s.leaving.standing, s.flight) = (StandingVerdict::Flies, ControlState::Lapsed),
+        |s| (s.leaving.standing, s.flight) = (StandingVerdict::Flies, ControlState::SetPointsLost),
     ] {
         assert_eq!(down(change), (State::ClimbOut, MayFly));
     }
@@ -441,7 +441,7 @@ fn end_of_a_take_off() {
         unarmed,
     };
     // Set-points are restored for a drone that stands.
-    for flight in [ControlState::OnGround, ControlState::Lapsed] {
+    for flight in [ControlState::OnGround, ControlState::SetPointsLost] {
         let armed = standing(|s| s.flight = flight);
         let d = decided(stands(9.0, Some(Operator.into())), None, &armed);
         assert_eq!((d.phase, d.waiting.code), (stands(9.0, None), StillArmed));
@@ -455,9 +455,9 @@ fn end_of_a_take_off() {
     let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
     assert_eq!(stopped(7.1), (State::StandDown, Arming));
     assert_eq!(stopped(6.9), (State::Idle, Operator));
-    let (spins, lapsed) = spun(2.0, |s| s.flight = ControlState::Lapsed);
+    let (spins, set_points_lost) = spun(2.0, |s| s.flight = ControlState::SetPointsLost);
     assert_eq!(
-        follows(spins, None, &lapsed),
+        follows(spins, None, &set_points_lost),
         (State::StandDown, ReasonCode::NotFlying)
     );
     // A low battery does not end a climb that has just begun.

@@ -3,7 +3,7 @@
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
     DeckGrantStale, DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached,
-    InSight, Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted,
+    InSight, Infeasible, KnownByBeacon, LikelyFast, LikelyHard, LikelyOutside, LikelySlides, LikelyTilted,
     NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
     Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast,
     TooSteep, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
@@ -316,7 +316,7 @@ fn silent_vessel_with_its_beacon() {
 fn silent_vessel_with_its_tags_in_sight() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
     let by_tag = MissionConfig {
-        least_vessel: VesselLevel::Tag,
+        min_vessel: VesselLevel::Tag,
         ..config()
     };
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
@@ -453,11 +453,11 @@ fn reasons_not_to_descend() {
         (with_odds(|p| p.fast = 0.9), stays(LikelyFast)),
         (with_odds(|p| (p.fast, p.turns) = (0.9, true)), stays(TurnTooFast)),
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
-        (with_odds(|p| p.outside = 0.5), stays(LikelyBeside)),
+        (with_odds(|p| p.outside = 0.5), stays(LikelyOutside)),
         (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
         // Each limit alone is met with a sufficient probability.
         (each, stays(LikelySlides)),
-        (with_odds(|p| p.outside = f64::NAN), stays(LikelyBeside)),
+        (with_odds(|p| p.outside = f64::NAN), stays(LikelyOutside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),
         (with_deck(|d| d.speed_mps = 8.0), stays(Infeasible)),
         (with_deck(|d| d.heave_mps = 4.0), stays(Infeasible)),

@@ -113,17 +113,17 @@ fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: 
 fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
-        ControlState::Lapsed => {
-            if !progress.lapsed {
+        ControlState::SetPointsLost => {
+            if !progress.set_points_lost {
                 // From now on the order waits for the drone.
                 progress.started = s.now;
             }
-            progress.lapsed |= phase.flies();
+            progress.set_points_lost |= phase.flies();
         }
-        ControlState::OnGround | ControlState::Ours => progress.lapsed = false,
+        ControlState::OnGround | ControlState::Ours => progress.set_points_lost = false,
         ControlState::Disarmed | ControlState::OtherControl(_) => {
-            progress.landing &= !progress.lapsed;
-            (progress.lapsed, progress.station) = (false, None);
+            progress.landing &= !progress.set_points_lost;
+            (progress.set_points_lost, progress.station) = (false, None);
         }
     }
 }

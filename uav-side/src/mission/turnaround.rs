@@ -3,7 +3,7 @@
 
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
-    self, BatteryUnknown, ForecastStale, HandOverRefused, HandsOver, Infeasible, NoVessel, NotReady,
+    self, BatteryUnknown, ForecastStale, HandOverRejected, HandsOver, Infeasible, NoVessel, NotReady,
     SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
 };
 
@@ -104,7 +104,7 @@ pub(super) fn hands_over(
     if lasted_s <= HAND_OVER_S || s.flight != ControlState::Ours {
         return Some(hold.stay(Reason::new(HandsOver, lasted_s, HAND_OVER_S)));
     }
-    let why = Reason::new(HandOverRefused, lasted_s, HAND_OVER_S);
+    let why = Reason::new(HandOverRejected, lasted_s, HAND_OVER_S);
     progress.cycles.end(why);
     (progress.landing, progress.started, progress.attempts) = (true, s.now, 0);
     Some(holding(HoldCause::Data, s, c).enter(why))

@@ -135,7 +135,8 @@ config! {
         /// Yaw acceleration, rad/s².
         pub yaw_rps2: f64 = 0.25, in 0.02..=10.0;
         /// Time constant of the final exponential part, s.
-        pub settle_s: f64 = 0.8, in 0.1..=5.0;
+        #[serde(alias = "settle_s")]
+        pub time_constant_s: f64 = 0.8, in 0.1..=5.0;
     }
 }
 

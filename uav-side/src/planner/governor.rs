@@ -12,7 +12,7 @@ pub struct Pace {
     /// Acceleration, unit/s².
     pub acceleration: f64,
     /// Time constant of the final exponential part, s.
-    pub settle_s: f64,
+    pub time_constant_s: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,9 +48,9 @@ impl<const D: usize> GovernedMotion<D> {
         let dt = time_s / n;
         for _ in 0..n as usize {
             let distance = self.place.norm();
-            let near = pace.acceleration * pace.settle_s * pace.settle_s;
+            let near = pace.acceleration * pace.time_constant_s * pace.time_constant_s;
             let speed = if distance <= near {
-                distance / pace.settle_s
+                distance / pace.time_constant_s
             } else {
                 (2.0 * pace.acceleration * (distance - 0.5 * near))
                     .sqrt()
@@ -131,7 +131,7 @@ mod tests {
     const PACE: Pace = Pace {
         speed: 5.0,
         acceleration: 2.0,
-        settle_s: 0.8,
+        time_constant_s: 0.8,
     };
 
     #[test]

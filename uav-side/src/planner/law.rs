@@ -17,7 +17,7 @@ pub struct LandingStart {
     /// Time constant with which the position and velocity of each later plan approach the drone's, s; the plan also
     /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None if plans
     /// continue regardless of the drone.
-    pub not_behind: Option<f64>,
+    pub approach_time_s: Option<f64>,
 }
 
 /// Law of a planner. The default methods are those of the paper's planner without attitude alignment.

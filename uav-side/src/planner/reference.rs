@@ -282,7 +282,7 @@ impl ReferenceGenerator {
         let pace = Pace {
             speed: s.horizontal_mps,
             acceleration: s.horizontal_mps2,
-            settle_s: s.settle_s,
+            time_constant_s: s.time_constant_s,
         };
         let start = GovernedMotion::new(
             [q.start[state::NORTH], q.start[state::EAST]],
@@ -351,7 +351,7 @@ impl ReferenceGenerator {
             } else {
                 s.vertical_mps2
             },
-            settle_s: s.settle_s,
+            time_constant_s: s.time_constant_s,
         };
         let (target, start) = (
             GovernedMotion::new([z], [0.0]),
@@ -417,13 +417,13 @@ impl ReferenceGenerator {
         let Shaping {
             yaw_rps,
             yaw_rps2,
-            settle_s,
+            time_constant_s,
             ..
         } = self.config.shaping;
         let pace = Pace {
             speed: yaw_rps,
             acceleration: yaw_rps2,
-            settle_s,
+            time_constant_s,
         };
         let (psi, rate) = target(0);
         // The target heading closest to the plan's, so that the drone turns the short way.

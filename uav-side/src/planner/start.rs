@@ -89,7 +89,7 @@ pub(super) fn start(
         if near {
             let (mut state, input) = previous.sample(now, mpc);
             if let Some(LandingStart {
-                not_behind: Some(yields_s),
+                approach_time_s: Some(yields_s),
                 ..
             }) = landing
             {

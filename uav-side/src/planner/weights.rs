@@ -57,19 +57,19 @@ impl Weights {
 /// One exponential: `gain e^(-decay d)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Growth {
+pub struct ExponentialWeight {
     /// Addition at contact, in the weight's own unit.
     pub gain: f64,
     /// Decay with the clearance, 1/m.
     pub decay_per_m: f64,
 }
 
-impl Growth {
+impl ExponentialWeight {
     fn at(&self, clearance_m: f64) -> f64 {
         self.gain * (-self.decay_per_m * clearance_m).exp()
     }
 }
-impl Check for Growth {
+impl Check for ExponentialWeight {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("gain", self.gain, 0.0, 1e7)?;
         at.range("decay_per_m", self.decay_per_m, 0.1, 1000.0)
@@ -103,17 +103,17 @@ config! {
         /// Clearance on which the weights depend.
         pub distance: FaaDistance = FaaDistance::Current;
         /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
-        pub tilt: Growth = Growth {
+        pub tilt: ExponentialWeight = ExponentialWeight {
                 gain: 50_000.0,
                 decay_per_m: 10.0,
             }, table;
         /// Position z.
-        pub vertical: Growth = Growth {
+        pub vertical: ExponentialWeight = ExponentialWeight {
                 gain: 10_000.0,
                 decay_per_m: 20.0,
             }, table;
         /// Velocity z.
-        pub vertical_velocity: Growth = Growth {
+        pub vertical_velocity: ExponentialWeight = ExponentialWeight {
                 gain: 3000.0,
                 decay_per_m: 25.0,
             }, table;

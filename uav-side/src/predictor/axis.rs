@@ -261,9 +261,9 @@ impl Axis {
         for (o, motion) in oscillators.iter().zip(&held.motions) {
             let i = self.n;
             self.append(o, axis);
-            let share = o.sd[axis].powi(2) / sum.max(f64::MIN_POSITIVE);
-            self.x[i] = motion.value[axis] + share * left[0];
-            self.x[i + 1] = motion.rate[axis] + share * left[1];
+            let fraction = o.sd[axis].powi(2) / sum.max(f64::MIN_POSITIVE);
+            self.x[i] = motion.value[axis] + fraction * left[0];
+            self.x[i + 1] = motion.rate[axis] + fraction * left[1];
             for k in [i, i + 1] {
                 self.p[k][k] *= held.unknown[axis];
             }

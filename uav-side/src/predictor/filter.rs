@@ -40,7 +40,7 @@ pub enum Fused {
     /// Fused completely.
     All,
     /// Partly or not fused: number of groups of degrees of freedom rejected as outliers.
-    Gated(u32),
+    Rejected(u32),
     /// Older than the stored history.
     Late,
     /// An observation with this time and source has already been fused.
@@ -298,9 +298,9 @@ impl Filter {
             None => before.after.clone(),
         };
         self.advance(&mut state, waves, since, o.at);
-        let gated = apply(&mut state, o, waves, self.gate, self.common_tilt);
-        self.note(o, |k| gated & (1 << k) == 0);
-        let gated = gated.count_ones();
+        let rejected = apply(&mut state, o, waves, self.gate, self.common_tilt);
+        self.note(o, |k| rejected & (1 << k) == 0);
+        let rejected = rejected.count_ones();
         self.entries.insert(
             i,
             Entry {
@@ -315,11 +315,11 @@ impl Filter {
                 self.spare.push(e.after);
             }
         }
-        self.record(o, gated);
-        if gated == 0 {
+        self.record(o, rejected);
+        if rejected == 0 {
             Fused::All
         } else {
-            Fused::Gated(gated)
+            Fused::Rejected(rejected)
         }
     }
 
@@ -442,15 +442,15 @@ impl Filter {
 
     /// Records the result. After many consecutive rejections of a source, the source is assumed right and the filter
     /// wrong, so the uncertainty of the states concerned is increased.
-    fn record(&mut self, o: &DeckObservation, gated: u32) {
+    fn record(&mut self, o: &DeckObservation, rejected: u32) {
         let source = &mut self.sources[o.kind as usize];
-        source.record(o.at, 0.0, gated == 0);
+        source.record(o.at, 0.0, rejected == 0);
         let slow = match o.kind {
             ObservationKind::Range | ObservationKind::Relative => return,
             ObservationKind::Estimate => super::axis::RADIO,
             ObservationKind::Tag | ObservationKind::Uvdar => VISION,
         };
-        if gated < GROUPS.len() as u32 {
+        if rejected < GROUPS.len() as u32 {
             source.fused_at = source.fused_at.max(Some(o.at));
         }
         if source.rejections < MAX_CONSECUTIVE_REJECTIONS {
@@ -547,11 +547,11 @@ fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, com
     let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
     let rate =
         |a: &Axis, i: usize| o.rate[i].map(|(v, r)| a.innovation(MeasurementRow::Rate, v - modes.rate[i], r));
-    let mut gated = 0_u32;
+    let mut rejected = 0_u32;
     for (k, group) in GROUPS.into_iter().enumerate() {
         let outlier = |&i: &usize| beyond(&s[i], innovations[i]) || beyond(&s[i], rate(&s[i], i));
         if group.iter().any(outlier) {
-            gated |= 1 << k;
+            rejected |= 1 << k;
             continue;
         }
         if o.kind == ObservationKind::Tag && group == GROUPS[1] {
@@ -566,5 +566,5 @@ fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, com
             }
         }
     }
-    gated
+    rejected
 }

@@ -342,7 +342,7 @@ impl Decks {
         };
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
-        // If a tag is seen from the side, its tilt is not reliable.
+        // The tilt of a tag that is viewed from the side is not reliable.
         if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 mod by_beacon;
 mod moving_base;
 mod radio;
-mod sight;
+mod vision;
 
 use super::agreement::HeightAgreement;
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION};
@@ -223,13 +223,13 @@ impl Predictor {
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
             // Part of the observation was fused, so it counts both as used and as an outlier.
-            Fused::Gated(n)
+            Fused::Rejected(n)
                 if n < 3 && !matches!(o.kind, ObservationKind::Range | ObservationKind::Relative) =>
             {
                 self.rejections.count(RejectionReason::Outlier);
                 Ok(())
             }
-            Fused::Gated(_) => Err(RejectionReason::Outlier),
+            Fused::Rejected(_) => Err(RejectionReason::Outlier),
             Fused::Late => Err(RejectionReason::Stale),
             Fused::Duplicate => Err(RejectionReason::Duplicate),
         }

@@ -40,8 +40,8 @@ pub(super) fn state(
         if !measured[i] {
             continue;
         }
-        match Sight::of(a, n).share(apart, gate) {
-            Some(share) => a.x[VISION] += share * apart,
+        match VisionWeight::of(a, n).weight(apart, gate) {
+            Some(weight) => a.x[VISION] += weight * apart,
             None => {
                 known[i] = false;
                 a.forget(VISION, n.vision.0);
@@ -58,16 +58,16 @@ pub(super) fn state(
 }
 
 /// Variances of the deck's position along an axis in the drone's frame.
-struct Sight {
+struct VisionWeight {
     /// Variance with all measurements.
     whole: f64,
     /// Variance without vision: the radio's variance plus the slow errors of radio and camera.
     by_radio: f64,
 }
 
-impl Sight {
-    fn of(a: &Axis, noise: &AxisNoise) -> Sight {
-        Sight {
+impl VisionWeight {
+    fn of(a: &Axis, noise: &AxisNoise) -> VisionWeight {
+        VisionWeight {
             whole: a.project(MeasurementRow::Vision).1,
             by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
         }
@@ -76,13 +76,13 @@ impl Sight {
     /// normal distributions with variances `S` (radio) and `V`, `1 / whole = 1 / S + 1 / V`, the weight is `S / (S + V)
     /// = 1 - whole / S`. If the two contradict each other by more than `gate` standard deviations, only the more
     /// accurate one is used. None if that is the radio.
-    fn share(&self, apart: f64, gate: f64) -> Option<f64> {
-        let share = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
-        // S + V = S / share.
-        if apart * apart * share <= gate * gate * self.by_radio {
-            return Some(share);
+    fn weight(&self, apart: f64, gate: f64) -> Option<f64> {
+        let weight = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
+        // S + V = S / weight.
+        if apart * apart * weight <= gate * gate * self.by_radio {
+            return Some(weight);
         }
-        (share > 0.5).then_some(1.0)
+        (weight > 0.5).then_some(1.0)
     }
 }
 
@@ -112,8 +112,8 @@ mod tests {
         vessel: (u32, Vector3<f64>),
         /// Position of the autopilot's origin.
         origin: Vector3<f64>,
-        /// Position of the deck relative to the drone, in the drone's axes, as seen by the camera.
-        sight: Option<Vector3<f64>>,
+        /// Position of the deck relative to the drone, in the drone's axes, as measured by the camera.
+        detection: Option<Vector3<f64>>,
         /// Position of the deck relative to the drone, NED, as measured by a receiver.
         relative: Option<Vector3<f64>>,
         /// Positions of the deck (forecast) and of the drone (odometry).
@@ -131,7 +131,7 @@ mod tests {
                 deck,
                 vessel: (1, Vector3::zeros()),
                 origin: Vector3::zeros(),
-                sight: None,
+                detection: None,
                 relative: None,
                 newest: None,
             }
@@ -165,11 +165,11 @@ mod tests {
                 ..VesselEstimate::default()
             });
             let uvdar = self
-                .sight
+                .detection
                 .filter(|_| self.tick.is_multiple_of(3))
-                .map(|sight| UvdarFix {
+                .map(|detection| UvdarFix {
                     header,
-                    position: (body_from_camera().transpose() * sight).into(),
+                    position: (body_from_camera().transpose() * detection).into(),
                     variance: [1e-4; 3],
                 });
             let antenna = Vector3::from(PredictorConfig::default().drone.gnss_antenna_m);
@@ -198,7 +198,7 @@ mod tests {
         }
         /// Makes the camera detect the deck at its estimated position.
         fn detect(&mut self) {
-            self.sight = Some(self.apart());
+            self.detection = Some(self.apart());
         }
         /// Estimated position of the deck relative to the drone, level, north up.
         fn apart(&self) -> Vector3<f64> {
@@ -241,10 +241,10 @@ mod tests {
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
             b.run(2.0);
             let in_body = UnitQuaternion::from_euler_angles(0.0, 0.0, -heading) * b.apart();
-            b.sight = Some(in_body);
+            b.detection = Some(in_body);
             b.run(2.0);
             let before = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
-            b.sight = None;
+            b.detection = None;
             b.yaw += yaw;
             b.place += Vector3::from(by);
             b.run(0.1);
@@ -316,7 +316,7 @@ mod tests {
         b.run(2.0);
         b.detect();
         b.run(1.0);
-        b.sight = None;
+        b.detection = None;
         b.run(60.0);
         let before = b.apart();
         b.yaw = 2.0;

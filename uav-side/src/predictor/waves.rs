@@ -67,8 +67,8 @@ impl DeckModes {
     /// [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
-            let grown = (m.pole * t).exp();
-            let (c, path) = (m.shape.map(|c| c * grown), m.integral());
+            let factor = (m.pole * t).exp();
+            let (c, path) = (m.shape.map(|c| c * factor), m.integral());
             [
                 c[SURGE] * path + c[PITCH] * lever_arm.z - c[YAW] * lever_arm.y,
                 c[SWAY] * path - c[ROLL] * lever_arm.z + c[YAW] * lever_arm.x,
@@ -202,8 +202,8 @@ impl Waves {
             residual.sd = now;
             let [fresh, stale] = self.residual_damping;
             for i in 2..AXES {
-                let share = (now[i] / then[i]).powi(2).min(1.0);
-                residual.damping[i] = fresh + (stale - fresh) * share;
+                let fraction = (now[i] / then[i]).powi(2).min(1.0);
+                residual.damping[i] = fresh + (stale - fresh) * fraction;
             }
         }
         all
@@ -333,7 +333,7 @@ impl Waves {
         modes.sort_by(|(_, a), (_, b)| weight(b).total_cmp(&weight(a)));
         let mut motions = vec![DeckMotion::default()];
         for (k, (pole, c)) in modes.into_iter().enumerate() {
-            let grown = (pole * age).exp();
+            let factor = (pole * age).exp();
             let apart = k < MAX_BANK && pole.im.abs() >= FREQUENCY_RADPS[0];
             if apart {
                 self.oscillators.push(Oscillator {
@@ -349,7 +349,7 @@ impl Waves {
                 motions.first_mut()
             };
             if let Some(motion) = motion {
-                motion.add(pole, &c.map(|c| c * grown));
+                motion.add(pole, &c.map(|c| c * factor));
             }
         }
         self.messages.clear();

@@ -22,7 +22,7 @@ use core::f64::consts::TAU;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::landing::{
-    BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Stand, Staying,
+    BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Staying, SupportPolygon,
     WAITING_COST_PER_MIN, WindPush, alignment_mps, wind_during_alignment,
 };
 use alight_shared::motion_model::{MotionModel, MotionSample};
@@ -211,7 +211,7 @@ impl Advisor {
     pub fn waves_to_rad(&self) -> Option<f64> {
         self.sea.as_ref().map(|(_, sea)| sea.towards)
     }
-    /// Best course that is reached within half a minute and obeys the skipper's limits; None while no sea is known.
+    /// Best course within the skipper's limits that is reached within half a minute; None while no sea is known.
     pub fn advice(&self) -> Option<Advice> {
         let here = *self.outlooks.first()?;
         let permitted = |c: &CourseOutlook| {
@@ -325,11 +325,11 @@ impl Advisor {
         let list = turn * Vector2::new(pitch, -roll);
         let ratio = here.filter(|s| *s > 0.0).map_or(1.0, |s| course.slope_sd / s);
         let steepest = now.steepest.iter().map(|s| s * ratio);
-        let stand = Stand::on(&self.deck, &self.drone, FRICTION);
+        let support = SupportPolygon::on(&self.deck, &self.drone, FRICTION);
         let [of_heave, of_tilt] = now.unforeseen;
         let one_axis = core::f64::consts::FRAC_1_SQRT_2;
         let blown = wind_during_alignment(&wind.mean).norm();
-        let staying = Staying::of(&Slopes::in_sea(steepest, list, &wind), &stand);
+        let staying = Staying::of(&Slopes::in_sea(steepest, list, &wind), &support);
         let contact = Contact {
             speed_mps: CONTACT_MPS,
             turn_mps: 0.0,

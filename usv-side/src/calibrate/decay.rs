@@ -7,7 +7,7 @@
 //!
 //! `C`, `S` are cosine and sine with the frequency `sqrt(b - a²/4)`, or hyperbolic functions. Position, rate and
 //! acceleration of a degree of freedom decay in the same way, so `y` is whichever is measured; `c` includes the
-//! sensor's bias. `a` and `b` are common to all pushes. `A`, `B` and `c` belong to each push and are eliminated
+//! sensor's bias. `a` and `b` are common to all impulses. `A`, `B` and `c` belong to each impulse and are eliminated
 //! (variable projection, Golub and Pereyra 1973). The remaining problem is solved by the Levenberg-Marquardt method.
 
 use alight_shared::estimation::{ValueWithSd, median};
@@ -23,8 +23,8 @@ const STRONG: f64 = 0.2;
 /// Minimum fraction of a push's motion explained by the fit.
 const EXPLAINED: f64 = 0.8;
 const MIN_SAMPLES: usize = 12;
-/// Maximum number of pushes in a record, and of samples in a push.
-const MAX_PUSHES: usize = 64;
+/// Maximum number of impulses in a record, and of samples in an impulse.
+const MAX_IMPULSES: usize = 64;
 const MAX_SAMPLES: usize = 2000;
 const ITERATIONS: usize = 50;
 const KNOWN: f64 = 0.3;
@@ -50,7 +50,7 @@ pub struct Decay {
     pub damping: ValueWithSd,
     /// Stiffness per mass, 1/s²; zero for a free degree of freedom.
     pub stiffness: ValueWithSd,
-    pub pushes: usize,
+    pub impulses: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,7 +80,7 @@ struct DecaySamples {
 }
 
 /// Pushes in a signal, and the ratio of its largest value to the standard deviation at rest.
-fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
+fn impulses(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     let rest = median(signal.y.iter().copied()).unwrap_or_default();
     let spread = median(signal.y.iter().map(|v| (v - rest).abs())).unwrap_or_default();
     let spread = (1.4826 * spread).max(1e-9);
@@ -90,7 +90,7 @@ fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     let highest = (0..n).map(size).fold(0.0, f64::max);
     let mut found = Vec::new();
     let mut k = 0;
-    while k < n && found.len() < MAX_PUSHES {
+    while k < n && found.len() < MAX_IMPULSES {
         if size(k) < STANDS_OUT * spread {
             k += 1;
             continue;
@@ -155,9 +155,9 @@ fn residual(order: DecayOrder, p: Vector2<f64>, push: &DecaySamples) -> Option<D
     r.iter().all(|v| v.is_finite()).then_some(r)
 }
 
-fn residuals(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Vec<DVector<f64>>> {
-    // Strong and weak pushes have equal weight.
-    pushes
+fn residuals(order: DecayOrder, p: Vector2<f64>, impulses: &[&DecaySamples]) -> Option<Vec<DVector<f64>>> {
+    // Strong and weak impulses have equal weight.
+    impulses
         .iter()
         .map(|push| residual(order, p, push).map(|r| r / push.peak))
         .collect()
@@ -168,10 +168,13 @@ fn cost(r: &[DVector<f64>]) -> f64 {
 }
 
 /// Residuals and their derivatives with respect to the logarithms of the parameters.
-fn slopes(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<[Vec<DVector<f64>>; 2]> {
+fn slopes(order: DecayOrder, p: Vector2<f64>, impulses: &[&DecaySamples]) -> Option<[Vec<DVector<f64>>; 2]> {
     const H: f64 = 1e-4;
     let along = |e: Vector2<f64>| -> Option<Vec<DVector<f64>>> {
-        let (up, down) = (residuals(order, p + e, pushes)?, residuals(order, p - e, pushes)?);
+        let (up, down) = (
+            residuals(order, p + e, impulses)?,
+            residuals(order, p - e, impulses)?,
+        );
         Some(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * H)).collect())
     };
     Some([along(Vector2::new(H, 0.0))?, along(Vector2::new(0.0, H))?])
@@ -189,8 +192,8 @@ fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: DecayOrder) -> 
 }
 
 /// Logarithms of `a` and `b` with the smallest residual, by Levenberg-Marquardt from the best point of a grid.
-fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
-    let cost_at = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
+fn fit(order: DecayOrder, impulses: &[&DecaySamples]) -> Option<Vector2<f64>> {
+    let cost_at = |p: Vector2<f64>| residuals(order, p, impulses).map_or(f64::INFINITY, |r| cost(&r));
     let mut best = (f64::INFINITY, Vector2::zeros());
     for k in 0..32 {
         let x = f64::from(k) / 31.0;
@@ -216,7 +219,7 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
     }
     let mut damp = 1e-3;
     for _ in 0..ITERATIONS {
-        let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
+        let (r, j) = (residuals(order, p, impulses)?, slopes(order, p, impulses)?);
         let (h, g) = normal(&j, &r, order);
         let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
         let step = lifted.try_inverse()? * -g;
@@ -240,8 +243,8 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
 
 /// Covariance of the logarithms, with correlated residuals weighted accordingly (Newey and West 1987, over a quarter of
 /// a push), but at least that of independent residuals.
-fn covariance(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Matrix2<f64>> {
-    let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
+fn covariance(order: DecayOrder, p: Vector2<f64>, impulses: &[&DecaySamples]) -> Option<Matrix2<f64>> {
+    let (r, j) = (residuals(order, p, impulses)?, slopes(order, p, impulses)?);
     let (h, _) = normal(&j, &r, order);
     let bread = h.try_inverse()?;
     let n: usize = r.iter().map(DVector::len).sum();
@@ -249,7 +252,7 @@ fn covariance(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> O
         DecayOrder::Stiff => 3,
         DecayOrder::Free => 2,
     };
-    let freedom = n.saturating_sub(own * pushes.len() + 2).max(1) as f64;
+    let freedom = n.saturating_sub(own * impulses.len() + 2).max(1) as f64;
     let white = bread * (cost(&r) / freedom);
     let mut meat = Matrix2::zeros();
     for (k, res) in r.iter().enumerate() {
@@ -276,7 +279,7 @@ fn covariance(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> O
     })
 }
 
-/// Damping and stiffness per mass from the pushes in a signal.
+/// Damping and stiffness per mass from the impulses in a signal.
 pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObservable> {
     if signal.y.len() < 2 * MIN_SAMPLES {
         return Err(NotObservable::NotMeasured);
@@ -285,7 +288,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
         DecayOrder::Stiff => 1.0,
         DecayOrder::Free => 3.0,
     };
-    let (all, stands_out) = pushes(signal, rest_s);
+    let (all, stands_out) = impulses(signal, rest_s);
     if all.is_empty() {
         return Err(NotObservable::NotPushed { stands_out });
     }
@@ -299,7 +302,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // Drop pushes that somebody held, and pushes in another degree of freedom.
+    // Drop impulses that somebody held, and impulses in another degree of freedom.
     let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)
@@ -313,8 +316,8 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
         .ok_or(NotObservable::Vague)?
         .diagonal();
     if good.len() >= 3 {
-        // Differences between pushes are not sensor noise: they come from the water, the strength of the push, or a
-        // hand on the boat.
+        // Differences between impulses are not sensor noise: they come from the water, the strength of the impulse, or
+        // a hand on the boat.
         let own: Vec<Vector2<f64>> = good.iter().filter_map(|push| fit(order, &[push])).collect();
         let n = own.len() as f64;
         if own.len() >= 3 {
@@ -336,7 +339,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
             DecayOrder::Stiff => figure(p.y, sd.y),
             DecayOrder::Free => ValueWithSd::default(),
         },
-        pushes: good.len(),
+        impulses: good.len(),
     })
 }
 
@@ -352,9 +355,9 @@ mod tests {
     }
 
     /// Pushes every 10 s of strength 1, at 100 Hz.
-    fn pushed(order: DecayOrder, a: f64, b: f64, sd: f64, pushes: usize) -> DecaySignal {
+    fn pushed(order: DecayOrder, a: f64, b: f64, sd: f64, impulses: usize) -> DecaySignal {
         let mut s = DecaySignal::default();
-        for k in 0..(pushes + 1) * 1000 {
+        for k in 0..(impulses + 1) * 1000 {
             let t = k as f64 * 0.01;
             let since = t % 10.0;
             let w = (b - 0.25 * a * a).max(0.0).sqrt();
@@ -387,7 +390,7 @@ mod tests {
                     "{a} {b}: {found:?}"
                 );
                 assert!(found.damping.sd < 0.1 * a, "{found:?}");
-                assert_eq!(found.pushes, 4);
+                assert_eq!(found.impulses, 4);
             }
         }
     }

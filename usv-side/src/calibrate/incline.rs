@@ -33,7 +33,7 @@ pub type RestTilt = [Option<ValueWithSd>; 2];
 /// Stiffness in roll and pitch, Nm/rad; as error the insufficient tilt, rad, or None if not measured.
 pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
-/// Level of a signal at rest; occasional pushes shift it by a fraction of the sensor's noise.
+/// Level of a signal at rest; occasional impulses shift it by a fraction of the sensor's noise.
 pub fn level(signal: &DecaySignal) -> Option<ValueWithSd> {
     let first = *signal.t_s.first()?;
     let mut pieces: Vec<Vec<f64>> = Vec::new();
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn level_at_rest_with_pushes() {
+    fn level_at_rest_with_impulses() {
         // Pushes of 0.1 for a sixth of the time: the mean would be off by 0.017.
         for (pushed, off) in [(false, 5e-4), (true, 1.5e-3)] {
             let found = level(&at_rest(0.02, 120, pushed)).unwrap();
@@ -146,7 +146,7 @@ mod tests {
         let decay = Decay {
             damping: with_sd(6.0, 0.1),
             stiffness: with_sd(243.0, 0.03),
-            pushes: 3,
+            impulses: 3,
         };
         let m = inertia(&with_sd(35e3, 0.04), &decay).unwrap();
         assert!(

@@ -68,7 +68,7 @@ fn status_with_an_old_mission_state() {
         let now = Time::from_secs(t_s);
         (
             computer.arbiter().owner(),
-            computer.arbiter().unheard(now).count(),
+            computer.arbiter().silent_drones(now).count(),
             computer.drones().received(),
         )
     };

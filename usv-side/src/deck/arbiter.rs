@@ -34,7 +34,7 @@ use core::mem::discriminant;
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
     Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, LandedState,
-    PLACES, STATION_APART_M, Starved, State, Unheard,
+    PLACES, STATION_APART_M, SilentDrone, Starved, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -197,7 +197,7 @@ impl DeckArbiter {
         })
     }
     /// Silent drones that may be descending. They keep the deck if an order to open it does not name them.
-    pub fn unheard(&self, now: Time<VesselClock>) -> impl Iterator<Item = Unheard> {
+    pub fn silent_drones(&self, now: Time<VesselClock>) -> impl Iterator<Item = SilentDrone> {
         let timeout_s = self.config.status_timeout_s;
         let may_descend = move |d: &&Drone| {
             let holds = d.claim >= Claim::Landing || d.inside || self.owner == Some(d.header.drone);
@@ -205,7 +205,7 @@ impl DeckArbiter {
         };
         self.drones.iter().filter(may_descend).map(move |d| {
             let silent_s = (now - d.received).secs();
-            Unheard {
+            SilentDrone {
                 drone: d.header.drone,
                 silent_s,
                 remaining_s: (timeout_s - silent_s).max(0.0),

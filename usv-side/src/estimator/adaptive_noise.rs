@@ -1,6 +1,6 @@
 //! Adaptive process noise by covariance matching (Mehra 1972). In a consistent filter the normalised innovation squared
 //! of the inertial channels is 1 on average. A mean that stays higher shows motion that the wave model does not explain
-//! (a platform turning about its deck, wash, people on board). The disturbance of that degree of freedom then gets a
+//! (a platform turning about its deck, wash, moving crew). The disturbance of that degree of freedom then gets a
 //! larger spread and a shorter memory until the innovations are consistent again.
 //!
 //! Under such motion an accelerometer carries less information on tilt. The larger disturbance in surge and sway
@@ -90,7 +90,7 @@ impl AdaptiveNoise {
     }
 
     /// Model parameters with these disturbances. The spread is multiplied by the factor and the memory divided by it,
-    /// which limits the growth of slow motion.
+    /// which limits the increase of slow motion.
     pub(crate) fn adapted(&self, model: &VesselModelConfig) -> VesselModelConfig {
         let mut adapted = model.clone();
         for dof in 0..6 {

@@ -49,7 +49,7 @@ impl VesselFilter {
             let update = self.belief.update(&row, innovation, sd * sd, gate);
             self.consistency.observe(channel, update);
             rejected += u64::from(!update.fused());
-            if let Update::Fused { nis } | Update::Gated { nis } = update {
+            if let Update::Fused { nis } | Update::Rejected { nis } = update {
                 self.adaptive_noise.observe(dof, nis.min(GATE), since);
             }
         }

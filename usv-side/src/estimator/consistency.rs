@@ -60,7 +60,7 @@ pub struct InnovationStatistics {
     /// Number of scalars inside the 95 % point.
     pub inside: u64,
     /// Number of scalars rejected by the gate.
-    pub gated: u64,
+    pub rejected: u64,
 }
 
 impl InnovationStatistics {
@@ -70,7 +70,7 @@ impl InnovationStatistics {
     }
     /// Fraction of all scalars inside the 95 % point; 0.95 in a consistent filter.
     pub fn fraction_inside(&self) -> Option<f64> {
-        let all = self.fused + self.gated;
+        let all = self.fused + self.rejected;
         (all > 0).then(|| self.inside as f64 / all as f64)
     }
 }
@@ -92,7 +92,7 @@ impl Consistency {
                 fit.sum += nis;
                 fit.inside += u64::from(nis <= CHI_SQUARE_95);
             }
-            Update::Gated { .. } | Update::Invalid => fit.gated += 1,
+            Update::Rejected { .. } | Update::Invalid => fit.rejected += 1,
         }
     }
     pub(crate) fn and(&self, other: &Consistency) -> Consistency {
@@ -101,7 +101,7 @@ impl Consistency {
             a.fused += b.fused;
             a.sum += b.sum;
             a.inside += b.inside;
-            a.gated += b.gated;
+            a.rejected += b.rejected;
         }
         all
     }

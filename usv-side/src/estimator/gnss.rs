@@ -73,10 +73,10 @@ impl HeightReference {
 }
 
 /// Tilt axis that moves an antenna at this offset (m) along `axis`, and the displacement per angle, m/rad.
-fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
+fn lever(axis: usize, lever_arm: &Vector3<f64>) -> Option<(usize, f64)> {
     match axis {
-        SURGE => Some((PITCH, arm.z)),
-        SWAY => Some((ROLL, -arm.z)),
+        SURGE => Some((PITCH, lever_arm.z)),
+        SWAY => Some((ROLL, -lever_arm.z)),
         _ => None,
     }
 }
@@ -96,15 +96,15 @@ impl VesselFilter {
         };
         let position = flat(Vector3::from(fix.position) + shift);
         let velocity = flat(self.present_velocity(fix, &shift));
-        let arm_body = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
+        let lever_arm_body = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
         let mut rejected = 0;
         for axis in [SURGE, SWAY, HEAVE] {
             let before = [ETA, NU].map(|slot| self.belief.get(axis, slot));
             let then = self.state_at(fix.header.at);
             let measured = [position, velocity].map(|v| v[axis]);
             let fused = [
-                self.fuse_position(axis, fix, &then, measured[0], &arm_body),
-                self.fuse_velocity(axis, fix, &then, measured[1], &arm_body),
+                self.fuse_position(axis, fix, &then, measured[0], &lever_arm_body),
+                self.fuse_velocity(axis, fix, &then, measured[1], &lever_arm_body),
             ];
             rejected += fused.into_iter().filter(|fused| !fused).count() as u64;
             let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
@@ -116,9 +116,9 @@ impl VesselFilter {
             // Either the receiver's frame has jumped or the filter has diverged.
             self.fixes = AidSource::default();
             self.history.clear();
-            let arm = self.tilt().rotation() * arm_body;
+            let lever_arm = self.tilt().rotation() * lever_arm_body;
             for axis in [SURGE, SWAY] {
-                self.belief.set(axis, ETA, position[axis] - arm[axis]);
+                self.belief.set(axis, ETA, position[axis] - lever_arm[axis]);
                 self.belief.set_variance(axis, ETA, 1.0);
                 if fix.velocity_sd[axis] < NOT_MEASURED_SD {
                     self.belief.set(axis, NU, velocity[axis]);
@@ -126,7 +126,7 @@ impl VesselFilter {
                 }
             }
             if has_height {
-                self.set_level(position[2] - arm.z);
+                self.set_level(position[2] - lever_arm.z);
             }
         }
         rejected
@@ -151,18 +151,18 @@ impl VesselFilter {
         let turned = Rotation2::new(lag.velocity(at, velocity.xy(), heading)) * velocity.xy();
         Vector3::new(turned.x, turned.y, velocity.z)
     }
-    /// Fuses the position along an axis of an antenna at `arm` (m, body), measured in the state `then`. Returns false
-    /// if it was rejected.
+    /// Fuses the position along an axis of an antenna at `lever_arm` (m, body), measured in the state `then`. Returns
+    /// false if it was rejected.
     fn fuse_position(
         &mut self,
         axis: usize,
         fix: &GnssFix,
         then: &PastState,
         position: f64,
-        arm: &Vector3<f64>,
+        lever_arm: &Vector3<f64>,
     ) -> bool {
         let late = (self.at - fix.header.at).secs();
-        let arm = then.tilt.rotation() * arm;
+        let lever_arm = then.tilt.rotation() * lever_arm;
         let level = if axis == HEAVE {
             self.belief.get(HEAVE, GNSS_BIAS)
         } else {
@@ -171,13 +171,16 @@ impl VesselFilter {
         let mut row = core::mem::take(&mut self.row);
         row.clear();
         row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
-        if let Some((tilt, arm)) = lever(axis, &arm) {
-            row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
+        if let Some((tilt, lever_arm)) = lever(axis, &lever_arm) {
+            row.extend([
+                Term::new(tilt, ETA, lever_arm),
+                Term::new(tilt, NU, -late * lever_arm),
+            ]);
         }
         if axis == HEAVE {
             row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
         }
-        let innovation = position - (then.eta[axis] + level + arm[axis]);
+        let innovation = position - (then.eta[axis] + level + lever_arm[axis]);
         let worse = match axis {
             HEAVE => fix.height_spread.powi(2) - self.height_reference.sd.powi(2),
             _ => 0.0,
@@ -193,26 +196,26 @@ impl VesselFilter {
         }
         update.fused()
     }
-    /// Fuses the velocity along an axis of an antenna at `arm` (m, body). Returns false if it was rejected.
+    /// Fuses the velocity along an axis of an antenna at `lever_arm` (m, body). Returns false if it was rejected.
     fn fuse_velocity(
         &mut self,
         axis: usize,
         fix: &GnssFix,
         then: &PastState,
         velocity: f64,
-        arm: &Vector3<f64>,
+        lever_arm: &Vector3<f64>,
     ) -> bool {
         let late = (self.at - fix.header.at).secs();
-        let arm = then.tilt.rotation() * arm;
+        let lever_arm = then.tilt.rotation() * lever_arm;
         let spin = then.tilt.rotation() * then.tilt.body_rates();
         let mut row = core::mem::take(&mut self.row);
         row.clear();
         row.push(Term::new(axis, NU, 1.0));
         self.belief.acceleration_terms(&self.model, axis, -late, &mut row);
-        if let Some((tilt, arm)) = lever(axis, &arm) {
-            row.push(Term::new(tilt, NU, arm));
+        if let Some((tilt, lever_arm)) = lever(axis, &lever_arm) {
+            row.push(Term::new(tilt, NU, lever_arm));
         }
-        let innovation = velocity - (then.nu[axis] + spin.cross(&arm)[axis]);
+        let innovation = velocity - (then.nu[axis] + spin.cross(&lever_arm)[axis]);
         let r = fix.velocity_sd[axis].powi(2);
         let source = &self.rows[NU][axis];
         if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
@@ -235,9 +238,9 @@ impl VesselFilter {
     /// Selects the height reference. The first measured height sets the level and replaces the assumed level.
     fn refer_height(&mut self, config: &VesselNodeConfig, fix: &GnssFix) {
         if self.height_reference.is_unknown() {
-            let arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
+            let lever_arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
             self.datum.height_m = fix.datum.height_m;
-            self.set_level(fix.position[2] - (self.tilt().rotation() * arm).z);
+            self.set_level(fix.position[2] - (self.tilt().rotation() * lever_arm).z);
         }
         self.height_reference.take(fix);
     }
@@ -305,12 +308,12 @@ impl VesselFilter {
     fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
         let own = self.headings[source];
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
-        let (lasted_s, growth) = own.contradiction();
+        let (lasted_s, drift) = own.contradiction();
         if lasted_s < LASTING_S || others().any(|(_, other)| other.age_s(at) < LASTING_S) {
             return (GATE, false);
         }
         let accepted_s = own.fused_at.map_or(0.0, |t| (t - self.started).secs());
-        let grows = growth.abs() > 0.5 * (innovation - growth).abs();
+        let grows = drift.abs() > 0.5 * (innovation - drift).abs();
         let agrees = |other: &AidSource<VesselClock>| {
             let apart = wrap_angle(other.innovation - innovation);
             other.contradiction().0 >= LASTING_S && apart.abs() < 0.5 * innovation.abs()
@@ -320,7 +323,7 @@ impl VesselFilter {
             || !self.has_inertial(at)
             || others().any(|(_, other)| agrees(other));
         if grows {
-            self.belief.inflate(YAW, HEAD, (growth / lasted_s).powi(2));
+            self.belief.inflate(YAW, HEAD, (drift / lasted_s).powi(2));
         }
         let state = if of_state { ETA } else { COMPASS };
         self.belief.inflate(YAW, state, innovation * innovation);
@@ -352,8 +355,8 @@ impl VesselFilter {
             return;
         }
         let (heading, bias) = (self.belief.get(YAW, ETA), self.belief.get(YAW, COMPASS));
-        let share = doubt * doubt / (doubt * doubt + LEEWAY_SD * LEEWAY_SD);
-        let by = (share * apart).clamp(bias.min(0.0), bias.max(0.0));
+        let fraction = doubt * doubt / (doubt * doubt + LEEWAY_SD * LEEWAY_SD);
+        let by = (fraction * apart).clamp(bias.min(0.0), bias.max(0.0));
         self.belief.set(YAW, ETA, heading + by);
         self.belief.set(YAW, COMPASS, bias - by);
         self.turn_means(by);

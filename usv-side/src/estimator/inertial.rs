@@ -29,7 +29,7 @@ const IMPULSE_SD_FRACTION: f64 = 0.3;
 /// Maximum innovations attributed to slamming: angular rate, rad/s, and specific force, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Fraction of the excess acceleration that is treated as measurement noise.
-const FAST_SHARE: f64 = 0.1;
+const FAST_FRACTION: f64 = 0.1;
 
 /// Sum or mean of inertial samples, time since the last step (s), and number of samples.
 #[derive(Clone, Copy, Debug, Default)]
@@ -133,7 +133,7 @@ impl VesselFilter {
     fn record_innovation(&mut self, channel: InnovationChannel, dof: usize, update: Update) {
         self.consistency.observe(channel, update);
         match update {
-            Update::Fused { nis } | Update::Gated { nis } => {
+            Update::Fused { nis } | Update::Rejected { nis } => {
                 self.adaptive_noise.observe(dof, nis.min(GATE), STEP_S);
             }
             Update::Invalid => {}
@@ -146,7 +146,7 @@ impl VesselFilter {
     fn reject(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
-            Update::Gated { .. } => {
+            Update::Rejected { .. } => {
                 let missed = doubt * innovation.abs().min(MAX_MISSED);
                 self.belief.inflate(dof, NU, missed * missed);
             }
@@ -211,7 +211,7 @@ impl VesselFilter {
             let update = self.belief.update(&row, innovation, r, gate);
             self.record_innovation(InnovationChannel::Gyro, dof, update);
             let impulse = differ.is_some_and(|d| is_impulse(innovation, d[k], MAX_IMPULSE[0]));
-            if impulse && matches!(update, Update::Gated { .. }) {
+            if impulse && matches!(update, Update::Rejected { .. }) {
                 self.impulse(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
             } else {
                 rejected += self.reject(dof, update, innovation, 1.0);
@@ -224,16 +224,16 @@ impl VesselFilter {
     /// of a force.
     fn fuse_force(&mut self, config: &VesselModelConfig, (force, apart): Mean, white: f64, gate: f64) -> u64 {
         let mut rejected = 0;
-        let arm = self.imu_lever_arm;
+        let lever_arm = self.imu_lever_arm;
         for axis in 0..3 {
             let tilt = self.tilt();
             let rotation = tilt.rotation();
             let f = rotation * (force - self.force_bias());
             let acceleration = self.accelerations();
-            let arm = rotation * arm;
+            let lever_arm = rotation * lever_arm;
             let spin = rotation * tilt.body_rates();
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
-            let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
+            let lever = turning.cross(&lever_arm) + spin.cross(&spin.cross(&lever_arm));
             // A tilt error projects part of the vertical specific force onto the horizontal axes. The fluctuation of
             // the vertical force separates tilt from bias, provided that the horizontal force does not fluctuate in
             // correlation with it. It does on a platform that turns about a point away from the sensor (tilt error of
@@ -244,14 +244,14 @@ impl VesselFilter {
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
             // During fast motion, the error of the sampling time also counts.
             let fast = noise.spread(config, axis);
-            let r = white + (FAST_SHARE * fast).powi(2);
+            let r = white + (FAST_FRACTION * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);
             row.clear();
             self.belief.acceleration_terms(&self.model, axis, 1.0, &mut row);
             row.push(Term::new(axis, HEAD, 1.0));
             let tilts = match axis {
-                SURGE => Some((PITCH, lift, arm.z)),
-                SWAY => Some((ROLL, -lift, -arm.z)),
+                SURGE => Some((PITCH, lift, lever_arm.z)),
+                SWAY => Some((ROLL, -lift, -lever_arm.z)),
                 _ => None,
             };
             if let Some((dof, lift, height)) = tilts {
@@ -261,10 +261,10 @@ impl VesselFilter {
             let update = self.belief.update(&row, z, r, gate);
             self.row = row;
             self.record_innovation(InnovationChannel::Accelerometer, axis, update);
-            let gated = matches!(update, Update::Gated { .. });
+            let is_rejected = matches!(update, Update::Rejected { .. });
             let impulsive =
                 apart.is_some_and(|force| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
-            if gated && impulsive {
+            if is_rejected && impulsive {
                 // The acceleration grows linearly over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {

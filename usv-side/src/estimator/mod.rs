@@ -46,7 +46,7 @@ pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
 /// Numbers of rejected measurements since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Gated {
+pub struct OutlierCounts {
     pub imu: u64,
     pub gnss: u64,
     pub heading: u64,
@@ -58,7 +58,7 @@ pub struct Gated {
 #[derive(Clone, Debug)]
 pub struct Estimator {
     config: VesselNodeConfig,
-    gated: Gated,
+    outliers: OutlierCounts,
     /// First measurements, used to initialise the filter.
     start: Start,
     filter: Option<VesselFilter>,
@@ -159,15 +159,15 @@ impl Estimator {
     pub fn new(config: &VesselNodeConfig) -> Self {
         Estimator {
             config: config.clone(),
-            gated: Gated::default(),
+            outliers: OutlierCounts::default(),
             start: Start::default(),
             filter: None,
             consistency: Consistency::default(),
             motion: MotionModel::default(),
         }
     }
-    pub fn gated(&self) -> Gated {
-        self.gated
+    pub fn outliers(&self) -> OutlierCounts {
+        self.outliers
     }
     /// Mean water level in the GNSS frame, m down in the vessel's NED.
     pub fn level(&self) -> Option<f64> {
@@ -203,7 +203,7 @@ impl Estimator {
             let from = f.at;
             f.step_before(ahead);
             let offset = ahead - (f.at - from).secs();
-            self.gated.imu += f.fuse_inertial(&self.config, &window, offset);
+            self.outliers.imu += f.fuse_inertial(&self.config, &window, offset);
             f.end_step();
         }
         self.guard();
@@ -216,7 +216,7 @@ impl Estimator {
             None => self.start.fix = Some(*fix),
             Some(f) => {
                 rejected = f.fuse_gnss(&self.config, fix);
-                self.gated.gnss += rejected;
+                self.outliers.gnss += rejected;
                 if rejected >= LOST_ROWS && f.fixes.rejections >= LOST_FIXES {
                     self.restart();
                 }
@@ -233,7 +233,7 @@ impl Estimator {
             None => self.start.heading = Some(*heading),
             Some(f) => {
                 fused = f.fuse_heading(heading);
-                self.gated.heading += u64::from(!fused);
+                self.outliers.heading += u64::from(!fused);
             }
         }
         self.guard();
@@ -257,7 +257,7 @@ impl Estimator {
         }
         f.coast(at);
         let rejected = f.fuse_attitude(fix);
-        self.gated.attitude += rejected;
+        self.outliers.attitude += rejected;
         self.guard();
         (true, rejected)
     }
@@ -288,7 +288,7 @@ impl Estimator {
     }
 
     fn restart(&mut self) {
-        self.gated.restarts += 1;
+        self.outliers.restarts += 1;
         self.consistency = self.consistency();
         // The motion model stays valid even if the filter's position was wrong.
         if let Some(filter) = self.filter.take() {

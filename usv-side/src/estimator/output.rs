@@ -337,23 +337,23 @@ impl VesselFilter {
     /// estimate's own error plus that of the prediction.
     pub(crate) fn deck_sd(&self, ahead: f64) -> [f64; 3] {
         let b = &self.belief;
-        let grown = self.motion.spread(ahead);
+        let propagated = self.motion.spread(ahead);
         let omega = self.motion.modes().and_then(|m| m.frequency());
         let [heave, roll, pitch] = [HEAVE, ROLL, PITCH].map(|d| {
             let now = b.variance(d, ETA).max(0.0);
             let Some(omega) = omega else {
-                return grown[d].hypot(now.sqrt());
+                return propagated[d].hypot(now.sqrt());
             };
             // Rate errors accumulate over one radian of the waves.
             let within = |s: f64| (b.variance(d, NU).max(0.0) * s * s).min(now);
             if d == HEAVE {
                 // A slow error of heave is an error of the level.
-                return grown[d].max(within(1.0 / omega).sqrt());
+                return propagated[d].max(within(1.0 / omega).sqrt());
             }
             // Predictions are compared with later estimates. A slow error is in both and cancels, so it is added here;
             // an error that changes within the prediction is already part of the measured error.
             let changed = within(ahead.min(1.0 / omega));
-            (grown[d] * grown[d])
+            (propagated[d] * propagated[d])
                 .max(changed)
                 .sqrt()
                 .hypot((now - changed).sqrt())

@@ -138,15 +138,15 @@ impl VelocityLag {
     }
     /// Integral of the velocities up to a time; None outside the record.
     fn path(&self, at: Time<VesselClock>) -> Option<Vector2<f64>> {
-        let (a, b, share) = self.around(at)?;
-        Some(a.path + share * (b.path - a.path))
+        let (a, b, fraction) = self.around(at)?;
+        Some(a.path + fraction * (b.path - a.path))
     }
     /// Velocities before and after a time, and the interpolation weight, 0 to 1.
     fn around(&self, at: Time<VesselClock>) -> Option<(&Travelled, &Travelled, f64)> {
         let k = self.travelled.partition_point(|t| t.at < at).max(1);
         let (a, b) = (self.travelled.get(k - 1)?, self.travelled.get(k)?);
-        let share = (at - a.at).secs() / (b.at - a.at).secs();
-        (share >= 0.0).then_some((a, b, share))
+        let fraction = (at - a.at).secs() / (b.at - a.at).secs();
+        (fraction >= 0.0).then_some((a, b, fraction))
     }
     /// Change of heading since the time at which the newest velocity was true, rad.
     fn turned_since(&self) -> f64 {
@@ -155,8 +155,8 @@ impl VelocityLag {
             return 0.0;
         };
         self.around(newest.at - Span::from_secs(lag_s))
-            .map_or(0.0, |(a, b, share)| {
-                wrap_angle(newest.heading - a.heading - share * wrap_angle(b.heading - a.heading))
+            .map_or(0.0, |(a, b, fraction)| {
+                wrap_angle(newest.heading - a.heading - fraction * wrap_angle(b.heading - a.heading))
             })
     }
     fn take(&mut self, squares: &[f64; LAGS]) {

@@ -180,7 +180,7 @@ proptest! {
 fn compass_that_is_corrected() {
     for (speed, limit) in [(0.0, 0.35), (2.0, 0.15)] {
         let (n, all) = headed((50, speed), |t| [if t < 30.0 { 0.3 } else { 0.0 }]);
-        assert!(n.source(HEADING, 0).gated < 40, "{:?}", n.source(HEADING, 0));
+        assert!(n.source(HEADING, 0).outliers < 40, "{:?}", n.source(HEADING, 0));
         for e in all.iter().filter(|e| e.header.at >= time(3500)) {
             let (error, sd) = heading_error(e);
             assert!(error <= 3.0 * sd, "{error} +- {sd} at {:?}", e.header.at);
@@ -208,14 +208,14 @@ fn compass_that_is_disturbed() {
 }
 
 #[test]
-fn compass_beside_another() {
+fn compass_next_to_another() {
     let (n, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }, 0.0]);
     let (error, sd) = heading_error(&all[44]);
     assert!(
         error < 0.02 && sd < 0.03,
         "{error} +- {sd}: the other contradicts it"
     );
-    assert!(n.source(HEADING, 0).gated > 140 && n.source(HEADING, 1).gated == 0);
+    assert!(n.source(HEADING, 0).outliers > 140 && n.source(HEADING, 1).outliers == 0);
     let (_, all) = headed((45, 0.0), |t| [if t < 30.0 { 0.0 } else { 0.5 }; 2]);
     let (error, sd) = heading_error(&all[44]);
     assert!(
@@ -333,7 +333,7 @@ fn lateral_push_observed_by_gnss_only() {
         "velocity {:?}",
         e.eta_dot
     );
-    assert_eq!(n.estimator.gated().restarts, 0);
+    assert_eq!(n.estimator.outliers().restarts, 0);
 }
 
 /// Angular frequency of the strongest roll mode, rad/s, identified with an inertial sensor of this rate on a vessel

@@ -84,7 +84,7 @@ pub struct FitReview {
     pub channel: InnovationChannel,
     pub fused: u64,
     /// Scalars rejected by the gate.
-    pub gated: u64,
+    pub rejected: u64,
     /// Mean normalised innovation squared; 1 for a consistent filter.
     pub nis_mean: f64,
     /// Fraction within the 95 % bound.
@@ -170,7 +170,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
         decoded: recorded.decoded,
         outliers_in_time: (recorded.measurements.len() - all.len()) as u64,
         sources: sources(&all, &node),
-        restarts: node.gated().restarts,
+        restarts: node.outliers().restarts,
         estimates: evaluation.estimates,
         motion_sd: evaluation.motion_sd(),
         sea: evaluation.sea(),
@@ -370,12 +370,12 @@ impl Evaluation {
                 fused: a.fused - b.fused,
                 sum: a.sum - b.sum,
                 inside: a.inside - b.inside,
-                gated: a.gated - b.gated,
+                rejected: a.rejected - b.rejected,
             };
             Some(FitReview {
                 channel,
                 fused: fit.fused,
-                gated: fit.gated,
+                rejected: fit.rejected,
                 nis_mean: fit.mean()?,
                 inside_95: fit.fraction_inside()?,
             })

@@ -415,13 +415,13 @@ mod tests {
         };
         let (imu, gnss) = (ImuConfig::default(), GnssConfig::default());
         let placed = config.placed(&imu, &gnss).sources;
-        let arms = |k: usize| {
+        let lever_arms = |k: usize| {
             let mounting = Mounting::new(&placed[k].mount);
             let fix = mounting.fix(Datum::default(), [0.0; 3], [1.0; 3], [1.0; 3]);
             (mounting.imu([0.0; 3], [0.0; 3]).lever_arm, fix.lever_arm)
         };
-        assert_eq!(arms(0), (Some(imu.lever_arm_m), Some(gnss.antenna_m)));
-        assert_eq!(arms(1), (Some(imu.lever_arm_m), Some([1.0, 2.0, -3.0])));
+        assert_eq!(lever_arms(0), (Some(imu.lever_arm_m), Some(gnss.antenna_m)));
+        assert_eq!(lever_arms(1), (Some(imu.lever_arm_m), Some([1.0, 2.0, -3.0])));
     }
 
     #[test]

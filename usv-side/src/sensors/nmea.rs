@@ -117,7 +117,7 @@ struct Epoch {
     heading: Option<(f64, f64)>,
     rate: Option<f64>,
     /// The receiver marks the position as invalid.
-    refused: bool,
+    rejected: bool,
     /// The sentence with heights has arrived, even if empty.
     levelled: bool,
     fixed: bool,

@@ -8,7 +8,7 @@ use alight_shared::msg::{DroneStatus, Reason, State};
 use crate::config::recorder::RecorderConfig;
 use crate::process::args::ProcessArgs;
 use crate::process::snapshot::Snapshot;
-use crate::record::flight::keeper::{FlightKeeper, SUMMARY_PERIOD_NS};
+use crate::record::flight::recording::{FlightRecording, SUMMARY_PERIOD_NS};
 use crate::record::flight::summary::FlightSummary;
 
 /// Metric: time constant of the attitude's response in the slower axis, s.
@@ -21,7 +21,7 @@ const MAX_DRONES: usize = 16;
 /// The flight that a computer's first process begins and summarises.
 pub struct CurrentFlight {
     log: FlightLog,
-    keeper: FlightKeeper,
+    recording: FlightRecording,
 }
 
 impl CurrentFlight {
@@ -34,26 +34,26 @@ impl CurrentFlight {
     ) -> Option<CurrentFlight> {
         (args.flight.is_none() && !config.directory.is_empty()).then(|| CurrentFlight {
             log: FlightLog::of(computer, now_ns),
-            keeper: FlightKeeper::begin(config.directory.as_ref(), config.max_bytes()),
+            recording: FlightRecording::begin(config.directory.as_ref(), config.max_bytes()),
         })
     }
     /// Directory in which the processes record.
     pub fn path(&self) -> PathBuf {
-        self.keeper.path().into()
+        self.recording.path().into()
     }
     pub fn log(&mut self) -> &mut FlightLog {
         &mut self.log
     }
     /// Writes the summary when it is due.
     pub fn poll(&mut self, now_ns: i64) {
-        if self.log.is_due(now_ns) && self.keeper.sum_up(self.log.summary(now_ns, false)) {
+        if self.log.is_due(now_ns) && self.recording.sum_up(self.log.summary(now_ns, false)) {
             self.log.written(now_ns);
         }
     }
     /// Ends the flight, after all processes have stopped recording.
     pub fn end(mut self, now_ns: i64) {
         // While the disk is behind, the previous summary stays.
-        let _behind = self.keeper.sum_up(self.log.summary(now_ns, true));
+        let _behind = self.recording.sum_up(self.log.summary(now_ns, true));
     }
 }
 

@@ -2,11 +2,11 @@
 //! the supervisor that starts and restarts them.
 
 pub mod args;
+pub mod checkpoints;
 pub mod facts;
 pub mod flight;
 pub mod instance;
 pub mod journal;
-pub mod keeper;
 pub mod lateness;
 pub mod life;
 pub mod local_command;

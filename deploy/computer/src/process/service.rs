@@ -20,10 +20,10 @@ use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Exit};
 use crate::io::store::state_directory;
 use crate::process::args::{ProcessArgs, Scheduling};
+use crate::process::checkpoints::PersistentCheckpoints;
 use crate::process::facts::{Facts, Reporter};
 use crate::process::flight::CurrentFlight;
 use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
-use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
 use crate::process::notify::Notify;
 use crate::process::observer::Observer;
@@ -72,9 +72,10 @@ pub fn run(
     owned.ready()?;
     let mut observer = Observer::join(&memory)?;
     let mut reporter = Reporter::join(&memory, service.facts.clone())?;
-    let mut keeper = match service.checkpoints {
+    let mut checkpoints = match service.checkpoints {
         Some(clock) => {
-            let kept = CheckpointKeeper::join(&memory)?.on_disk(lasting_path(service.instance), clock.now());
+            let kept =
+                PersistentCheckpoints::join(&memory)?.on_disk(lasting_path(service.instance), clock.now());
             Some((clock, kept.in_file(owned.file(CHECKPOINTS_FILE), clock.now())))
         }
         None => None,
@@ -88,8 +89,8 @@ pub fn run(
         sealed.poll(steady_ns());
         reporter.poll(steady_ns(), || sealed.edited());
         // Checkpoints are taken before the remains of a dead process are cleaned up.
-        if let Some((clock, keeper)) = &mut keeper {
-            keeper.poll(clock.now());
+        if let Some((clock, checkpoints)) = &mut checkpoints {
+            checkpoints.poll(clock.now());
         }
         for line in supervisor.output_lines() {
             info!("{line}");
@@ -117,8 +118,8 @@ pub fn run(
     if let Some(flight) = flight {
         flight.end(steady_ns());
     }
-    if let Some((_, keeper)) = keeper {
-        keeper.forget();
+    if let Some((_, checkpoints)) = checkpoints {
+        checkpoints.forget();
     }
     sealed.end();
     drop(reporter);

@@ -125,7 +125,7 @@ pub struct Autopilot {
     pub battery: Option<f64>,
     pub battery_v: Option<f64>,
     pub battery_a: Option<f64>,
-    pub lapsed: bool,
+    pub set_points_lost: bool,
     pub thrust: Option<f64>,
     pub hover_thrust: f64,
     pub shadow_apart_deg: Option<f64>,

@@ -379,7 +379,7 @@ impl Views {
             battery: a.battery,
             battery_v: a.battery_v,
             battery_a: a.battery_a,
-            lapsed: a.lapsed,
+            set_points_lost: a.set_points_lost,
             thrust: a.thrust,
             hover_thrust: a.hover_thrust,
             shadow_apart_deg: a.shadow.map(|s| s.apart_rad.to_degrees()),

@@ -222,8 +222,8 @@ fn show_sources(node: &VesselNode) {
             let c = node.source(kind, source);
             if c != SourceCounts::default() {
                 info!(
-                    "{name} {source}: {} used, {} of them gated, {} out of order, {} rejected, {} spare",
-                    c.taken, c.gated, c.out_of_order, c.rejected, c.spare
+                    "{name} {source}: {} used, {} of them outliers, {} out of order, {} rejected, {} spare",
+                    c.taken, c.outliers, c.out_of_order, c.rejected, c.spare
                 );
             }
         }

@@ -241,7 +241,7 @@ mod tests {
     fn errors_of_a_link_that_breaks_again_and_again() {
         let mut fault = Fault::default();
         let reported = |fault: &mut Fault, error: &str, at_s: i64| fault.is_news(error, at_s * 1_000_000_000);
-        let all = (0..300).filter(|k| reported(&mut fault, ["refused", "closed"][*k as usize % 2], *k));
+        let all = (0..300).filter(|k| reported(&mut fault, ["rejected", "closed"][*k as usize % 2], *k));
         assert_eq!(all.count(), 2);
         assert!(reported(&mut fault, "closed", 360), "it was gone for a minute");
         let many = (0..100).filter(|k| reported(&mut fault, &format!("error {k}"), 361));

@@ -76,15 +76,15 @@ impl VesselStatusReport {
         errors: &CrewDeviceErrors,
     ) -> VesselStatus {
         let (now, node) = (header.at, computer.node());
-        let (gated, since) = (node.gated(), |t: Option<i64>| {
+        let (outliers, since) = (node.outliers(), |t: Option<i64>| {
             t.map(|t| (now_ns - t).max(0) as f64 * 1e-9)
         });
         let estimator = EstimatorStatus {
             sensor_age_s: self.sensors_ns.map(since),
             estimate_age_s: since(self.estimated_ns),
             advice: node.advisor().advice().as_ref().map(CourseAdvice::from),
-            gated: [gated.imu, gated.gnss, gated.heading],
-            restarts: gated.restarts,
+            outliers: [outliers.imu, outliers.gnss, outliers.heading],
+            restarts: outliers.restarts,
             rejected: node.rejected().total().into(),
             ..self.estimator
         };
@@ -111,7 +111,7 @@ impl VesselStatusReport {
     /// Use of each source's measurements, in total and over the recent statuses.
     fn uses(&mut self, node: &VesselNode) -> [SourceUse; MAX_DEVICES] {
         let mut uses = core::array::from_fn(|number| source_use(node, number));
-        let now = uses.map(|u: SourceUse| [u.used - u.gated.min(u.used), u.rejected + u.gated]);
+        let now = uses.map(|u: SourceUse| [u.used - u.outliers.min(u.used), u.rejected + u.outliers]);
         let before = self.counts.front().copied().unwrap_or(now);
         for ((source, now), before) in uses.iter_mut().zip(now).zip(before) {
             source.lately = [now[0].saturating_sub(before[0]), now[1].saturating_sub(before[1])];
@@ -132,7 +132,7 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
             let c = node.source(kind, source);
             all.out_of_order += c.out_of_order;
             all.used += c.taken;
-            all.gated += c.gated;
+            all.outliers += c.outliers;
             all.rejected += c.rejected;
             all.stuck += c.stuck;
             all.is_stuck |= c.is_stuck;
@@ -151,7 +151,7 @@ fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Crew
         doubles: Seq::filled(arbiter.doubles().map(|(id, _)| id)),
         unplaced: Seq::filled(arbiter.unplaced()),
         starved: arbiter.starved(now),
-        unheard: Seq::filled(arbiter.unheard(now)),
+        silent_drones: Seq::filled(arbiter.silent_drones(now)),
         follows_another: node.follows_another(now),
         aborts: Seq::filled(node.relay().unacknowledged()),
         file_error: errors.file.as_ref().map(line),

@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::checkpoints::PersistentCheckpoints;
 use alight_computer::process::facts::{Facts, Reporter};
 use alight_computer::process::instance::OwnedInstance;
-use alight_computer::process::keeper::CheckpointKeeper;
 use alight_computer::process::life::{draw_boot, end_with_supervisor};
 use alight_computer::process::observer::Observer;
 use alight_computer::process::scheduling;
@@ -206,7 +206,7 @@ struct Landing<'a> {
     supervisor: Supervisor,
     observer: Observer,
     reporter: Reporter,
-    keeper: CheckpointKeeper,
+    checkpoints: PersistentCheckpoints,
     commands: Publisher<Command>,
     boot: u32,
     sequence: u32,
@@ -231,7 +231,7 @@ impl<'a> Landing<'a> {
         owned: &OwnedInstance,
     ) -> Result<Landing<'a>, CliError> {
         let observer = Observer::join(memory)?;
-        let keeper = CheckpointKeeper::join(memory)?;
+        let checkpoints = PersistentCheckpoints::join(memory)?;
         let commands = memory.publisher()?;
         let limits = SupervisorLimits {
             silence_timeout_s: Some(SILENCE_TIMEOUT_S),
@@ -262,7 +262,7 @@ impl<'a> Landing<'a> {
             supervisor,
             observer,
             reporter: Reporter::join(memory, Facts::drone(&plan.drone))?,
-            keeper,
+            checkpoints,
             commands,
             boot: draw_boot(),
             sequence: 0,
@@ -287,7 +287,7 @@ impl<'a> Landing<'a> {
             let now: Time<DroneClock> = self.plan.clock.now();
             self.observer.poll();
             self.reporter.poll(steady_ns(), || None);
-            self.keeper.poll(now);
+            self.checkpoints.poll(now);
             let t_s = self.t_s();
             self.phase(t_s, shown);
             self.command(now, t_s);
@@ -419,7 +419,7 @@ impl<'a> Landing<'a> {
         }
         if shown {
             eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line(steady_ns()));
-            let _unseen = std::io::stderr().flush();
+            let _ignored = std::io::stderr().flush();
         }
     }
 

@@ -102,7 +102,7 @@ pub struct Landed {
     pub latest_tick_s: f64,
 }
 
-/// Runs until the trial is over or the process is asked to end. Its metrics: greatest delay of a tick (s), ticks later
+/// Runs until the trial is over or the process is asked to end. Its metrics: maximum delay of a tick (s), ticks later
 /// than one period, true time since the start (s), slices that a firmware left unanswered.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);

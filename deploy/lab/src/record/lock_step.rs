@@ -9,8 +9,8 @@ use alight_computer::record::observer::StepObserver;
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
+use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::physics::{DRONE_ID, VESSEL_ID};
-use alight_sim::harness::tap::Tap;
 use alight_sim::harness::vessel_computer::sources;
 use alight_sim::physics::body::RigidState;
 use alight_sim::sensors::bytes::boat::RECEIVER;
@@ -21,7 +21,7 @@ use super::{FlightRecorder, RecordingScene};
 
 pub struct LockStepObservers<'a> {
     pub recorder: Option<FlightRecorder>,
-    watcher: Option<&'a mut (dyn Viewer + 'static)>,
+    observer: Option<&'a mut (dyn Viewer + 'static)>,
     /// Configurations of the vessel's and the drone's computer.
     configs: [String; 2],
 }
@@ -30,7 +30,7 @@ impl<'a> LockStepObservers<'a> {
     pub fn new(
         subject: &RecordingScene<'_>,
         recorder: Option<FlightRecorder>,
-        watcher: Option<&'a mut (dyn Viewer + 'static)>,
+        observer: Option<&'a mut (dyn Viewer + 'static)>,
     ) -> Result<LockStepObservers<'a>, CliError> {
         let nodes = subject.nodes;
         let mut vessel = VesselComputerConfig {
@@ -54,7 +54,7 @@ impl<'a> LockStepObservers<'a> {
         };
         Ok(LockStepObservers {
             recorder,
-            watcher,
+            observer,
             configs: [
                 toml::to_string(&vessel).doing("writing the vessel's configuration")?,
                 toml::to_string(&drone).doing("writing the drone's configuration")?,
@@ -63,7 +63,7 @@ impl<'a> LockStepObservers<'a> {
     }
 }
 
-impl Tap for LockStepObservers<'_> {
+impl WorldObserver for LockStepObservers<'_> {
     fn truth(
         &mut self,
         t: Time<TrueTime>,
@@ -89,8 +89,8 @@ impl Tap for LockStepObservers<'_> {
             }
             recorder.step(t, step);
         }
-        if let Some(watcher) = &mut self.watcher {
-            watcher.step(t, step);
+        if let Some(observer) = &mut self.observer {
+            observer.step(t, step);
         }
     }
 }

@@ -82,12 +82,12 @@ pub fn fly(
     path: Option<&Path>,
     subject: &RecordingScene<'_>,
     watch: Watch<'_>,
-    mut watcher: Option<&mut (dyn Viewer + 'static)>,
+    mut observer: Option<&mut (dyn Viewer + 'static)>,
 ) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
     let recorder = path
         .map(|path| FlightRecorder::create(path, subject))
         .transpose()?;
-    let mut observers = LockStepObservers::new(subject, recorder, watcher.as_deref_mut())?;
+    let mut observers = LockStepObservers::new(subject, recorder, observer.as_deref_mut())?;
     let RecordingScene {
         scenario,
         nodes,
@@ -97,8 +97,8 @@ pub fn fly(
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut observers).doing("setting up the trial")?;
     let recorded = observers.recorder.map_or(Ok(()), |r| r.finish(&flown.outcome));
-    if let Some(watcher) = watcher {
-        watcher.linger();
+    if let Some(observer) = observer {
+        observer.linger();
     }
     Ok((flown, recorded))
 }

@@ -86,7 +86,7 @@ pub struct Pool {
     planner: String,
     summary: Summary,
     /// Trials without a landing in time and without a contact beyond its limits.
-    refused: usize,
+    rejected: usize,
     metrics: [Option<f64>; METRICS.len()],
 }
 
@@ -111,7 +111,7 @@ pub fn of(rows: &Rows, planners: &[&str], outcomes: &[Outcome]) -> Vec<Pool> {
             group: group.into(),
             planner: planner.into(),
             summary: Summary::of(&set.iter().map(|o| (*o).clone()).collect::<Vec<_>>()),
-            refused: set.iter().filter(|o| o.is_refused()).count(),
+            rejected: set.iter().filter(|o| o.is_rejected()).count(),
             metrics: METRICS.map(|(.., metric)| metric(&set)),
         }
     };
@@ -128,7 +128,7 @@ impl Pool {
         let mut value = json!({
             "group": self.group, "planner": self.planner, "trials": s.trials, "landed": s.successes,
             "landed_interval": wilson(s.successes, s.trials), "unsafe_contacts": s.unsafe_contacts,
-            "refused": self.refused,
+            "rejected": self.rejected,
         });
         for ((name, ..), metric) in METRICS.iter().zip(self.metrics).skip(1) {
             value[*name] = json!(metric);
@@ -139,7 +139,7 @@ impl Pool {
 
 /// Row per group and planner: landed, unsafe contacts, neither.
 pub fn table(by: &str, pools: &[Pool]) -> Table {
-    let heads = [by, "planner", "landed", "95 %", "unsafe", "refused"];
+    let heads = [by, "planner", "landed", "95 %", "unsafe", "rejected"];
     let mut table = Table::new(2.., heads.into_iter().chain(METRICS.iter().skip(1).map(|m| m.1)));
     for pool in pools {
         let s = &pool.summary;
@@ -150,7 +150,7 @@ pub fn table(by: &str, pools: &[Pool]) -> Table {
             format_args!("{}/{}", s.successes, s.trials),
             format_args!("{:.1}-{:.1} %", 100.0 * lo, 100.0 * hi),
             s.unsafe_contacts,
-            pool.refused
+            pool.rejected
         ];
         let metrics = METRICS.iter().zip(pool.metrics).skip(1);
         let metrics = metrics.map(|((.., digits, _), value)| Cell::number(value, *digits));

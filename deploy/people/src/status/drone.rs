@@ -147,7 +147,7 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
 /// Source that locates a vessel without its estimates: its tags or its beacon.
 fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     let forecast = s.snapshot.forecast.fresh(s.now_ns)?;
-    let min_level = s.snapshot.mission.as_ref()?.least_vessel;
+    let min_level = s.snapshot.mission.as_ref()?.min_vessel;
     let beacon = forecast.beacon.is_some() && min_level <= VesselLevel::Beacon;
     let tags = forecast.vision_age_s < FRESH_TAGS_S && (beacon || min_level == VesselLevel::Tag);
     if tags {
@@ -216,7 +216,7 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
 
 /// Text for unknown waves of the vessel, when a landing needs her computer.
 fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
-    match (mission.least_vessel, s.snapshot.wave.fresh(s.now_ns)) {
+    match (mission.min_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
         (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
         (VesselLevel::Computer, Some(wave)) => go::no_forecast(wave.confidence.into()),

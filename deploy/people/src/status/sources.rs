@@ -25,13 +25,13 @@ pub fn source(s: &SourceHealth) -> Finding {
     let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
     let undated = d.undated + r.status.implausible_time;
     let counts = format!(
-        "{}: {} good, {} corrupted, {undated} undated, {} out of order; {} used, {} gated, {} rejected",
+        "{}: {} good, {} corrupted, {undated} undated, {} out of order; {} used, {} outliers, {} rejected",
         s.name,
         d.good,
         d.corrupted,
         r.status.out_of_order + uses.out_of_order,
         uses.used,
-        uses.gated,
+        uses.outliers,
         uses.rejected
     );
     let silent = match (s.age_s, &r.why) {
@@ -149,7 +149,7 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
         ),
         Some(s) if s <= MISSING_S => TOPIC.fine(format!(
             "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
-             rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
+             rejected, {:?} outliers (inertial, GNSS, heading), {} restarts of the filter",
             tilt.to_degrees(),
             heading.to_degrees(),
             e.waves.map_or_else(
@@ -157,7 +157,7 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
                 |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
             ),
             e.rejected,
-            e.gated,
+            e.outliers,
             e.restarts,
         )),
         Some(s) => TOPIC.broken(

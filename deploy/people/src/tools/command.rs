@@ -19,7 +19,7 @@ use alight_computer::subject::{commanded_drone, commanded_vessel};
 use alight_computer::terminal::{self, WIDTH};
 use alight_computer::vessel::crew::OrderOnItsWay;
 use alight_shared::msg::{
-    Command, CommandKind, DeckOrder, DroneContact, MissionState, Unheard, VesselStatus,
+    Command, CommandKind, DeckOrder, DroneContact, MissionState, SilentDrone, VesselStatus,
 };
 use alight_shared::time::{DroneClock, SteadyClock, Time};
 use alight_transport::clock::steady_ns;
@@ -348,8 +348,8 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
             }
             CrewOrderArg::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
         });
-        let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
-        for drone in unheard.filter(|_| ordered == CrewOrderArg::Open) {
+        let silent_drones = newest.iter().flat_map(|s| s.deck.silent_drones.iter());
+        for drone in silent_drones.filter(|_| ordered == CrewOrderArg::Open) {
             terminal::line(kept_by(drone));
         }
     } else {
@@ -380,12 +380,12 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
 }
 
 /// Text about a silent drone for which the opened deck stays reserved, and how to release it.
-fn kept_by(unheard: &Unheard) -> String {
+fn kept_by(silent_drone: &SilentDrone) -> String {
     format!(
-        "{unheard};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \
+        "{silent_drone};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \
          open --drone {}",
-        unheard.remaining_s.ceil(),
-        unheard.drone
+        silent_drone.remaining_s.ceil(),
+        silent_drone.drone
     )
 }
 
@@ -461,12 +461,12 @@ mod tests {
         let lines = answer(3, &MissionState::default(), false);
         assert!(lines[0].starts_with("drone 3: Idle"), "{lines:?}");
         assert!(lines[2].contains("drone 3"), "{lines:?}");
-        let unheard = Unheard {
+        let silent_drone = SilentDrone {
             drone: 3,
             silent_s: 4.0,
             remaining_s: 56.0,
         };
-        let text = kept_by(&unheard);
+        let text = kept_by(&silent_drone);
         assert!(
             text.contains("drone 3 is silent for 4 s") && text.contains("again in 56 s"),
             "{text}"

@@ -76,7 +76,7 @@ pub fn run(args: &KeysArgs) -> Result<Exit, CliError> {
         KeysVerb::Init { dir, days } => {
             init(dir, *days)?;
             terminal::line(format_args!(
-                "authority in {}; keep {AUTHORITY_KEY} off the vehicles: it lets its holder make certificates",
+                "authority in {}; keep {AUTHORITY_KEY} off the vehicles: anyone who has it can make certificates",
                 dir.display()
             ));
             Ok(Exit::Success)

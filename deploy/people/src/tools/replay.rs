@@ -65,7 +65,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     let log = contained(path, || recorded(path))?;
     let mut recorder = args.record.as_ref().map(|to| record(to, &log)).transpose()?;
     let view = args.view.over(&ViewConfig::default());
-    let mut watcher = view.map(|view| watcher(args, &log, &view)).transpose()?;
+    let mut observer = view.map(|view| observer(args, &log, &view)).transpose()?;
     let mut plot = args
         .plot
         .as_ref()
@@ -73,7 +73,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
         .transpose()?;
     let mut observers: Vec<&mut dyn StepObserver> = Vec::new();
     observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
-    observers.extend(watcher.as_mut().map(|w| w.as_mut() as &mut dyn StepObserver));
+    observers.extend(observer.as_mut().map(|w| w.as_mut() as &mut dyn StepObserver));
     // A viewed flight is replayed in real time.
     let is_shown = !log.is_recording() && !observers.is_empty();
     observers.extend(plot.as_mut().map(|p| p.as_mut() as &mut dyn StepObserver));
@@ -94,8 +94,8 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
         plot.write()?;
         note(args.form.alone(), format_args!("plot: {}", to.display()));
     }
-    if let Some(watcher) = watcher {
-        watcher.linger();
+    if let Some(observer) = observer {
+        observer.linger();
     }
     report(args, &nodes)
 }
@@ -163,7 +163,7 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
 }
 
 /// Viewer of a replay.
-fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
+fn observer(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
     let drone = log
         .find("mission")
         .map(ProcessStart::config::<DroneComputerConfig>)
@@ -174,9 +174,9 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
         ..ComputerReport::default()
     };
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));
-    let (watcher, lines) = start_viewer(view, "replay", known, bodies)?;
+    let (observer, lines) = start_viewer(view, "replay", known, bodies)?;
     lines.into_iter().for_each(|line| note(args.form.alone(), line));
-    Ok(watcher)
+    Ok(observer)
 }
 
 /// Log of the recording at `path`. Reports its files that have no end.

@@ -29,9 +29,9 @@ use clap::Args;
 use crate::status::Status;
 use crate::tools::{flights, view_vessel};
 use crate::view::camera::CameraFeed;
-use crate::view::memory_feed::MemoryFeed;
+use crate::view::memory_observer::MemoryObserver;
 use crate::view::server::{PageOrder, Served};
-use crate::view::watcher::Watcher;
+use crate::view::view_observer::ViewObserver;
 
 /// Computer to show, and the addresses to serve.
 #[derive(Args, Debug)]
@@ -89,9 +89,9 @@ pub fn start_viewer(
     known: ComputerReport,
     bodies: Bodies,
 ) -> Result<(Box<dyn Viewer>, Vec<String>), CliError> {
-    let watcher = Watcher::start(served(view, name)?, known, &bodies, true)?;
-    let lines = watcher.server.lines();
-    Ok((Box::new(watcher), lines))
+    let observer = ViewObserver::start(served(view, name)?, known, &bodies, true)?;
+    let lines = observer.server.lines();
+    Ok((Box::new(observer), lines))
 }
 
 pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
@@ -150,8 +150,8 @@ fn drone(
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
     let mut configured = Facts::drone(&computer).report;
-    let mut watcher = Watcher::start(served, configured, &bodies, false)?;
-    watcher.server.lines().iter().for_each(terminal::line);
+    let mut observer = ViewObserver::start(served, configured, &bodies, false)?;
+    observer.server.lines().iter().for_each(terminal::line);
     let mut joined: Rejoined<Ports> = Rejoined::of(&computer.instance)?;
     let wall_ns = wall_offset_ns();
     while !ends() {
@@ -161,11 +161,11 @@ fn drone(
             Ports::join(instance)
         });
         let Some(ports) = joined.ports.as_mut().filter(|_| runs) else {
-            watcher.show_nothing(
+            observer.show_nothing(
                 Time::from_nanos(steady_ns() + wall_ns),
                 Status::absent(&configured),
             );
-            reject(watcher.server.order());
+            reject(observer.server.order());
             pause(ABSENT_PAUSE);
             continue;
         };
@@ -175,12 +175,12 @@ fn drone(
                 computer = *newest;
                 configured = Facts::drone(&computer).report;
             }
-            watcher.board.situation.known = configured;
-            watcher.reset(Span::from_nanos(wall_ns));
-            watcher.board.earlier = flights::earlier(&computer.recorder.directory);
-            watcher.board.order.label = view.abort.then_some("ABORT");
+            observer.board.situation.known = configured;
+            observer.reset(Span::from_nanos(wall_ns));
+            observer.board.earlier = flights::earlier(&computer.recorder.directory);
+            observer.board.order.label = view.abort.then_some("ABORT");
         }
-        ports.poll(&computer, &mut watcher, wall_ns);
+        ports.poll(&computer, &mut observer, wall_ns);
         let wait = if is_live {
             let next = POLL_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(POLL_PERIOD_NS);
             Duration::from_nanos(next.unsigned_abs())
@@ -203,7 +203,7 @@ fn reject(order: Option<PageOrder>) {
 
 struct Ports {
     memory: Memory,
-    feed: MemoryFeed<Memory>,
+    feed: MemoryObserver<Memory>,
     camera: CameraFeed,
     commands: Publisher<Command>,
     reports: Publisher<ProcessState>,
@@ -215,7 +215,7 @@ impl Ports {
     fn join(instance: &Instance) -> Result<Ports, CliError> {
         let memory = Memory::join(instance, ProcessKind::View.name())?;
         Ok(Ports {
-            feed: MemoryFeed::join(&memory)?,
+            feed: MemoryObserver::join(&memory)?,
             camera: CameraFeed::default(),
             commands: memory.publisher()?,
             reports: memory.publisher()?,
@@ -225,15 +225,15 @@ impl Ports {
         })
     }
     /// Shows new messages of the processes, and carries out the page's order.
-    fn poll(&mut self, computer: &DroneComputerConfig, watcher: &mut Watcher, wall_ns: i64) {
+    fn poll(&mut self, computer: &DroneComputerConfig, observer: &mut ViewObserver, wall_ns: i64) {
         let now_ns = steady_ns();
         let grid_ns = (now_ns + wall_ns) / POLL_PERIOD_NS * POLL_PERIOD_NS;
         let (t, now): (Time<TrueTime>, _) = (Time::from_nanos(grid_ns), computer.clock.now());
-        self.camera.poll(&self.memory, t, now, watcher);
-        let mission = self.feed.poll(t, now, watcher);
+        self.camera.poll(&self.memory, t, now, observer);
+        let mission = self.feed.poll(t, now, observer);
         self.life.stepped(Some((steady_ns() - now_ns) as f64 * 1e-9));
-        if let Some(answer) = self.order(computer, watcher.server.order(), mission.as_ref()) {
-            watcher.board.order.answer = answer;
+        if let Some(answer) = self.order(computer, observer.server.order(), mission.as_ref()) {
+            observer.board.order.answer = answer;
         }
         if let Some(report) = self.life.state(Vec::new, 0) {
             self.reports.send(&report);
@@ -311,15 +311,17 @@ mod tests {
             ..ViewConfig::default()
         };
         let served = served(&view, "test").unwrap();
-        let mut watcher = Watcher::start(served, ComputerReport::default(), &None, false).unwrap();
+        let mut observer = ViewObserver::start(served, ComputerReport::default(), &None, false).unwrap();
         let mut show = |joined: &mut Ports, state, abort| {
             let now = computer.clock.now();
             missions.send(&MissionState {
                 abort,
                 ..published(now, state)
             });
-            let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
-            let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
+            let mission = joined
+                .feed
+                .poll(Time::from_nanos(now.nanos()), now, &mut observer);
+            let picture = observer.board.picture(Time::from_nanos(now.nanos()));
             (mission, picture.status.state.map(|s| s.name))
         };
         let (descends, shown) = show(&mut joined, State::Descent, None);

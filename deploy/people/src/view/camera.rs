@@ -6,7 +6,7 @@ use alight_transport::memory::Memory;
 use jpeg_encoder::{ColorType, Encoder};
 
 use crate::view::camera_image::ShownImage;
-use crate::view::watcher::Watcher;
+use crate::view::view_observer::ViewObserver;
 
 const MAX_BYTES: usize = 20_000;
 /// JPEG qualities, of which the first that gives at most [`MAX_BYTES`] is used; only noise needs the last.
@@ -20,10 +20,16 @@ pub struct CameraFeed {
 
 impl CameraFeed {
     /// Shows the newest image, if any. Without a viewer the camera makes none.
-    pub fn poll(&mut self, memory: &Memory, t: Time<TrueTime>, now: Time<DroneClock>, watcher: &mut Watcher) {
-        if !watcher.server.is_watched() {
+    pub fn poll(
+        &mut self,
+        memory: &Memory,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        observer: &mut ViewObserver,
+    ) {
+        if !observer.server.is_watched() {
             self.images = None;
-            watcher.board.camera = None;
+            observer.board.camera = None;
             return;
         }
         if self.images.is_none() {
@@ -36,9 +42,9 @@ impl CameraFeed {
         let header = image.header();
         if let Some(jpeg) = encode(header.size, image.pixels()) {
             let age = now - Time::from_nanos(header.at_ns);
-            watcher.server.show_camera(jpeg);
-            watcher.board.camera = Some(ShownImage {
-                at: watcher.board_time(t) - age,
+            observer.server.show_camera(jpeg);
+            observer.board.camera = Some(ShownImage {
+                at: observer.board_time(t) - age,
                 at_ns: header.at_ns,
                 marks: header.marks,
             });
@@ -85,16 +91,16 @@ mod tests {
             name: "test".into(),
             may_order: false,
         };
-        let mut watcher = Watcher::start(served, ComputerReport::default(), &None, false).unwrap();
+        let mut observer = ViewObserver::start(served, ComputerReport::default(), &None, false).unwrap();
         let mut feed = CameraFeed::default();
-        let mut poll = |watcher: &mut Watcher| {
-            feed.poll(&memory, Time::from_secs(50.0), Time::from_secs(7.0), watcher);
-            watcher.board.picture(Time::from_secs(50.0)).camera
+        let mut poll = |observer: &mut ViewObserver| {
+            feed.poll(&memory, Time::from_secs(50.0), Time::from_secs(7.0), observer);
+            observer.board.picture(Time::from_secs(50.0)).camera
         };
-        assert_eq!(poll(&mut watcher), None);
+        assert_eq!(poll(&mut observer), None);
         assert!(!camera.is_read(), "the camera works without a viewer");
 
-        let to = watcher.server.page();
+        let to = observer.server.page();
         let ask = |path: &str| {
             let mut stream = TcpStream::connect(to).unwrap();
             stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
@@ -104,11 +110,11 @@ mod tests {
         };
         let viewer = ask("/events");
         for _ in 0..MAX_POLLS {
-            if !watcher.server.is_watched() {
+            if !observer.server.is_watched() {
                 pause(Duration::from_millis(5));
             }
         }
-        assert_eq!(poll(&mut watcher), None);
+        assert_eq!(poll(&mut observer), None);
         assert!(camera.is_read());
         let header = ImageHeader {
             at_ns: 6_500_000_000,
@@ -116,7 +122,7 @@ mod tests {
             marks: [3, 1],
         };
         camera.send(header, &[90; 3 * 64 * 48]);
-        let view = poll(&mut watcher).unwrap();
+        let view = poll(&mut observer).unwrap();
         assert_eq!((view.age_s, view.number), (0.5, 6500));
         let mut answer = Vec::new();
         ask("/camera.jpg").read_to_end(&mut answer).unwrap();
@@ -124,13 +130,15 @@ mod tests {
 
         drop(viewer);
         for _ in 0..MAX_POLLS {
-            if watcher.server.is_watched() {
+            if observer.server.is_watched() {
                 // The server notices that a viewer is gone when it writes to it.
-                watcher.server.show(watcher.board.picture(Time::from_secs(50.0)));
+                observer
+                    .server
+                    .show(observer.board.picture(Time::from_secs(50.0)));
                 pause(Duration::from_millis(5));
             }
         }
-        assert_eq!(poll(&mut watcher), None);
+        assert_eq!(poll(&mut observer), None);
         assert!(!camera.is_read());
         drop((camera, feed, services, memory));
     }

@@ -223,7 +223,7 @@ fn why(unknown: &NotObservable) -> String {
             "a free decay explains {:.0} % of the best push: she was held, driven by waves, or it was another motion",
             100.0 * explained
         ),
-        NotObservable::Vague => "the pushes are too weak or too short to identify anything".into(),
+        NotObservable::Vague => "the impulses are too weak or too short to identify anything".into(),
     }
 }
 
@@ -248,7 +248,7 @@ fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
                 Ok(d) => json!({
                     "damping_per_mass": d.damping,
                     "stiffness_per_mass": d.stiffness,
-                    "pushes": d.pushes,
+                    "impulses": d.impulses,
                     "mass": mass(dof, d, loaded),
                 }),
                 Err(unknown) => json!({ "not_observable": why(unknown) }),
@@ -299,8 +299,8 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
                 }
                 let [dd, gg] = [d.damping, d.stiffness].map(|f| f.scaled(inertia[dof]));
                 terminal::line(format_args!(
-                    "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} pushes",
-                    dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.pushes
+                    "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} impulses",
+                    dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.impulses
                 ));
                 damping[dof] = dd.value;
                 if gg.value > 0.0 {

@@ -185,9 +185,9 @@ mod tests {
     #[test]
     fn signalk_server_that_takes_nothing() {
         let mut retry = Retry::default();
-        let pauses: Vec<u64> = (0..6).map(|_| retry.failed("refused").1.as_secs()).collect();
+        let pauses: Vec<u64> = (0..6).map(|_| retry.failed("rejected").1.as_secs()).collect();
         assert_eq!(pauses, [2, 4, 8, 16, 32, 32]);
-        assert!(!retry.failed("refused").0, "reported once");
+        assert!(!retry.failed("rejected").0, "reported once");
         assert!(retry.failed("closed").0 && !retry.failed("closed").0);
         assert!(retry.taken() && !retry.taken());
         assert_eq!(retry.failed("closed"), (true, RETRY));

@@ -43,8 +43,8 @@ impl SimulatedAutopilot {
                 if calibrates && self.started_rps > CALIBRATES_RPS {
                     return Some("Arm: Gyros not calibrated".into());
                 }
-                let leans = (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos() > ANGLE_MAX_RAD;
-                leans.then(|| "Arm: Leaning".into())
+                let tilted = (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos() > ANGLE_MAX_RAD;
+                tilted.then(|| "Arm: Leaning".into())
             }
         }
     }

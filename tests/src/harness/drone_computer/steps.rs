@@ -7,8 +7,8 @@ use crate::autopilots::simulated::mode_number;
 use crate::harness::bus::LockStep;
 use crate::harness::edge::edge;
 use crate::harness::foresight::{Foresight, OdometryError};
+use crate::harness::observer::WorldObserver;
 use crate::harness::physics::Physics;
-use crate::harness::tap::Tap;
 use crate::sensors::beacon::BEACON;
 use crate::sensors::delay::DelayLine;
 use alight_bridge::{Bridge, BridgeIn, BridgeOut, Packet};
@@ -54,7 +54,7 @@ impl SimulatedDroneComputer {
         (t, now): Moment,
         packets: Vec<Stamped<DroneClock, Packet>>,
         reports_status: bool,
-        tap: &mut impl Tap,
+        observer: &mut impl WorldObserver,
     ) {
         let (runs, boot) = self.process(ProcessKind::Bridge);
         let Some(bridge) = &mut self.rows.bridge else {
@@ -82,10 +82,15 @@ impl SimulatedDroneComputer {
         };
         let receive = |input: &mut BridgeIn| swap(&mut input.packets, &mut packets);
         let step = bridge.step(|| now, &mut edge::<Bridge>(receive, send));
-        tap.step(t, &step.of(ProcessKind::Bridge, boot));
+        observer.step(t, &step.of(ProcessKind::Bridge, boot));
     }
     /// Steps the link with what the autopilot has sent.
-    pub(super) fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, tap: &mut impl Tap) {
+    pub(super) fn receive_from_autopilot(
+        &mut self,
+        (t, now): Moment,
+        physics: &Physics,
+        observer: &mut impl WorldObserver,
+    ) {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
@@ -97,9 +102,14 @@ impl SimulatedDroneComputer {
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
         // A frozen process leaves the bytes that it would read on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
-        self.step_link((t, now), frames, tap);
+        self.step_link((t, now), frames, observer);
     }
-    pub(super) fn step_link(&mut self, (t, now): Moment, mut frames: Vec<MavlinkFrame>, tap: &mut impl Tap) {
+    pub(super) fn step_link(
+        &mut self,
+        (t, now): Moment,
+        mut frames: Vec<MavlinkFrame>,
+        observer: &mut impl WorldObserver,
+    ) {
         let (runs, boot) = self.process(ProcessKind::Autopilot);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
         else {
@@ -117,11 +127,16 @@ impl SimulatedDroneComputer {
         };
         let mut wire = edge::<AutopilotLink>(|input| swap(&mut input.received, &mut frames), send);
         let step = link.step(|| now, &mut wire);
-        tap.step(t, &step.of(ProcessKind::Autopilot, boot));
+        observer.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
     /// Steps the cameras by their exposures, or by the detections of measurement models. Feeds rangefinder, beacon and
     /// receiver into the link's wires.
-    pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics, tap: &mut impl Tap) {
+    pub(super) fn sense(
+        &mut self,
+        (t, now): Moment,
+        physics: &mut Physics,
+        observer: &mut impl WorldObserver,
+    ) {
         physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
         let Some(mut readings) = physics.drone_readings(self.k) else {
             return;
@@ -151,7 +166,7 @@ impl SimulatedDroneComputer {
                 &mut edge::<CameraNode>(|i| swap(i, &mut images), |_, _| {}),
             );
             cameras.metered(step.input.frames.len(), &row.node.light());
-            tap.step(t, &step.of(ProcessKind::Camera, belly));
+            observer.step(t, &step.of(ProcessKind::Camera, belly));
         }
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
             let mut images = cameras.ultraviolet(t, &readings.uv_shots);
@@ -159,7 +174,7 @@ impl SimulatedDroneComputer {
                 || now,
                 &mut edge::<UvdarNode>(|i| swap(i, &mut images), |_, _| {}),
             );
-            tap.step(t, &step.of(ProcessKind::Uvdar, ultraviolet));
+            observer.step(t, &step.of(ProcessKind::Uvdar, ultraviolet));
         }
         self.outside.tags.send_each(&readings.tags);
         self.outside.uvdar.send_each(&readings.uvdar);
@@ -170,7 +185,7 @@ impl SimulatedDroneComputer {
         (t, now): Moment,
         physics: &Physics,
         foresight: Option<&Foresight>,
-        tap: &mut impl Tap,
+        observer: &mut impl WorldObserver,
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let truth = physics.drone(self.k);
@@ -183,35 +198,35 @@ impl SimulatedDroneComputer {
         };
         let process = self.process(ProcessKind::Predictor);
         let mut edge = edge::<Predictor>(|_| {}, correct);
-        step(&mut self.rows.predictor, process, (t, now), &mut edge, tap);
+        step(&mut self.rows.predictor, process, (t, now), &mut edge, observer);
     }
-    pub(super) fn step_mission(&mut self, at: Moment, tap: &mut impl Tap) {
+    pub(super) fn step_mission(&mut self, at: Moment, observer: &mut impl WorldObserver) {
         let process = self.process(ProcessKind::Mission);
-        step(&mut self.rows.mission, process, at, &mut (), tap);
+        step(&mut self.rows.mission, process, at, &mut (), observer);
     }
-    pub(super) fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
+    pub(super) fn step_planner(&mut self, (t, now): Moment, observer: &mut impl WorldObserver) {
         let process = self.process(ProcessKind::Planner);
         let mut edge = SolveTime {
             arrives: t + self.solve_delay + self.slower,
             plans: &mut self.plans,
         };
-        step(&mut self.rows.planner, process, (t, now), &mut edge, tap);
+        step(&mut self.rows.planner, process, (t, now), &mut edge, observer);
     }
-    pub(super) fn step_pilot(&mut self, at: Moment, tap: &mut impl Tap) {
+    pub(super) fn step_pilot(&mut self, at: Moment, observer: &mut impl WorldObserver) {
         let process = self.process(ProcessKind::Pilot);
-        step(&mut self.rows.pilot, process, at, &mut (), tap);
+        step(&mut self.rows.pilot, process, at, &mut (), observer);
     }
 }
 
-/// Steps a row if its process is alive, is in `runs`, and has a step due; shows the step to a tap.
+/// Steps a row if its process is alive, is in `runs`, and has a step due; shows the step to an observer.
 fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),
     (t, now): Moment,
     edge: &mut impl Edge<N>,
-    tap: &mut impl Tap,
+    observer: &mut impl WorldObserver,
 ) {
     if let Some(row) = due(row, runs, now) {
-        tap.step(t, &row.step(|| now, edge).of(N::KIND, boot));
+        observer.step(t, &row.step(|| now, edge).of(N::KIND, boot));
     }
 }

@@ -118,7 +118,7 @@ fn judge_of_water_and_fast_contacts() {
 }
 
 #[test]
-fn judge_of_a_refused_landing() {
+fn judge_of_a_rejected_landing() {
     let landing = |first_s: f64, motors_on: bool, normal_mps: f64| {
         let mut judge = Judge::default();
         for k in 0..2000 {
@@ -149,7 +149,7 @@ fn judge_of_a_refused_landing() {
                 break;
             }
         }
-        judge.outcome(1, "calm", "alight", TIME_LIMIT_S).is_refused()
+        judge.outcome(1, "calm", "alight", TIME_LIMIT_S).is_rejected()
     };
     assert!(landing(1e9, true, 0.3), "never came down");
     assert!(landing(178.0, false, 0.3), "came down too late");

@@ -14,10 +14,10 @@ use super::watch::{
 };
 use super::{FaultKind, FlightKind, Mutant, Storm};
 use crate::harness::failing::Failing;
+use crate::harness::observer::NoObserver;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
-use crate::harness::tap::NoTap;
 
 /// Time after which an ended fault no longer counts as simultaneous, s.
 const TOGETHER_S: f64 = 5.0;
@@ -106,7 +106,7 @@ impl Run {
         storm.flight.set_up(&mut scenario, &mut nodes);
         let mut rig = Rig::new(&scenario, &nodes, storm.seed)?;
         set_up(&mut rig);
-        rig.world.share_deck();
+        rig.world.set_deck_shared();
         Ok(Run {
             flight: storm.flight,
             rig,
@@ -142,7 +142,7 @@ impl Run {
         self.begin_and_end(show);
         let failing = self.faults.failing(t_s);
         self.rig.world.fail(&Failing { mutant, ..failing });
-        self.rig.advance(&mut NoTap);
+        self.rig.advance(&mut NoObserver);
         if self.rig.mission(0).waiting.code != ReasonCode::None {
             self.reported_s = self.rig.t_s();
         }

@@ -261,7 +261,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
     /// The deck of a neighbouring vessel is detected in place of the vessel's.
-    NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
+    NeighbourDetected, "neighbour-detected", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.lost = size);

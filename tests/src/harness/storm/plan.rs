@@ -193,12 +193,12 @@ impl FlightKind {
                 scenario.start.distance_m = [80.0, 120.0];
                 scenario.start.height_m = [20.0, 30.0];
                 scenario.sensors.beacon = Some(BeaconConfig::default());
-                nodes.drone.mission.least_vessel = VesselLevel::Beacon;
+                nodes.drone.mission.min_vessel = VesselLevel::Beacon;
             }
             FlightKind::TagAlone => {
                 scenario.start.distance_m = [0.0, 4.0];
                 scenario.start.height_m = [7.0, 10.0];
-                nodes.drone.mission.least_vessel = VesselLevel::Tag;
+                nodes.drone.mission.min_vessel = VesselLevel::Tag;
             }
             FlightKind::Mavlink => nodes.autopilot.unsigned_orders = true,
         }

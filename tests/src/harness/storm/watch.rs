@@ -76,7 +76,7 @@ pub enum StormRule {
     /// The drone waited in our mode until its battery was spent, although the deck was free.
     NoLastResort,
     /// The drone waits in the air, and its status lacks the charge (sufficient or low) or the next step.
-    WaitsUnsaid,
+    WaitsUnreported,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -112,7 +112,7 @@ impl fmt::Display for Violation {
             StormRule::NotFinite => write!(f, "a set-point was not finite"),
             StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
             StormRule::NoLastResort => write!(f, "waited until {:.0} % next to a free deck", 100.0 * figure),
-            StormRule::WaitsUnsaid => write!(
+            StormRule::WaitsUnreported => write!(
                 f,
                 "waits at {:.0} % of its battery, and reports neither that nor its next step",
                 100.0 * figure
@@ -433,7 +433,7 @@ pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let alarms = mission.low_battery.is_some() || reasons.map(|why| why.code).any(names_battery);
     let reports = (promised || alarms) && rig.t_s() - reported_s < REPORTS_S;
     (waits && !reports).then(|| Violation {
-        rule: StormRule::WaitsUnsaid,
+        rule: StormRule::WaitsUnreported,
         t_s: rig.t_s(),
         figure: mission.battery.unwrap_or(0.0),
         state: mission.state,

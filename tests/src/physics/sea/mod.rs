@@ -317,7 +317,7 @@ struct Precomputed {
     base: f64,
     /// Horizontal displacement amplitude q A d, m.
     reach: Vector2<f64>,
-    /// Its gradient q A k d d': north-north, north-east, east-east.
+    /// Gradient of that displacement, q A k d d': north-north, north-east, east-east.
     bend: [f64; 3],
     /// Decay with depth, exp(-k h).
     decay: f64,

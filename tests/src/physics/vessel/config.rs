@@ -115,8 +115,8 @@ config! {
         /// Starting heading clockwise from north, deg; drawn per seed if missing.
         pub heading_deg: Option<f64> = None, in -360.0..=360.0;
         /// Loads on the vessel for a limited time.
-        #[serde(skip_serializing_if = "Vec::is_empty")]
-        pub pushes: Vec<VesselLoad> = Vec::new();
+        #[serde(skip_serializing_if = "Vec::is_empty", alias = "pushes")]
+        pub loads: Vec<VesselLoad> = Vec::new();
     }
     check |this, at| {
         // Two half-cylinders carry at most rho pi r² L; beyond 0.7 of that they would be awash.
@@ -128,15 +128,15 @@ config! {
         // Radii of gyration between a twentieth and twice the hull's length.
         let l2 = this.mass_kg * this.hull_length_m.powi(2);
         at.ranges("inertia_kgm2", &this.inertia_kgm2, l2 / 400.0, 4.0 * l2)?;
-        for push in &this.pushes {
-            at.range("pushes.at_s", push.at_s, 0.0, 1e6)?;
-            at.range("pushes.for_s", push.for_s, 0.0, 1e3)?;
-            at.ranges("pushes.by_n_nm", &push.by_n_nm, -1e6, 1e6)?;
+        for push in &this.loads {
+            at.range("loads.at_s", push.at_s, 0.0, 1e6)?;
+            at.range("loads.for_s", push.for_s, 0.0, 1e3)?;
+            at.ranges("loads.by_n_nm", &push.by_n_nm, -1e6, 1e6)?;
         }
         at.require(
-            this.pushes.len() <= 100,
-            "pushes",
-            this.pushes.len(),
+            this.loads.len() <= 100,
+            "loads",
+            this.loads.len(),
             "at most 100",
         )?;
     }

@@ -72,7 +72,7 @@ pub struct Vessel {
     helm: Helm,
     /// Surge and sway (N) and yaw (Nm) from the engines or the position hold.
     steering: Vector3<f64>,
-    pushes: Vec<VesselLoad>,
+    loads: Vec<VesselLoad>,
     /// Force and moment of [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
     /// Present force of the configured loads.
@@ -154,7 +154,7 @@ impl Vessel {
             linear_drag,
             quadratic_drag,
             steering: Vector3::zeros(),
-            pushes: config.pushes.clone(),
+            loads: config.loads.clone(),
             pushed: Vector6::zeros(),
             pushing: Vector6::zeros(),
             motion,
@@ -177,7 +177,7 @@ impl Vessel {
             self.ask_water(t, sea);
         }
         self.pushing = self
-            .pushes
+            .loads
             .iter()
             .filter(|p| (p.at_s..p.at_s + p.for_s).contains(&t.secs()))
             .map(|p| Vector6::from(p.by_n_nm))

@@ -141,7 +141,7 @@ fn tag_detection_by_size() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
-    config.tag.loss = sight_loss::SightLossConfig::none();
+    config.tag.loss = vision_loss::VisionLossConfig::none();
     let mut last = (0.0, 1.1);
     for height in [2.0, 6.0, 12.0, 23.0] {
         let (real, stated, rate) = scatter(&config, &still([0.2, 0.1, -height], [0.0, 0.05, 0.3]), 20);

@@ -66,7 +66,7 @@ fn ideal() -> SensorConfig {
     c.tag.small_sd_px = 0.0;
     c.tag.blur_sd = 0.0;
     c.tag.width_spread = 0.0;
-    c.tag.loss = sight_loss::SightLossConfig::none();
+    c.tag.loss = vision_loss::VisionLossConfig::none();
     c.uvdar.miss = 0.0;
     c.rangefinder.white_sd_m = 0.0;
     c.rangefinder.deck_miss = 0.0;

@@ -2,9 +2,9 @@
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::time::Span;
+use alight_sim::harness::observer::NoObserver;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial::{self, Event, Watch, land};
 use alight_sim::harness::world::World;
 use alight_uav::autopilot::modes::Firmware;
@@ -49,13 +49,13 @@ fn landing_after_the_failsafe_parameter() {
         a.parameters.insert("COM_OF_LOSS_T", timeout_s);
     };
     while world.linked(0).is_none() {
-        world.warm_up_tick(&mut NoTap);
+        world.warm_up_tick(&mut NoObserver);
     }
     set(&mut world, 1.0);
-    world.warm_up(&mut NoTap);
+    world.warm_up(&mut NoObserver);
     world.command(CommandKind::Land);
     while world.physics().time_since_start() < Span::from_secs(waited_s) {
-        world.tick(&mut NoTap);
+        world.tick(&mut NoObserver);
         assert_eq!(world.mission_state().state, State::Idle);
     }
     set(&mut world, 0.25);
@@ -66,7 +66,7 @@ fn landing_after_the_failsafe_parameter() {
         },
         trace_step_s: None,
     };
-    let o = land(world, &scenario, &nodes, 300, "default", watch, &mut NoTap).outcome;
+    let o = land(world, &scenario, &nodes, 300, "default", watch, &mut NoObserver).outcome;
     assert!(
         began_s.is_some_and(|t| (waited_s..waited_s + 2.5).contains(&t)),
         "{began_s:?}"

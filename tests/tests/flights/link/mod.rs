@@ -119,7 +119,7 @@ fn set_points_before_offboard() {
 }
 
 #[test]
-fn takeover_by_a_person() {
+fn takeover_by_a_pilot() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
             for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
@@ -158,7 +158,10 @@ fn autopilot_failsafes() {
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
         // A Hold or a Brake that the pilot chose while set-points arrived.
-        assert!(p.states.iter().all(|s| !s.lapsed), "{firmware:?} {mode:?}");
+        assert!(
+            p.states.iter().all(|s| !s.set_points_lost),
+            "{firmware:?} {mode:?}"
+        );
     }
 }
 
@@ -176,13 +179,13 @@ fn silent_pilot_and_its_return() {
             mode: AutopilotMode::Hold
         }
     );
-    assert!(p.state().lapsed);
+    assert!(p.state().set_points_lost);
     // The mode that the crew chose is still OFFBOARD: PX4 returns to it when the stream resumes.
     p.pilot = Some(hold);
     p.run(2.0);
     assert_eq!(p.mode(), AutopilotMode::Offboard);
     p.assert_commanding();
-    assert!(!p.state().lapsed);
+    assert!(!p.state().set_points_lost);
 }
 
 #[test]

@@ -188,7 +188,7 @@ fn mission_chosen_again_after_the_turn_back() {
 
 /// An arming that the pilot may have ended meanwhile is not repeated by a restarted link, nor after a disarm.
 #[test]
-fn arming_that_a_person_may_have_ended() {
+fn arming_that_a_pilot_may_have_ended() {
     for firmware in BOTH {
         let mut p = standing(firmware);
         p.mission = State::SpinUp;

@@ -102,7 +102,7 @@ impl Law for Rendezvous {
     fn landing_start(&self) -> LandingStart {
         LandingStart {
             measured: self.config.start_from_measured,
-            not_behind: Some(YIELDS_S),
+            approach_time_s: Some(YIELDS_S),
         }
     }
     fn refine(

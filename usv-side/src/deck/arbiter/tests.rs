@@ -246,10 +246,10 @@ fn deck_opened_under_a_silent_descent() {
             rig.run(&waiting, now_s - 0.5 - rig.t_s);
             rig.order(DeckOrder::Open);
             assert_eq!(rig.run(&waiting, 0.5), 1, "{last:?} {silent_s}");
-            let unheard: Vec<_> = rig.arbiter.unheard(Time::from_secs(rig.t_s)).collect();
-            assert_eq!(unheard.len(), 1, "{last:?} {silent_s}");
-            assert_eq!(unheard[0].drone, 1);
-            assert!((unheard[0].silent_s + unheard[0].remaining_s - 60.0).abs() < 1e-9);
+            let silent_drones: Vec<_> = rig.arbiter.silent_drones(Time::from_secs(rig.t_s)).collect();
+            assert_eq!(silent_drones.len(), 1, "{last:?} {silent_s}");
+            assert_eq!(silent_drones[0].drone, 1);
+            assert!((silent_drones[0].silent_s + silent_drones[0].remaining_s - 60.0).abs() < 1e-9);
         }
         // The crew sees where the drone is. An order for another drone does not affect it.
         let mut informed = rig.clone();
@@ -259,7 +259,7 @@ fn deck_opened_under_a_silent_descent() {
         assert_eq!(informed.run(&waiting, 4.0), 2, "{last:?}");
         // Without an order that names the drone, the deck is released once its manoeuvre has ended.
         rig.run(&waiting, 3.0);
-        assert_eq!(rig.arbiter.unheard(Time::from_secs(rig.t_s)).count(), 0);
+        assert_eq!(rig.arbiter.silent_drones(Time::from_secs(rig.t_s)).count(), 0);
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
     }

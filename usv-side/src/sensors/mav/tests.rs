@@ -305,7 +305,10 @@ fn mavlink_without_a_boat() {
         "{remark:?}"
     );
     assert!(remark.remedy.as_ref().is_some_and(|r| r.contains("system = N")));
-    assert!(d.request().unwrap().len() < 30, "a stranger is asked for nothing");
+    assert!(
+        d.request().unwrap().len() < 30,
+        "a foreign sender is asked for nothing"
+    );
     // If it is selected by number, the drone's system counts as the vessel.
     let named = MavlinkDecoder::new(&Mounting::default()).of_system(1);
     assert_eq!(fixtures::decode(named, &drone(true), 91).0.len(), 20 + 20 + 2);

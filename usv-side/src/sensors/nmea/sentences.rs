@@ -151,7 +151,7 @@ impl NmeaDecoder {
         if let Some(why) = sd {
             self.left_out(address, why);
             if let Some(e) = self.epoch.as_mut().filter(|e| !e.fixed && why != Why::Empty) {
-                (e.refused, e.position, e.velocity) = (true, None, None);
+                (e.rejected, e.position, e.velocity) = (true, None, None);
             }
         }
         self.emit(false, out);
@@ -203,7 +203,7 @@ impl NmeaDecoder {
         if self.open(address, s.time.as_deref(), out).is_none() {
             return;
         }
-        if let (Ok(_), Some(v), Some(e)) = (sd, velocity, self.epoch.as_mut().filter(|e| !e.refused)) {
+        if let (Ok(_), Some(v), Some(e)) = (sd, velocity, self.epoch.as_mut().filter(|e| !e.rejected)) {
             e.velocity.get_or_insert(v);
         }
         self.flat(address, place, sd, out);
@@ -226,7 +226,7 @@ impl NmeaDecoder {
     ) {
         match self.usable(address, place, sd) {
             Ok((place, sd)) => {
-                if let Some(e) = self.epoch.as_mut().filter(|e| !e.refused) {
+                if let Some(e) = self.epoch.as_mut().filter(|e| !e.rejected) {
                     e.position.get_or_insert_with(|| without_height(place, sd));
                 }
             }

@@ -352,7 +352,7 @@ proptest! {
     }
 }
 
-/// What happens to a message in transit.
+/// Fate of a message in transit.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Repeated,
@@ -416,7 +416,7 @@ proptest! {
         prop_assert!((e.eta[PITCH] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[PITCH]);
         prop_assert!((e.eta[YAW] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[YAW]);
         prop_assert!(e.eta[SURGE].abs() < 0.3 && e.eta[SWAY].abs() < 0.3, "{:?}", e.eta);
-        prop_assert_eq!(vessel.gated().restarts, 0);
+        prop_assert_eq!(vessel.outliers().restarts, 0);
     }
 }
 

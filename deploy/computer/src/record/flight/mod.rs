@@ -13,14 +13,14 @@
 //! of other processes.
 //!
 //! A process holds a [`recorder`], which never waits for the disk. [`parts`] writes on a separate thread, chunk by
-//! chunk, and synchronises every second, so that a power cut costs less than 2 s. [`keeper`] writes the summary and
+//! chunk, and synchronises every second, so that a power cut costs less than 2 s. [`recording`] writes the summary and
 //! removes the oldest flights. [`store`] finds flights, [`super::reading`] reads parts, including those without an end,
 //! and [`mend`] adds the end.
 
-pub mod keeper;
 pub mod mend;
 mod parts;
 pub mod recorder;
+pub mod recording;
 pub mod store;
 pub mod summary;
 

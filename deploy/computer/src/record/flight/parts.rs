@@ -18,7 +18,7 @@ use crate::record::entry::{self, PartHeader, References};
 use crate::record::sink::{ChannelId, Sink, why};
 
 const S: i64 = 1_000_000_000;
-/// Size of a part, bytes of steps: a part of this size or of the greatest age is finished, and the next begins.
+/// Size of a part, bytes of steps: a part of this size or of the maximum age is finished, and the next begins.
 const PART_BYTES: u64 = 64 << 20;
 const PART_NS: i64 = 600 * S;
 /// Delay after which steps are on the disk, ns: together with the age of a batch, half of the loss that a power cut may
@@ -38,7 +38,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Adds the step with this number. A step larger than the greatest record is left out: its number is missing.
+    /// Adds the step with this number. A step larger than the largest record is left out: its number is missing.
     pub fn add(
         &mut self,
         (step, at_ns): (u64, i64),

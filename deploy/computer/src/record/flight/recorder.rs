@@ -18,7 +18,7 @@ use crate::exit::{CliError, Doing};
 
 pub use crate::record::entry::PartHeader;
 
-/// Size at which a batch goes to the thread, bytes; it also goes when its first step has the greatest age.
+/// Size at which a batch goes to the thread, bytes; it also goes when its first step has the maximum age.
 const BATCH_BYTES: usize = 64 << 10;
 const BATCH_NS: i64 = 200_000_000;
 /// Maximum number of batches in the queue: more than 10 s of a disk that does not respond.

@@ -43,7 +43,7 @@ impl Rehearsal<'_> {
             for (count, name) in [
                 (source.report.status.decoded.corrupted, "damaged"),
                 (source.report.status.decoded.undated, "undated"),
-                (source.uses.gated, "gated"),
+                (source.uses.outliers, "outliers"),
                 (source.uses.rejected, "rejected"),
             ] {
                 if count > 0 {

@@ -31,7 +31,7 @@ pub enum Class {
     /// No landing was unsafe, and the required rate was reached.
     Landed,
     /// No landing was unsafe, but the rate was not reached.
-    Refused,
+    Rejected,
     /// At least one landing was unsafe.
     Unsafe,
 }
@@ -40,7 +40,7 @@ impl Class {
     pub fn name(self) -> &'static str {
         match self {
             Class::Landed => "landed",
-            Class::Refused => "refused",
+            Class::Rejected => "rejected",
             Class::Unsafe => "unsafe",
         }
     }
@@ -55,7 +55,7 @@ pub struct EnvelopeCell {
     pub trials: usize,
     pub landed: usize,
     /// Trials without a landing in time and without a contact beyond its limits.
-    pub refused: usize,
+    pub rejected: usize,
     pub unsafe_seeds: Vec<u64>,
     /// Most frequent reason of the trials that did not land.
     pub reason: String,
@@ -75,7 +75,7 @@ impl EnvelopeCell {
         } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
             Class::Landed
         } else {
-            Class::Refused
+            Class::Rejected
         }
     }
     /// Whether a landing rate of at least `rate` is shown.
@@ -87,7 +87,7 @@ impl EnvelopeCell {
             "class": self.class(rate).name(), "unsafe_at_most_95": at_most_95(self.unsafe_count(), self.trials),
             "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
             "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
-            "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
+            "rejected": self.rejected, "rejected_interval": wilson(self.rejected, self.trials),
             "hold_n": self.hold_n, "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
         })
     }

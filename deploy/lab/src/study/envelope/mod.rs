@@ -69,7 +69,7 @@ fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Ve
             from_deg,
             trials: summary.trials,
             landed: summary.successes,
-            refused: set.iter().filter(|o| o.is_refused()).count(),
+            rejected: set.iter().filter(|o| o.is_rejected()).count(),
             unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
             hold_n: *hold_n,
@@ -240,7 +240,7 @@ fn document(
         "from deg",
         "landed",
         "95 %",
-        "refused",
+        "rejected",
         "95 %",
         "unsafe",
         "95 %",
@@ -262,8 +262,8 @@ fn document(
             Cell::number(c.from_deg, 0),
             format_args!("{}/{}", c.landed, c.trials).into(),
             interval(c.landed),
-            c.refused.into(),
-            interval(c.refused),
+            c.rejected.into(),
+            interval(c.rejected),
             if bad == 0 { count } else { count.judged(false) },
             interval(bad),
             c.class(grid.rate).name().into(),
@@ -275,16 +275,16 @@ fn document(
         Block::Text(format!(
             "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
              vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
-             come from where the wind does. Refused: no landing in time, and no contact beyond its limits. Unsafe: \
+             come from where the wind does. Rejected: no landing in time, and no contact beyond its limits. Unsafe: \
              everything else that is no landing. The darker a cell, the more of those tried landed; it is unsafe where \
-             one landing was, landed where at least {rate:.0} % of those tried landed, refused otherwise. The line is the limit: up to it every cell was landed in at least \
+             one landing was, landed where at least {rate:.0} % of those tried landed, rejected otherwise. The line is the limit: up to it every cell was landed in at least \
              {rate:.0} % of all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
             grid.trials,
             rate = 100.0 * grid.rate
         )),
         Block::Text(format!("Over all cells, {}.", bound(cells))),
         Block::Chart(Chart {
-            caption: "Landed, refused, unsafe by relative wind and sea state".into(),
+            caption: "Landed, rejected, unsafe by relative wind and sea state".into(),
             svg: svg.into(),
         }),
         Block::Heading("The limit, m/s (-: not shown for the lightest wind)".into()),
@@ -316,15 +316,15 @@ mod tests {
     fn args(arguments: &str) -> EnvelopeArgs {
         typed(core::iter::once("envelope").chain(arguments.split_whitespace()))
     }
-    fn cell(wind_mps: f64, landed: usize, refused: usize) -> EnvelopeCell {
+    fn cell(wind_mps: f64, landed: usize, rejected: usize) -> EnvelopeCell {
         EnvelopeCell {
             state: 3,
             wind_mps,
             from_deg: 90.0,
             trials: 4,
             landed,
-            refused,
-            unsafe_seeds: (0..(4_usize.saturating_sub(landed + refused)) as u64).collect(),
+            rejected,
+            unsafe_seeds: (0..(4_usize.saturating_sub(landed + rejected)) as u64).collect(),
             reason: String::new(),
             hold_n: (wind_mps < 10.0).then_some(4.0 * wind_mps),
         }
@@ -372,9 +372,9 @@ mod tests {
 
     #[test]
     fn envelope_cell_class() {
-        let class = |landed, refused| cell(4.0, landed, refused).class(0.75);
+        let class = |landed, rejected| cell(4.0, landed, rejected).class(0.75);
         assert_eq!([class(4, 0), class(3, 1)], [Class::Landed; 2]);
-        assert_eq!([class(2, 2), class(0, 4)], [Class::Refused; 2]);
+        assert_eq!([class(2, 2), class(0, 4)], [Class::Rejected; 2]);
         let exact = EnvelopeCell {
             trials: 20,
             ..cell(4.0, 11, 9)

@@ -1,6 +1,6 @@
 //! Polar diagram of an envelope as SVG: a circle for each sea state, bow up, a ring for each wind, a cell for each
 //! direction that the wind comes from. The blue of a cell shows the fraction that landed, its pattern the class:
-//! landed, refused or unsafe.
+//! landed, rejected or unsafe.
 
 use core::f64::consts::TAU;
 use std::error::Error;
@@ -49,7 +49,7 @@ pub fn colour(class: Class, landed: f64) -> RGBColor {
     let between =
         |none: u8, all: u8| (f64::from(none) + fraction * (f64::from(all) - f64::from(none))).round() as u8;
     match class {
-        Class::Landed | Class::Refused => RGBColor(
+        Class::Landed | Class::Rejected => RGBColor(
             between(NONE_LANDED.0, ALL_LANDED.0),
             between(NONE_LANDED.1, ALL_LANDED.1),
             between(NONE_LANDED.2, ALL_LANDED.2),
@@ -57,7 +57,7 @@ pub fn colour(class: Class, landed: f64) -> RGBColor {
         Class::Unsafe => UNSAFE,
     }
 }
-/// Lines of a class's pattern on a part of a ring: none for landed, arcs for refused, a net for unsafe.
+/// Lines of a class's pattern on a part of a ring: none for landed, arcs for rejected, a net for unsafe.
 fn pattern(class: Class, [inner, outer]: [f64; 2], [from, to]: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
     let arcs = (1..4).map(|k| arc(inner + (outer - inner) * f64::from(k) / 4.0, [from, to]).collect());
     let spokes = (1..6).map(|k| {
@@ -66,7 +66,7 @@ fn pattern(class: Class, [inner, outer]: [f64; 2], [from, to]: [f64; 2]) -> Vec<
     });
     match class {
         Class::Landed => Vec::new(),
-        Class::Refused => arcs.collect(),
+        Class::Rejected => arcs.collect(),
         Class::Unsafe => arcs.chain(spokes).collect(),
     }
 }
@@ -106,7 +106,7 @@ fn legend(
 ) -> Drawn {
     let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
     let (mut x, y) = (12, top + 12);
-    for class in [Class::Landed, Class::Refused, Class::Unsafe] {
+    for class in [Class::Landed, Class::Rejected, Class::Unsafe] {
         let box_of = [(x, y - 8), (x + 20, y + 8)];
         let fraction = if class == Class::Landed { 1.0 } else { 0.0 };
         root.draw(&Rectangle::new(box_of, colour(class, fraction).filled()))?;
@@ -114,7 +114,7 @@ fn legend(
         let up = (1..5).map(|k| [(x + 4 * k, y - 8), (x + 4 * k, y + 8)]);
         let net: Vec<_> = match class {
             Class::Landed => Vec::new(),
-            Class::Refused => across.collect(),
+            Class::Rejected => across.collect(),
             Class::Unsafe => across.chain(up).collect(),
         };
         for line in net {
@@ -134,7 +134,7 @@ fn legend(
     };
     root.draw(&Text::new(limit, (x, y), style.clone()))?;
     let mut lines = vec![
-        format!("landed: {percent:.0} % or more; refused: fewer, none unsafe;"),
+        format!("landed: {percent:.0} % or more; rejected: fewer, none unsafe;"),
         "unsafe: one or more. In a cell: landed of tried, after ! unsafe of tried".into(),
         "rings: relative wind, 10 m above the water, m/s; waves come with it".into(),
     ];
@@ -185,7 +185,7 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell],
         let outline: Vec<_> = outline.iter().chain(outline.first()).copied().collect();
         plane.draw_series([PathElement::new(outline, WHITE.stroke_width(2))])?;
         let count = match class {
-            Class::Landed | Class::Refused => format!("{}/{}", c.landed, c.trials),
+            Class::Landed | Class::Rejected => format!("{}/{}", c.landed, c.trials),
             Class::Unsafe => format!("!{}/{}", c.unsafe_count(), c.trials),
         };
         labels.push((count, at(0.5 * (radii[0] + radii[1]), middle), fill));

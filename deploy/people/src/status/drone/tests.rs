@@ -160,9 +160,9 @@ fn silent_vessel_with_its_tags_in_sight() {
         vision_age_s: 0.1,
         ..DeckForecast::default()
     });
-    for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
+    for (min_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
         s.mission = came(MissionState {
-            least_vessel,
+            min_vessel,
             ..mission(State::Tracking, ReasonCode::NotIdentified)
         });
         let all = findings(&ObservedSituation::of(&s, NOW_NS));
@@ -176,9 +176,9 @@ fn silent_vessel_with_its_tags_in_sight() {
         beacon: Some([12.0, 0.8]),
         ..DeckForecast::default()
     });
-    for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
+    for (min_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
         s.mission = came(MissionState {
-            least_vessel,
+            min_vessel,
             ..mission(State::Search, ReasonCode::Searching)
         });
         let all = findings(&ObservedSituation::of(&s, NOW_NS));
@@ -329,7 +329,7 @@ fn go_of_a_drone_by_what_is_known() {
     snapshot.wave = Newest::default();
     assert_eq!(go(&snapshot).0, None);
     let mut by_tag = snapshot.mission.unwrap();
-    by_tag.least_vessel = VesselLevel::Tag;
+    by_tag.min_vessel = VesselLevel::Tag;
     snapshot.mission = came(by_tag);
     assert_eq!(go(&snapshot).0, Some(true));
 }

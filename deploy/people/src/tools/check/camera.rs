@@ -10,8 +10,8 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::tags::Tags;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::detector::TagDetector;
+use alight_uav::camera::foreign_tags::ForeignTags;
 use alight_uav::camera::metering::{Light, Setting};
-use alight_uav::camera::strangers::Strangers;
 use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::tools::check::facts::CameraImages;
@@ -59,7 +59,7 @@ fn show(
 ) -> Result<(), CliError> {
     let mut images = Images::open(config, size)?;
     let mut detector = tags.map(|(settings, tags)| TagDetector::new(settings, tags));
-    let mut finder = tags.map(|(settings, tags)| Strangers::new(settings, tags));
+    let mut finder = tags.map(|(settings, tags)| ForeignTags::new(settings, tags));
     let mut view = CameraImages::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
@@ -76,7 +76,7 @@ fn show(
             view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
             if view.tag.is_none() && view.images % FINDER_PERIOD == 1 {
                 let found = finder.as_mut().and_then(|s| s.find(&frame.image));
-                view.stranger = found.or(view.stranger);
+                view.foreign_tag = found.or(view.foreign_tag);
             }
         }
         view.exposure = images.exposure();
@@ -108,7 +108,7 @@ pub fn reported(metrics: &[Metric]) -> CameraImages {
             .filter(|dark| *dark > 0.0)
             .and(of(MetricName::ImageMean))
             .map(|mean| 255.0 * mean),
-        stranger: None,
+        foreign_tag: None,
     }
 }
 

@@ -9,8 +9,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
 use alight_shared::msg::{Certificate, DeckDimensions, Reason, RelativeState, SourceStatus};
 use alight_uav::autopilot::receiver::RelativeReport;
+use alight_uav::camera::foreign_tags::ForeignTag;
 use alight_uav::camera::metering::Setting;
-use alight_uav::camera::strangers::Stranger;
 use alight_usv::sensors::Remark;
 
 use crate::tools::check::received::SensorStatistics;
@@ -145,7 +145,7 @@ pub struct CameraImages {
     /// Mean grey level of an image too dark for detecting tags.
     pub dark: Option<f64>,
     /// Tag of another deck, if none of this deck's was detected.
-    pub stranger: Option<Stranger>,
+    pub foreign_tag: Option<ForeignTag>,
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -394,8 +394,8 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
                 format!("set {} at the autopilot", p.name)
             };
             match p.severity {
-                Severity::Refuse if rejects => TOPIC.broken(wrong, change),
-                Severity::Refuse | Severity::Warn => TOPIC.warning(wrong, change),
+                Severity::Reject if rejects => TOPIC.broken(wrong, change),
+                Severity::Reject | Severity::Warn => TOPIC.warning(wrong, change),
             }
         })
         .collect();

@@ -24,8 +24,8 @@ use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_transport::radio::TlsConfig;
 use alight_uav::autopilot::message::{CommandLong, command};
+use alight_uav::camera::foreign_tags::ForeignTag;
 use alight_uav::camera::metering::Setting;
-use alight_uav::camera::strangers::Stranger;
 use alight_usv::sensors::SourceConfig;
 
 use crate::status::finding::{Finding, FindingLevel};
@@ -213,7 +213,7 @@ fn exposed(contrast: f64, saturation: f64) -> CameraImages {
         })),
         tag: Some([contrast, saturation]),
         dark: None,
-        stranger: None,
+        foreign_tag: None,
     }
 }
 
@@ -261,14 +261,14 @@ fn camera_check_with_and_without_a_tag() {
         none.1.contains("60 images") && none.1.contains("no tag in view"),
         "{none:?}"
     );
-    for (stranger, text) in [
-        (Stranger::Mirrored(7), "mirrored (number 7)"),
-        (Stranger::Number(3), "number 3"),
-        (Stranger::Family("25h9"), "another family (25h9)"),
+    for (foreign_tag, text) in [
+        (ForeignTag::Mirrored(7), "mirrored (number 7)"),
+        (ForeignTag::Number(3), "number 3"),
+        (ForeignTag::Family("25h9"), "another family (25h9)"),
     ] {
         let other = found(CameraImages {
             tag: None,
-            stranger: Some(stranger),
+            foreign_tag: Some(foreign_tag),
             ..exposed(0.0, 0.0)
         });
         assert!(

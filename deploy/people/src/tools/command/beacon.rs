@@ -1,5 +1,5 @@
 //! `alight command deck-at`: sends an operator's position of the vessel to the predictor of this computer. It leads to
-//! a search for the deck's tags if `mission.least_vessel` permits that, and never to a landing without them.
+//! a search for the deck's tags if `mission.min_vessel` permits that, and never to a landing without them.
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::life::draw_boot;
@@ -91,9 +91,9 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.values)?;
     velocity(args.speed, args.course)?;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
-    if computer.drone.mission.least_vessel > VesselLevel::Beacon {
+    if computer.drone.mission.min_vessel > VesselLevel::Beacon {
         return Err(CliError(
-            "deck-at: this drone does not fly to beacons: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
+            "deck-at: this drone does not fly to beacons: set drone.mission.min_vessel = \"beacon\" (or \"tag\") first".into(),
         ));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);

@@ -46,9 +46,9 @@ fn sources(r: &Review) -> Table {
         "gaps",
         "longest s",
         "used",
-        "gated",
+        "outliers",
         "order",
-        "refused",
+        "rejected",
         "spare",
     ];
     let mut table = Table::new(1.., heads);
@@ -60,7 +60,7 @@ fn sources(r: &Review) -> Table {
             s.gaps,
             Cell::number(s.longest_gap_s, 3),
             s.counts.taken,
-            s.counts.gated,
+            s.counts.outliers,
             s.counts.out_of_order,
             s.counts.rejected,
             s.counts.spare
@@ -85,13 +85,13 @@ fn modes(r: &Review) -> Table {
 }
 
 fn innovations(r: &Review) -> Table {
-    let heads = ["innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"];
+    let heads = ["innovations", "fused", "rejected", "mean NIS (1)", "in 95 % (95)"];
     let mut table = Table::new(1.., heads);
     for f in &r.innovations {
         table.row(cells![
             f.channel.name(),
             f.fused,
-            f.gated,
+            f.rejected,
             Cell::number(f.nis_mean, 2),
             format_args!("{:.1} %", 100.0 * f.inside_95)
         ]);

@@ -9,7 +9,7 @@ use alight_shared::time::Time;
 use crate::status::{StateView, Status};
 use alight_computer::record::messages::Message;
 
-use crate::view::watcher::Watcher;
+use crate::view::view_observer::ViewObserver;
 
 const TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -352,8 +352,8 @@ fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
 
 #[test]
 fn foxglove_viewer_topics_and_rates() {
-    let mut watcher = Watcher::start(served(false), ComputerReport::default(), &None, false).unwrap();
-    let mut viewer = foxglove(watcher.server.foxglove().unwrap());
+    let mut observer = ViewObserver::start(served(false), ComputerReport::default(), &None, false).unwrap();
+    let mut viewer = foxglove(observer.server.foxglove().unwrap());
     let all = topics(&mut viewer);
     for topic in [
         "/tf",
@@ -374,14 +374,14 @@ fn foxglove_viewer_topics_and_rates() {
     viewer.send(tungstenite::Message::text(subscribe)).unwrap();
     // Five seconds of a mission at 50 Hz, as fast as possible once the viewer has subscribed.
     let mut t = 0_i64;
-    let mut step = |watcher: &mut Watcher| {
+    let mut step = |observer: &mut ViewObserver| {
         t += 20_000_000;
         let state = MissionState {
             state: Phase::Tracking,
             ..MissionState::default()
         };
-        watcher.message(Time::from_nanos(t), &Message::Mission(&state));
-        watcher.show(Time::from_nanos(t));
+        observer.message(Time::from_nanos(t), &Message::Mission(&state));
+        observer.show(Time::from_nanos(t));
     };
     let received = |viewer: &mut Viewer| {
         let message = viewer.read().unwrap();
@@ -394,13 +394,13 @@ fn foxglove_viewer_topics_and_rates() {
         .set_read_timeout(Some(Duration::from_millis(20)))
         .unwrap();
     let begun = (0..500).any(|_| {
-        step(&mut watcher);
+        step(&mut observer);
         viewer.read().is_ok_and(|m| m.is_binary())
     });
     assert!(begun, "no message in 500 steps");
     viewer.get_ref().set_read_timeout(Some(TIMEOUT)).unwrap();
     for _ in 0..250 {
-        step(&mut watcher);
+        step(&mut observer);
     }
     let times: Vec<u64> = core::iter::repeat_with(|| received(&mut viewer))
         .flatten()
@@ -412,8 +412,8 @@ fn foxglove_viewer_topics_and_rates() {
 
 #[test]
 fn foxglove_viewer_that_does_not_read() {
-    let mut watcher = Watcher::start(served(false), ComputerReport::default(), &None, false).unwrap();
-    let mut viewer = foxglove(watcher.server.foxglove().unwrap());
+    let mut observer = ViewObserver::start(served(false), ComputerReport::default(), &None, false).unwrap();
+    let mut viewer = foxglove(observer.server.foxglove().unwrap());
     let all: Vec<String> = topics(&mut viewer)
         .iter()
         .map(|(id, _)| format!(r#"{{"id":{id},"channelId":{id}}}"#))
@@ -423,9 +423,9 @@ fn foxglove_viewer_that_does_not_read() {
     // An hour of states, of which the viewer's queue keeps the newest; the next viewer is still served.
     let state = MissionState::default();
     for k in 0..36_000_i64 {
-        watcher.message(Time::from_nanos(k * 100_000_000), &Message::Mission(&state));
-        watcher.show(Time::from_nanos(k * 100_000_000));
+        observer.message(Time::from_nanos(k * 100_000_000), &Message::Mission(&state));
+        observer.show(Time::from_nanos(k * 100_000_000));
     }
-    let mut other = foxglove(watcher.server.foxglove().unwrap());
+    let mut other = foxglove(observer.server.foxglove().unwrap());
     assert!(topics(&mut other).len() >= 22);
 }

@@ -92,7 +92,7 @@ const VESSEL_WARNINGS: &[Fault] = &[
 
 const DRONE_WARNINGS: &[Fault] = &[
     (
-        |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
+        |f| f.dialled[0].1 = Reach::Unreachable("connection refused".into()),
         "connecting to quic/",
     ),
     (

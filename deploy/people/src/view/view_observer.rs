@@ -1,4 +1,4 @@
-//! Watcher: puts messages of the nodes on the board and shows the board to the viewers.
+//! Observer of steps: puts messages of the nodes on the board and shows the board to the viewers.
 
 use alight_shared::msg::{ComputerReport, DeckForecast, DroneState};
 use alight_shared::process::ProcessKind;
@@ -39,7 +39,7 @@ struct Live {
 }
 
 /// Observer of steps that serves viewers.
-pub struct Watcher {
+pub struct ViewObserver {
     pub server: Server,
     pub board: Board,
     live: Option<Live>,
@@ -50,14 +50,14 @@ pub struct Watcher {
     pace: Pace,
 }
 
-impl Watcher {
+impl ViewObserver {
     /// Starts the server; `paced` slows simulated steps to real time.
     pub fn start(
         served: Served,
         known: ComputerReport,
         bodies: &Bodies,
         paced: bool,
-    ) -> Result<Watcher, CliError> {
+    ) -> Result<ViewObserver, CliError> {
         let server = Server::start(served)?;
         let mut live = None;
         if let Some(context) = server.context() {
@@ -76,7 +76,7 @@ impl Watcher {
         }
         let mut board = Board::new(known);
         board.heights_m = bodies.as_ref().map(|(d, a)| [a.feet_below_m, -d.centre_m[2]]);
-        Ok(Watcher {
+        Ok(ViewObserver {
             server,
             board,
             live,
@@ -131,7 +131,7 @@ impl Watcher {
     }
 }
 
-impl Viewer for Watcher {
+impl Viewer for ViewObserver {
     fn linger(&self) {
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
@@ -142,7 +142,7 @@ impl Viewer for Watcher {
     }
 }
 
-impl StepObserver for Watcher {
+impl StepObserver for ViewObserver {
     fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
         each_message(step, &mut |message| self.message(t, &message));
         self.show(t);

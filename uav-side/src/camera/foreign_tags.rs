@@ -8,7 +8,7 @@ use super::detector::TagSettings;
 use super::image::GreyImage;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stranger {
+pub enum ForeignTag {
     /// Tag of the deck's family with this number, which the deck lacks.
     Number(usize),
     /// Mirrored tag of the deck's family with this number.
@@ -16,16 +16,16 @@ pub enum Stranger {
     Family(&'static str),
 }
 
-pub struct Strangers {
+pub struct ForeignTags {
     tags: Tags,
     min_margin: f64,
     own: Option<Detector>,
     others: Vec<(&'static str, Detector)>,
 }
 
-impl Strangers {
+impl ForeignTags {
     /// Search for tags other than `tags`; a tag with a wrong bit is ignored.
-    pub fn new(settings: &TagSettings, tags: &Tags) -> Strangers {
+    pub fn new(settings: &TagSettings, tags: &Tags) -> ForeignTags {
         let detector = |family: Family| {
             let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
             detector.set_thread_number(1);
@@ -38,7 +38,7 @@ impl Strangers {
             ("standard 41h12", Family::tag_standard_41h12()),
         ];
         let others = others.into_iter();
-        Strangers {
+        ForeignTags {
             tags: *tags,
             min_margin: settings.min_margin,
             own: detector(Family::tag_36h11()),
@@ -47,7 +47,7 @@ impl Strangers {
                 .collect(),
         }
     }
-    pub fn find(&mut self, image: &GreyImage) -> Option<Stranger> {
+    pub fn find(&mut self, image: &GreyImage) -> Option<ForeignTag> {
         let (width, height) = (image.width(), image.height());
         let plain = buffer(width, height, image.pixels())?;
         let rows = image.pixels().chunks_exact(width);
@@ -57,15 +57,15 @@ impl Strangers {
         if let Some(own) = &mut self.own {
             let is_decks = |id: usize| self.tags.iter().any(|tag| usize::from(tag.id) == id);
             if let Some(id) = numbers(own, &plain, margin).into_iter().find(|id| !is_decks(*id)) {
-                return Some(Stranger::Number(id));
+                return Some(ForeignTag::Number(id));
             }
             if let Some(id) = numbers(own, &mirrored, margin).first() {
-                return Some(Stranger::Mirrored(*id));
+                return Some(ForeignTag::Mirrored(*id));
             }
         }
         for (name, detector) in &mut self.others {
             if !numbers(detector, &plain, margin).is_empty() {
-                return Some(Stranger::Family(name));
+                return Some(ForeignTag::Family(name));
             }
         }
         None
@@ -116,11 +116,11 @@ mod tests {
             id: 7,
             ..DeckTag::default()
         }]);
-        let mut strangers = Strangers::new(&TagSettings::default(), &tags);
-        assert_eq!(strangers.find(&image(7, false)), None);
-        assert_eq!(strangers.find(&image(3, false)), Some(Stranger::Number(3)));
-        assert_eq!(strangers.find(&image(7, true)), Some(Stranger::Mirrored(7)));
+        let mut foreign_tags = ForeignTags::new(&TagSettings::default(), &tags);
+        assert_eq!(foreign_tags.find(&image(7, false)), None);
+        assert_eq!(foreign_tags.find(&image(3, false)), Some(ForeignTag::Number(3)));
+        assert_eq!(foreign_tags.find(&image(7, true)), Some(ForeignTag::Mirrored(7)));
         let empty = GreyImage::new(64, 48, vec![90; 64 * 48]).unwrap();
-        assert_eq!(strangers.find(&empty), None);
+        assert_eq!(foreign_tags.find(&empty), None);
     }
 }

@@ -11,11 +11,11 @@ use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::Memory;
 
-use crate::view::watcher::Watcher;
+use crate::view::view_observer::ViewObserver;
 
 readers! {
     /// Reader of all messages that a viewer shows.
-    pub struct MemoryFeed {
+    pub struct MemoryObserver {
         computer: ComputerReport,
         processes: ProcessState,
         estimate: VesselEstimate<DroneClock>,
@@ -35,19 +35,19 @@ readers! {
     }
 }
 
-impl MemoryFeed<Memory> {
-    /// Passes new messages to `watcher`. Returns the mission's state if it is new.
+impl MemoryObserver<Memory> {
+    /// Passes new messages to `observer`. Returns the mission's state if it is new.
     pub fn poll(
         &mut self,
         t: Time<TrueTime>,
         now: Time<DroneClock>,
-        watcher: &mut Watcher,
+        observer: &mut ViewObserver,
     ) -> Option<MissionState> {
         let ns = now.nanos();
         let (plan, state) = (self.plan.newest(ns), self.mission.newest(ns));
-        watcher.board.reported(self.computer.newest(steady_ns()));
-        watcher.board.processes(self.processes.all(steady_ns()));
-        let mut show = |message: Message<'_>| watcher.message(t, &message);
+        observer.board.reported(self.computer.newest(steady_ns()));
+        observer.board.processes(self.processes.all(steady_ns()));
+        let mut show = |message: Message<'_>| observer.message(t, &message);
         self.estimate
             .newest(ns)
             .iter()
@@ -78,7 +78,7 @@ impl MemoryFeed<Memory> {
             .newest(ns)
             .iter()
             .for_each(|m| show(Message::SetPoint(now, m)));
-        watcher.show(t);
+        observer.show(t);
         state
     }
 }

@@ -14,7 +14,7 @@ use crate::physics::streams::Streams;
 config! {
     /// Temporary losses of the tag by the camera. With the defaults 7 % of the images are lost.
     #[derive(Copy)]
-    pub struct SightLossConfig {
+    pub struct VisionLossConfig {
         /// Mean time between two glares (mirror image of the sun on a wet deck or in the lens), s.
         /// Chosen: every few waves the deck's normal passes the direction that reflects the sun.
         pub glare_interval_s: f64 = 20.0, in 0.01..=1e6;
@@ -41,13 +41,13 @@ config! {
     }
 }
 
-impl SightLossConfig {
+impl VisionLossConfig {
     pub fn none() -> Self {
-        SightLossConfig {
+        VisionLossConfig {
             glare_duration_s: 0.0,
             spray_duration_s: 0.0,
             cover_duration_s: 0.0,
-            ..SightLossConfig::default()
+            ..VisionLossConfig::default()
         }
     }
 }
@@ -99,7 +99,7 @@ impl Cause {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct SightLoss {
+pub(crate) struct VisionLoss {
     glare: Cause,
     spray: Cause,
     cover: Cause,
@@ -107,14 +107,14 @@ pub(crate) struct SightLoss {
     cover_chance: f64,
 }
 
-impl SightLoss {
+impl VisionLoss {
     /// Losses of this seed; each cause has a separate random stream.
-    pub(crate) fn new(c: &SightLossConfig, streams: &Streams) -> SightLoss {
+    pub(crate) fn new(c: &VisionLossConfig, streams: &Streams) -> VisionLoss {
         let cause = |name: &str, interval_s, duration_s| {
             let stream = Noise::new(streams, &format!("drone.tag.{name}"));
             Cause::new(stream, interval_s, duration_s)
         };
-        SightLoss {
+        VisionLoss {
             glare: cause("glare", c.glare_interval_s, c.glare_duration_s),
             spray: cause("spray", c.spray_interval_s, c.spray_duration_s),
             cover: cause("cover", c.cover_interval_s, c.cover_duration_s),
@@ -135,18 +135,18 @@ mod tests {
     use super::*;
 
     /// Whether each of `n` images, `step_s` apart, is lost.
-    fn lost(config: &SightLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
-        let mut loss = SightLoss::new(config, &Streams::new(seed));
+    fn lost(config: &VisionLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
+        let mut loss = VisionLoss::new(config, &Streams::new(seed));
         (0..n)
             .map(|k| loss.hides(Time::from_secs(k as f64 * step_s)))
             .collect()
     }
-    fn only(glare_s: f64, spray_s: f64, cover_s: f64) -> SightLossConfig {
-        SightLossConfig {
+    fn only(glare_s: f64, spray_s: f64, cover_s: f64) -> VisionLossConfig {
+        VisionLossConfig {
             glare_duration_s: glare_s,
             spray_duration_s: spray_s,
             cover_duration_s: cover_s,
-            ..SightLossConfig::none()
+            ..VisionLossConfig::none()
         }
     }
     /// Fraction of lost images, and mean length of a loss, s.
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn vision_loss_rate() {
         // The first images count as much as later ones: 3000 starts.
-        let config = SightLossConfig::default();
+        let config = VisionLossConfig::default();
         let images = (0..3000).flat_map(|seed| lost(&config, seed, 30, 1.0 / 30.0));
         let fraction = images.filter(|l| *l).count() as f64 / 90_000.0;
         assert!((0.055..0.085).contains(&fraction), "{fraction}");
@@ -204,6 +204,6 @@ mod tests {
         // Causes do not affect each other.
         let glare = lost(&only(0.6, 0.0, 0.0), 5, 3_000, 0.1);
         assert!(slow.iter().zip(&glare).all(|(both, one)| *both || !one));
-        assert!(!lost(&SightLossConfig::none(), 5, 3_000, 0.1).contains(&true));
+        assert!(!lost(&VisionLossConfig::none(), 5, 3_000, 0.1).contains(&true));
     }
 }

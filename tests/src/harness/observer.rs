@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use crate::physics::body::RigidState;
 
 /// Observer. `t` is the world's time.
-pub trait Tap {
+pub trait WorldObserver {
     /// Truth at the beginning of the tick: the vessel's reference point, and the drone with the wind that acts on it
     /// (NED, m/s, towards).
     fn truth(
@@ -23,5 +23,5 @@ pub trait Tap {
 }
 
 /// An observer that does nothing, and compiles to nothing.
-pub struct NoTap;
-impl Tap for NoTap {}
+pub struct NoObserver;
+impl WorldObserver for NoObserver {}

@@ -23,7 +23,7 @@ const ROOM_PERIOD_NS: i64 = 10_000_000_000;
 pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
 /// A flight that is being recorded.
-pub struct FlightKeeper {
+pub struct FlightRecording {
     path: PathBuf,
     to: Option<SyncSender<FlightSummary>>,
     thread: Option<JoinHandle<()>>,
@@ -31,10 +31,10 @@ pub struct FlightKeeper {
     _lock: Option<File>,
 }
 
-impl FlightKeeper {
+impl FlightRecording {
     /// Begins a flight in `directory`, in which all flights together take at most `max_bytes`. A failure is reported,
     /// and the processes continue without a recording.
-    pub fn begin(directory: &Path, max_bytes: u64) -> FlightKeeper {
+    pub fn begin(directory: &Path, max_bytes: u64) -> FlightRecording {
         let (path, lock) = store::begin(directory);
         match &lock {
             Ok(_) => info!("this flight is recorded in {}", path.display()),
@@ -49,7 +49,7 @@ impl FlightKeeper {
             yield_to_flight();
             keep(&root, &own, Room::of(max_bytes), &summaries);
         });
-        FlightKeeper {
+        FlightRecording {
             path,
             to: Some(to),
             thread: thread
@@ -70,7 +70,7 @@ impl FlightKeeper {
     }
 }
 
-impl Drop for FlightKeeper {
+impl Drop for FlightRecording {
     fn drop(&mut self) {
         self.to = None;
         if let Some(thread) = self.thread.take() {

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use alight_shared::admission::Periodic;
-use alight_shared::checkpoint::{Keeper, Republisher};
+use alight_shared::checkpoint::{CheckpointStore, Republisher};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::memory::Memory;
 use tracing::{info, warn};
@@ -24,33 +24,33 @@ const ANY_BOOT: &str = "";
 const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.
-pub struct CheckpointKeeper {
+pub struct PersistentCheckpoints {
     kept: Republisher<Memory>,
     file: Option<CheckpointFile>,
     lasting: Option<LastingFile>,
 }
 
-impl CheckpointKeeper {
-    /// A keeper without checkpoints.
-    pub fn join(memory: &Memory) -> Result<CheckpointKeeper, CliError> {
-        Ok(CheckpointKeeper {
-            kept: Republisher::join(memory, Keeper::default())?,
+impl PersistentCheckpoints {
+    /// A store without checkpoints.
+    pub fn join(memory: &Memory) -> Result<PersistentCheckpoints, CliError> {
+        Ok(PersistentCheckpoints {
+            kept: Republisher::join(memory, CheckpointStore::default())?,
             file: None,
             lasting: None,
         })
     }
     /// Restores the task of a flight that a reboot has interrupted, from the file at `path` on the disk.
     #[must_use]
-    pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> CheckpointKeeper {
-        self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.keeper_mut()));
+    pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> PersistentCheckpoints {
+        self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.store_mut()));
         self
     }
     /// Restores the checkpoints of a crashed supervisor from the file at `path`, and keeps them there.
     #[must_use]
-    pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> CheckpointKeeper {
+    pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> PersistentCheckpoints {
         self.file = CheckpointFile::open(path);
         if let Some(file) = &self.file {
-            file.restore(now, self.kept.keeper_mut());
+            file.restore(now, self.kept.store_mut());
         }
         self
     }
@@ -71,10 +71,10 @@ impl CheckpointKeeper {
     pub fn poll(&mut self, now: Time<DroneClock>) {
         let new = self.kept.poll(now);
         if let Some(file) = &mut self.file {
-            file.poll(now, new, self.kept.keeper());
+            file.poll(now, new, self.kept.store());
         }
         if let Some(file) = &mut self.lasting {
-            file.poll(now, new, self.kept.keeper());
+            file.poll(now, new, self.kept.store());
         }
     }
 }
@@ -107,24 +107,24 @@ impl CheckpointFile {
             }
         }
     }
-    fn restore(&self, now: Time<DroneClock>, keeper: &mut Keeper) {
+    fn restore(&self, now: Time<DroneClock>, checkpoints: &mut CheckpointStore) {
         let path = self.path.display();
         match read(&self.path) {
             Ok(None) => {}
-            Ok(Some(bytes)) => match keeper.restore(now, &self.computer_boot, &bytes) {
+            Ok(Some(bytes)) => match checkpoints.restore(now, &self.computer_boot, &bytes) {
                 Ok(()) => info!("the nodes are given the checkpoints of a crashed supervisor"),
                 Err(why) => warn!("{path}: the checkpoints of the former supervisor do not count: {why}"),
             },
             Err(e) => warn!("{path}: reading the checkpoints of the former supervisor: {e}"),
         }
     }
-    fn poll(&mut self, now: Time<DroneClock>, new: bool, keeper: &Keeper) {
+    fn poll(&mut self, now: Time<DroneClock>, new: bool, checkpoints: &CheckpointStore) {
         self.unwritten |= new;
         if !self.unwritten || !self.due.is_due_spaced(now, FILE_PERIOD) {
             return;
         }
         self.unwritten = false;
-        let bytes = keeper.encode(&self.computer_boot).map_err(|e| e.to_string());
+        let bytes = checkpoints.encode(&self.computer_boot).map_err(|e| e.to_string());
         let written = bytes.and_then(|bytes| replace(&self.path, &bytes, false).map_err(|e| e.to_string()));
         if let Some(e) = written.as_ref().err().filter(|_| !self.failed) {
             warn!(
@@ -142,7 +142,7 @@ const HOLDS: Holds = Holds {
     misleads: false,
 };
 
-/// The file on the disk: [`Keeper::lasting`]. It does not exist while there is no lasting state.
+/// The file on the disk: [`CheckpointStore::lasting`]. It does not exist while there is no lasting state.
 struct LastingFile {
     path: PathBuf,
     store: Store,
@@ -152,7 +152,7 @@ struct LastingFile {
 
 impl LastingFile {
     /// None if the thread that writes the file cannot be started.
-    fn open(path: PathBuf, now: Time<DroneClock>, keeper: &mut Keeper) -> Option<LastingFile> {
+    fn open(path: PathBuf, now: Time<DroneClock>, checkpoints: &mut CheckpointStore) -> Option<LastingFile> {
         let at = path.display();
         let found = match read(&path) {
             Ok(found) => found.unwrap_or_default(),
@@ -162,7 +162,7 @@ impl LastingFile {
             }
         };
         if !found.is_empty() {
-            match keeper.restore(now, ANY_BOOT, &found) {
+            match checkpoints.restore(now, ANY_BOOT, &found) {
                 Ok(()) => info!(
                     "{at}: the flight goes on that a former start was in: a sortie comes back while its charge lasts"
                 ),
@@ -184,12 +184,12 @@ impl LastingFile {
             }
         }
     }
-    fn poll(&mut self, now: Time<DroneClock>, new: bool, keeper: &Keeper) {
+    fn poll(&mut self, now: Time<DroneClock>, new: bool, checkpoints: &CheckpointStore) {
         self.unwritten |= new;
         if !self.unwritten || !self.due.is_due_spaced(now, LASTING_PERIOD) {
             return;
         }
-        let lasting = keeper.lasting();
+        let lasting = checkpoints.lasting();
         let bytes = if lasting.is_empty() {
             Vec::new()
         } else {
@@ -209,9 +209,9 @@ mod tests {
     fn lasting_file_of_a_sortie() {
         let path = std::env::temp_dir().join(format!("alight-lasting-{}.flight", std::process::id()));
         let found = || {
-            let mut keeper = Keeper::default();
-            let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut keeper).unwrap();
-            (keeper.newest::<MissionCheckpoint>().sortie, file)
+            let mut checkpoints = CheckpointStore::default();
+            let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut checkpoints).unwrap();
+            (checkpoints.newest::<MissionCheckpoint>().sortie, file)
         };
         let mission = |sortie, at: f64| {
             let header = Header::new(1, 1, 7, 1, Time::from_secs(at));
@@ -226,7 +226,7 @@ mod tests {
         };
         let (sortie, mut file) = found();
         assert!(!sortie && !path.exists());
-        let mut keeper = Keeper::default();
+        let mut checkpoints = CheckpointStore::default();
         let is_recovered = |exists: bool| {
             for _ in 0..500 {
                 if path.exists() == exists {
@@ -238,19 +238,19 @@ mod tests {
         };
         for (sortie, at) in [(true, 10.0), (false, 11.5), (true, 13.0)] {
             let now = Time::from_secs(at);
-            assert!(keeper.take(now, Some(&mission(sortie, at))));
-            file.poll(now, true, &keeper);
+            assert!(checkpoints.take(now, Some(&mission(sortie, at))));
+            file.poll(now, true, &checkpoints);
             assert_eq!(file.store.newest().is_empty(), !sortie);
             assert!(is_recovered(sortie), "{at}");
         }
         // A change within a period is written when the period ends.
-        assert!(keeper.take(Time::from_secs(13.1), Some(&mission(false, 13.1))));
-        file.poll(Time::from_secs(13.1), true, &keeper);
+        assert!(checkpoints.take(Time::from_secs(13.1), Some(&mission(false, 13.1))));
+        file.poll(Time::from_secs(13.1), true, &checkpoints);
         assert!(!file.store.newest().is_empty());
-        file.poll(Time::from_secs(14.1), false, &keeper);
+        file.poll(Time::from_secs(14.1), false, &checkpoints);
         assert!(is_recovered(false));
-        assert!(keeper.take(Time::from_secs(15.2), Some(&mission(true, 15.2))));
-        file.poll(Time::from_secs(15.2), true, &keeper);
+        assert!(checkpoints.take(Time::from_secs(15.2), Some(&mission(true, 15.2))));
+        file.poll(Time::from_secs(15.2), true, &checkpoints);
         drop(file);
         assert!(found().0);
         fs::write(&path, "another program's").unwrap();
@@ -264,14 +264,14 @@ mod tests {
         let path = std::env::temp_dir().join(format!("alight-checkpoints-{}", std::process::id()));
         let file = || CheckpointFile::open(path.clone()).unwrap();
         let restored = || {
-            let mut keeper = Keeper::default();
-            file().restore(now, &mut keeper);
-            keeper.newest::<LinkCheckpoint>().header.boot
+            let mut checkpoints = CheckpointStore::default();
+            file().restore(now, &mut checkpoints);
+            checkpoints.newest::<LinkCheckpoint>().header.boot
         };
         assert_eq!(restored(), 0);
-        let mut keeper = Keeper::default();
+        let mut checkpoints = CheckpointStore::default();
         let header = Header::new(1, 1, 7, 1, now);
-        keeper.take(
+        checkpoints.take(
             now,
             Some(&LinkCheckpoint {
                 header,
@@ -279,9 +279,9 @@ mod tests {
             }),
         );
         let mut kept = file();
-        kept.poll(now, false, &keeper);
+        kept.poll(now, false, &checkpoints);
         assert_eq!(restored(), 0, "nothing new");
-        kept.poll(now, true, &keeper);
+        kept.poll(now, true, &checkpoints);
         assert_eq!(restored(), 7);
         for other in ["", "another program's"] {
             fs::write(&path, other).unwrap();
@@ -290,7 +290,7 @@ mod tests {
         fs::remove_file(&path).unwrap();
         fs::create_dir(&path).unwrap();
         assert_eq!(restored(), 0);
-        kept.poll(now + FILE_PERIOD, true, &keeper);
+        kept.poll(now + FILE_PERIOD, true, &checkpoints);
         assert!(kept.failed);
         fs::remove_dir(&path).unwrap();
         fs::remove_file(format!("{}.new", path.display())).unwrap();
