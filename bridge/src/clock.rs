@@ -30,7 +30,6 @@ type Bounds = OffsetBounds<DroneClock>;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
-    /// Drone clock minus vessel clock, s.
     pub offset_s: f64,
     /// Standard deviation including path asymmetry, s.
     pub sd_s: f64,
@@ -76,7 +75,7 @@ impl ClockOffset {
         }
     }
 
-    /// Forgets all exchanges, after a restart of the vessel's computer.
+    /// Forgets all exchanges after a restart of the vessel's computer.
     pub fn reset(&mut self) {
         self.samples.clear();
         self.one_way.clear();
@@ -129,8 +128,7 @@ impl ClockOffset {
         Ok(())
     }
 
-    /// Adds an upper bound from a message valid at `at` that arrived at `arrival`. The message is ignored before the
-    /// first exchange, and if it contradicts the exchanges.
+    /// Adds an upper bound from a message valid at `at`, unless no exchange is known or they contradict it.
     pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
         let new = Bounds::of_message(at.nanos(), arrival);
         let max_drift = self.config.max_drift;
@@ -173,8 +171,7 @@ impl ClockOffset {
             .reduce(Bounds::and)
     }
 
-    /// Detects a step: the bounds of both directions moved the same way by more than `step_s`, while a changed path
-    /// moves them apart, or only one of them. Earlier exchanges are forgotten.
+    /// Detects a step: both bounds moved the same way by more than `step_s`. Forgets earlier exchanges.
     fn detect_step(&mut self, now: Time<DroneClock>) {
         let n = self.samples.len();
         if n < 2 * RECENT {
@@ -291,7 +288,6 @@ mod tests {
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
         run(&mut c, 0.0, 0.05, 0.05, 0.4).unwrap();
         let before = c.at(t(1.0)).unwrap();
-        // A message valid at vessel time 0.6 (drone time 1.0) arrives 10 ms later.
         c.one_way(t(0.6), t(1.01));
         let after = c.at(t(1.01)).unwrap();
         assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.max_error_s);

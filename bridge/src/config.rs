@@ -7,7 +7,7 @@ config! {
     pub struct BridgeConfig {
         /// Number of the vessel; messages of other vessels are rejected.
         pub vessel_id: u32 = 1;
-        /// Number of this drone; messages to other drones are rejected.
+        /// Number of this drone; messages for other drones are rejected.
         pub drone_id: u32 = 1;
         /// Rate of the link's state, Hz.
         /// Source: `topics::LINK`.
@@ -15,16 +15,16 @@ config! {
         /// Window of the loss statistics, s.
         /// Chosen: 150 estimates at 30 Hz.
         pub loss_window_s: f64 = 5.0, in 0.5..=60.0;
-        /// Tolerance for a time of validity beyond the clock's bounds, s.
-        /// Chosen: one period of a 100 Hz loop; ten periods are not needed.
+        /// Tolerance for a time of validity later than the clock's bounds permit, s.
+        /// Chosen: one period of a 100 Hz loop.
         pub future_margin_s: f64 = 0.01, in 0.0..=1.0;
-        /// Clock offset.
+        /// Estimation of the clock offset.
         pub clock: ClockConfig;
     }
 }
 
 config! {
-    /// Offset of the two computers' clocks.
+    /// Offset between the vessel's and the drone's clocks.
     pub struct ClockConfig {
         /// Rate of time requests, Hz.
         /// Source: `topics::TIME_REQUEST`.

@@ -1,9 +1,8 @@
 //! The drone's radio end: admission of the vessel's messages, clock offset, link statistics.
 //!
-//! The crate is pure: packets in, messages on the drone's clock out. The surrounding process owns the sockets. Start
-//! with [`node`]: [`node::Bridge`]'s `step` processes a packet completely. [`order`] keeps messages in order, `status`
-//! assembles the drone's status for the vessel, [`clock`] estimates the offset of the two clocks, and [`link`] keeps
-//! the statistics.
+//! The crate is pure: packets in, messages on the drone's clock out; its process owns the sockets. Start with
+//! [`node`]: [`node::Bridge`]'s `step` processes a packet. [`order`] keeps messages in order, `status`
+//! assembles the drone's status, [`clock`] estimates the offset, [`link`] keeps the statistics.
 
 pub mod clock;
 pub mod config;

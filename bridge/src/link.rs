@@ -48,7 +48,6 @@ impl LinkStatistics {
         self.newest_valid = Some(self.newest_valid.map_or(valid, |v| v.max(valid)));
     }
 
-    /// Adds an estimate that arrived after a newer one: late, but not lost.
     pub fn out_of_order(&mut self, arrival: Time<DroneClock>) {
         if self.out_of_order.len() == MAX_ARRIVALS {
             self.out_of_order.pop_front();
@@ -69,17 +68,15 @@ impl LinkStatistics {
             .map_or(f64::INFINITY, |v| (now - v).secs().max(0.0))
     }
 
-    /// Fraction of missing estimates by sequence gaps, and fraction that arrived after a newer one; 0 without any. On
-    /// datagram links the middleware discards overtaken packets (measured with 30 ms of jitter at 30 Hz: 42 % at an
-    /// actual loss of 30 %). The first fraction then includes those, and the second contains only those that still
-    /// arrive.
+    /// Fractions of missing and overtaken estimates; 0 without any. On datagram links the middleware discards
+    /// overtaken packets, which count as missing (30 ms of jitter at 30 Hz: 42 % at 30 % actual loss).
     pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
         self.arrivals.retain(|a| (now - a.at).secs() <= window);
         self.out_of_order.retain(|at| (now - *at).secs() <= window);
         let sent: f64 = self.arrivals.iter().map(|a| f64::from(a.advance)).sum();
         if sent > 0.0 {
-            // At the window's edge, an overtaken estimate may be inside without its gap.
+            // At the window's start, an overtaken estimate may be counted without the gap that it left.
             let (used, late) = (self.arrivals.len() as f64, self.out_of_order.len() as f64);
             ((1.0 - (used + late) / sent).max(0.0), (late / sent).min(1.0))
         } else {

@@ -26,14 +26,14 @@ use crate::status::StatusReport;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
     pub kind: RadioTopic,
-    /// Owner of the key on which the packet arrived.
+    /// Owner of the key expression on which the packet arrived.
     pub sender: Sender,
     pub bytes: Vec<u8>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeIn {
-    /// Packets in order of arrival, with arrival times.
+    /// Packets in order of arrival.
     pub packets: Vec<Stamped<DroneClock, Packet>>,
     pub mission: Option<MissionState>,
     pub drone: Option<DroneState>,
@@ -49,19 +49,18 @@ pub struct BridgeOut {
     pub prediction: Option<VesselPrediction<DroneClock>>,
     pub deck: Option<DeckGrant<DroneClock>>,
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
-    /// In order of arrival.
+    /// RTCM frames in order of arrival.
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
-    /// In order of arrival.
+    /// Commands in order of arrival.
     pub commands: Vec<Command>,
     pub link: Option<LinkState>,
     /// Time request for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
-    /// Status of the drone, at its own rate.
     pub status: Option<DroneStatus>,
 }
 
 wiring! {
-    /// Messages written by the bridge, and inputs of the drone's status in addition to radio packets.
+    /// Messages that the bridge writes and reads, apart from radio packets.
     BridgePorts of Bridge: BridgeIn => BridgeOut {
         reads {
             newest mission: MissionState,
@@ -116,7 +115,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Bridge without messages so far; `boot` is drawn at each start.
+    /// Bridge before its first message; `boot` is drawn at each start.
     pub fn new(config: &BridgeConfig, boot: u32) -> Self {
         Bridge {
             config: config.clone(),
@@ -137,7 +136,7 @@ impl Bridge {
             status: StatusReport::default(),
         }
     }
-    /// Sets the time within which a landed drone is disarmed. Later its status reports that it is still armed.
+    /// Sets the time within which a landed drone disarms; later, its status reports it as still armed.
     #[must_use]
     pub fn disarmed_within(mut self, disarm_s: f64) -> Self {
         self.status.disarm_s = disarm_s;
@@ -151,7 +150,6 @@ impl Bridge {
     pub fn second_sender(&self, now: Time<DroneClock>) -> Option<u32> {
         self.boots.second(now)
     }
-    /// Clock offset at `now`; None before the first exchange.
     pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
         self.clock.at(now)
     }
@@ -251,8 +249,8 @@ impl Bridge {
         Ok(self.updates.waves(m).map(|m| m.restamped(at)))
     }
 
-    /// Performs all checks of a message, cheapest first. Returns its time of validity on the drone's clock and the
-    /// sequence numbers since its predecessor. `ahead` is the permitted lead of its time, s.
+    /// Checks a message, cheapest test first. Returns its time of validity on the drone's clock and the
+    /// sequence numbers since its predecessor. Its time may be up to `ahead` seconds in the future.
     fn admit<M: Message<Clock = VesselClock>>(
         &mut self,
         arrival: Time<DroneClock>,
@@ -267,8 +265,8 @@ impl Bridge {
             Boot::Current => false,
             Boot::First => true,
             Boot::Second => return Err(RejectionReason::SecondSender),
-            // Messages of a restarted computer have later times than its predecessor's. If the vessel's clock went
-            // back, the first reply to our request proves the new boot.
+            // After a restart, times go on from where they were. If the vessel's clock went back, the first
+            // reply to our request proves the new boot.
             Boot::Next if self.newest.is_some_and(|n| header.at > n) => true,
             Boot::Next | Boot::Other => return Err(RejectionReason::Boot),
         };
@@ -437,7 +435,6 @@ impl Node for Bridge {
     fn step(&mut self, now: Time<DroneClock>, input: &BridgeIn) -> BridgeOut {
         let mut out = BridgeOut::default();
         for p in &input.packets {
-            // Arrival times are at most now.
             if let Err(reason) = self.packet(p.at.min(now), &p.value, &mut out) {
                 self.rejections.count(reason);
             }

@@ -32,9 +32,8 @@ pub struct Boots {
 struct CurrentComputer {
     boot: u32,
     received: Time<DroneClock>,
-    /// Time of acceptance.
     adopted: Time<DroneClock>,
-    /// Boot of the computer that this one is assumed to have replaced after a restart.
+    /// Boot of the computer whose restart this one is assumed to be.
     predecessor: Option<u32>,
 }
 
@@ -43,19 +42,15 @@ struct Other {
     boot: u32,
     first: Time<DroneClock>,
     newest: Time<DroneClock>,
-    /// This computer was the current one before.
     retired: bool,
-    /// This computer was active at the same time as the current one.
     is_second: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
     Current,
-    /// The first boot ever received.
     First,
-    /// Possible restart of the current computer, which has been silent long enough. A message must prove that it is
-    /// newer.
+    /// Possible restart of the current computer after a sufficient silence; a message must prove it newer.
     Next,
     /// The boot is superseded, or not proven newer than the current computer, which was received recently.
     Other,
@@ -129,8 +124,8 @@ impl Boots {
             });
         }
     }
-    /// Records a reply of this boot to a request sent at `asked`. Returns true if it is the former computer, assumed to
-    /// have ended: its supposed restart is then another computer, and the former must become current again.
+    /// Records a reply of this boot to a request sent at `asked`. Returns true if it is the former computer:
+    /// its supposed restart is then another computer, and the former must become current again.
     pub fn returns(&mut self, now: Time<DroneClock>, boot: u32, asked: Time<DroneClock>) -> bool {
         let Some(current) = self
             .current
@@ -179,8 +174,7 @@ impl SequenceOrder {
             Some(n) => Ok(sequence - n),
         }
     }
-    /// Sequence numbers since the newest admitted message, for messages that may overtake one another; rejects repeated
-    /// messages, and messages that are more than 64 older.
+    /// Like [`Self::advance`] for messages that may overtake one another; rejects those over 64 older.
     pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match (self.advance(sequence), self.newest) {
             (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {
@@ -258,8 +252,7 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.observe(at(1.0), 8);
-        // This message was already under way when the other computer was first received, so the current one may have
-        // ended in the meantime.
+        // Sent before the other computer was first received, so the current one may have ended since.
         b.received(at(1.2), at(0.9));
         assert_eq!(b.second(at(1.2)), None);
         b.received(at(1.3), at(1.1));
@@ -282,7 +275,7 @@ mod tests {
         b.adopt(at(0.0), 7);
         assert_eq!(b.observe(at(2.0), 8), Boot::Next);
         b.adopt(at(2.0), 8);
-        // A reply to an earlier request may have been under way.
+        // The reply may have been sent before the restart.
         assert!(!b.returns(at(2.4), 7, at(1.9)));
         assert!(b.returns(at(2.6), 7, at(2.5)));
         assert_eq!(

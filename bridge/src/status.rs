@@ -11,7 +11,6 @@ use crate::config::BridgeConfig;
 
 #[derive(Clone, Debug)]
 pub(crate) struct StatusReport {
-    /// Maximum duration of a disarm, s.
     pub(crate) disarm_s: f64,
     pub(crate) mission: Option<MissionState>,
     pub(crate) drone: Option<DroneState>,
@@ -36,7 +35,7 @@ impl Default for StatusReport {
 }
 
 impl StatusReport {
-    /// Status, when due. None before the mission publishes: a placeholder state would make the vessel free the deck.
+    /// Status when due; None before the mission publishes, because a placeholder would free the deck.
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,

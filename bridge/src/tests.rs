@@ -64,7 +64,6 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: RadioTopic, m: &T) -> Stamped
         },
     )
 }
-/// Estimate with all fields as sent.
 fn estimate_packet(arrival: f64, m: &VesselEstimate<VesselClock>) -> Stamped<DroneClock, Packet> {
     packet(arrival, RadioTopic::Estimate, &EstimateUpdate::whole(m))
 }
@@ -89,8 +88,7 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
     step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
-/// Bridge whose clock has converged over `seconds` of exchanges, and the time at their end. `delays` are those of
-/// request and reply in each step of 10 ms.
+/// Bridge after `seconds` of exchanges, and the time then; `delays` of request and reply per 10 ms step.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
@@ -220,7 +218,6 @@ fn bridge_restarted_vessel() {
     let (mut b, now) = converged(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
-    // A computer that is still received has not restarted.
     assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
     let now = now + 0.6;
     assert!(admitted(&mut b, now, &estimate(2, 17, vessel(now - 0.05))).is_some());
@@ -286,7 +283,7 @@ fn second_computer_with_the_vessels_identity() {
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
-    // The same applies during an outage of the current computer's radio that lasts as long as any descent.
+    // It stays second in a radio outage of the current computer, even one as long as a descent.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));
@@ -301,7 +298,7 @@ fn second_computer_with_the_vessels_identity() {
 #[test]
 fn second_computer_first_received_in_an_outage() {
     let (mut b, now) = converged(0.05, 0.05, 5);
-    // The second computer counts as the vessel's restart until the current computer replies.
+    // The second computer counts as a restart of the vessel until the current computer replies.
     let passed = next_to_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
     assert!(passed.iter().any(|(_, boot)| *boot == 2));
     assert!(
@@ -354,7 +351,6 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     r.received_at = behind(t + 0.05);
     t += 0.1;
     step(&mut b, t, vec![packet(t, RadioTopic::TimeReply, &r)]);
-    // Its estimates are then admitted with correct times.
     let now_dated = admitted(&mut b, t, &e(1, t)).unwrap();
     assert!((now_dated.header.at.secs() - (t - 0.05)).abs() < 0.01);
 }
@@ -441,7 +437,6 @@ proptest! {
         for (k, seq) in order.iter().enumerate() {
             let now = start + 0.5 + 0.002 * k as f64;
             let m = estimate(1, *seq, vessel(start + 0.01 * f64::from(*seq)));
-            // Each packet arrives twice.
             let p = estimate_packet(now, &m);
             sent += 2;
             if let Some(e) = step(&mut b, now, vec![p.clone(), p]).estimate {

@@ -82,7 +82,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Commands of optional features, and the feature of each.
+/// Commands of optional features, with the feature.
 const FEATURES: [(&str, &str); 7] = [
     ("calibrate", "calibrate"),
     ("land", "lab"),
@@ -96,7 +96,7 @@ const FEATURES: [(&str, &str); 7] = [
 /// Line below the help of each command with the flags of a scene.
 const SCENE: &str = "Scene (--sea, --wind, --hull, --vessel and more): alight help scene";
 
-/// Hides the flags of a scene, which `alight help scene` prints, and makes `--help` print the short help.
+/// Hides the flags of a scene, which `alight help scene` prints; makes `--help` print the short help.
 fn brief(command: Clap) -> Clap {
     let is_scene = command.get_name() == "scene";
     let groups = command
@@ -145,8 +145,8 @@ fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
     command
 }
 
-/// Text of a range error with a readable range: from "error: invalid value '6' for '--sea-state
-/// <1..5>': 6 is not in 1..=5".
+/// Text of a range error with a readable range: from "error: invalid value '6' for '--sea-state <1..5>': 6 is
+/// not in 1..=5".
 fn readable_range(text: &str) -> Option<String> {
     let (before, rest) = text.split_once(" is not in ")?;
     let (range, after) = rest.split_once('\n').unwrap_or((rest, ""));
@@ -357,7 +357,6 @@ pub enum AlightCommand {
     },
 }
 
-/// Parts of a replay that the laboratory provides.
 const LABORATORY: Laboratory<'static> = {
     #[cfg(feature = "lab")]
     let laboratory = Laboratory {
@@ -419,7 +418,7 @@ impl AlightCommand {
     }
 }
 
-/// Adds the values of the flags to the synopsis of each manual page; clap_mangen leaves them out.
+/// Adds the values of the flags to the synopsis of each manual page; clap_mangen omits them.
 fn name_values(command: &Clap, directory: &Path) -> std::io::Result<()> {
     let name = command.get_display_name().unwrap_or(command.get_name());
     let path = directory.join(format!("{name}.1"));

@@ -1,8 +1,8 @@
 //! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
-//! The command line ([`cli`]) on four libraries: `alight-computer` (the processes of vessel and drone), `alight-people`
-//! (user interfaces), `alight-plugins` (ROS 2, Signal K, calibration) and `alight-lab` (simulation and experiments),
-//! which the packages leave out.
+//! The command line ([`cli`]) on four libraries: `alight-computer` (the processes of vessel and drone),
+//! `alight-people` (user interfaces), `alight-plugins` (ROS 2, Signal K, calibration) and `alight-lab`
+//! (simulation and experiments), which the packages omit.
 
 mod cli;
 

@@ -16,12 +16,11 @@ use crate::time::{Clock, Span, Time};
 
 /// Rate of the input states, Hz.
 pub const RATE_HZ: f64 = 20.0;
-/// Averaging time of the specific force, s: a shorter slide moves the drone by centimetres, and a platform that rocks
-/// quickly has only such slides.
+/// Averaging time of the specific force, s; shorter slides move the drone only by centimetres.
 const MEAN_S: f64 = 1.0;
-/// Maximum time between two estimates for computing an acceleration, s.
+/// Maximum time between two estimates for an acceleration, s.
 const MAX_GAP_S: f64 = 0.3;
-/// Minimum normal force for computing a slope, m/s².
+/// Minimum normal force for a slope, m/s².
 const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
 
 /// Mean specific force of the deck and its steepest slope per window.
@@ -57,8 +56,8 @@ impl<C: Clock> ApparentSlope<C> {
         let velocity = Vector3::new(vn, ve, vd) + spin.cross(&(attitude * e.deck_centre()));
         self.push(e.header.at, &attitude, velocity);
     }
-    /// Adds the deck's attitude (NED from deck) and the velocity of its centre, m/s. The acceleration is the difference
-    /// of velocities, because a filter's acceleration contains only modelled motion.
+    /// Adds the deck's attitude (NED from deck) and the velocity of its centre, m/s, whose differences give
+    /// the acceleration: a filter's acceleration contains only modelled motion.
     pub fn push(&mut self, at: Time<C>, attitude: &UnitQuaternion<f64>, velocity: Vector3<f64>) {
         let before = self.before.replace((at, velocity));
         let Some((dt, old)) = before.map(|(t, v)| ((at - t).secs(), v)) else {
@@ -134,8 +133,7 @@ mod tests {
     use crate::time::VesselClock;
     use crate::vessel_model::{ROLL, SWAY};
 
-    /// A vessel that rolls by `amplitude` sin(omega t), with the deck at its reference point. If `with` is 1, it
-    /// accelerates sideways like the sloping water under it; if 0, it does not.
+    /// Vessel that rolls by `amplitude` sin(omega t) and, if `with` is 1, accelerates with the sloping water.
     fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope<VesselClock> {
         let mut f = ApparentSlope::default();
         for k in 0..(seconds * RATE_HZ) as u32 {
@@ -147,7 +145,6 @@ mod tests {
             };
             e.eta[ROLL] = amplitude * s;
             e.eta_dot[ROLL] = (amplitude * omega * c) as f32;
-            // With starboard down, the water accelerates to starboard by g tan(roll).
             e.eta_dot[SWAY] = (-with * GRAVITY * amplitude * c / omega) as f32;
             f.update(&e);
         }

@@ -33,7 +33,7 @@ pub enum Severity {
 pub struct Parameter {
     /// Name in the autopilot.
     pub name: &'static str,
-    /// Unit with a leading space, or empty.
+    /// Unit after a space, or empty.
     pub unit: &'static str,
     /// Requirement on the value.
     pub wanted: Wanted,
@@ -43,11 +43,11 @@ pub struct Parameter {
     pub why: &'static str,
 }
 
-/// Number of unanswered requests after which the autopilot counts as lacking a parameter.
+/// Unanswered requests after which the autopilot is assumed to lack a parameter.
 pub const REQUESTS: u32 = 10;
 
-/// PX4's parameters. The failsafes for lost links, battery, fence and return assume a home that is a boat: it has left
-/// the position where home was set, and landing there means landing on water.
+/// PX4's parameters. After a lost link, at low battery or outside the fence, it must not fly to the home
+/// position or land there: the boat has left it, and home is water.
 ///
 /// Source: PX4's parameter reference (main): Commander, Geofence, Return Mode.
 pub const PX4: &[Parameter] = &[
@@ -85,14 +85,14 @@ pub const PX4: &[Parameter] = &[
         unit: "",
         wanted: Wanted::Is(1.0, "Hold"),
         severity: Severity::Warn,
-        why: "when the remote control is lost it goes where the boat was, or lands on the water",
+        why: "when the remote control is lost it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "NAV_DLL_ACT",
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Hold")]),
         severity: Severity::Warn,
-        why: "when the ground station is lost it goes where the boat was, or lands on the water",
+        why: "when the ground station is lost it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "COM_LOW_BAT_ACT",
@@ -113,7 +113,7 @@ pub const PX4: &[Parameter] = &[
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "nothing"), (1.0, "Warning"), (2.0, "Hold")]),
         severity: Severity::Warn,
-        why: "beyond its fence it goes where the boat was, or lands on the water",
+        why: "beyond its fence it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "RTL_LAND_DELAY",
@@ -122,7 +122,7 @@ pub const PX4: &[Parameter] = &[
         severity: Severity::Warn,
         why: "a return must end in a hover until the pilot or Alight takes over: home may be water",
     },
-    // Consistency checks of redundant sensors that fail on a rocking deck with the defaults.
+    // With the defaults, checks of redundant sensors fail on a rocking deck.
     Parameter {
         name: "COM_ARM_IMU_ACC",
         unit: " m/s²",
@@ -146,8 +146,7 @@ pub const PX4: &[Parameter] = &[
     },
 ];
 
-/// ArduCopter's parameters. Their failsafes for lost links, battery, fence and return assume a home that is a boat,
-/// like PX4's.
+/// ArduCopter's parameters, with the same failsafes as [`PX4`].
 ///
 /// Source: ArduPilot's `ArduCopter/Parameters.cpp`, `AC_AttitudeControl_Multi.cpp`, `AP_BattMonitor_Params.cpp`,
 /// `AC_Fence.cpp`, `AP_InertialSensor.cpp`, `AP_NavEKF_Source.cpp`.
@@ -178,14 +177,14 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "nothing"), (7.0, "Brake")]),
         severity: Severity::Warn,
-        why: "when the remote control is lost it goes where the boat was, or lands on the water",
+        why: "when the remote control is lost it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "FS_GCS_ENABLE",
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "nothing"), (7.0, "Brake")]),
         severity: Severity::Warn,
-        why: "when the ground station is lost it goes where the boat was, or lands on the water",
+        why: "when the ground station is lost it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "BATT_MONITOR",
@@ -199,14 +198,14 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: "",
         wanted: Wanted::Is(0.0, "nothing"),
         severity: Severity::Warn,
-        why: "on a low battery it goes where the boat was, or lands on the water, before Alight has chosen a place",
+        why: "on a low battery it flies to where the boat was, or lands on the water, before Alight has chosen a place",
     },
     Parameter {
         name: "BATT_FS_CRT_ACT",
         unit: "",
         wanted: Wanted::Is(1.0, "Land"),
         severity: Severity::Warn,
-        why: "on a critical battery, if Alight has failed, it hovers until it falls or goes where the boat was",
+        why: "on a critical battery, if Alight has failed, it hovers until it falls or flies to where the boat was",
     },
     Parameter {
         name: "BATT_CRT_VOLT",
@@ -220,7 +219,7 @@ pub const ARDU_COPTER: &[Parameter] = &[
         unit: "",
         wanted: Wanted::OneOf(&[(0.0, "report"), (4.0, "Brake")]),
         severity: Severity::Warn,
-        why: "beyond its fence it goes where the boat was, or lands on the water",
+        why: "beyond its fence it flies to where the boat was, or lands on the water",
     },
     Parameter {
         name: "RTL_ALT_FINAL",
@@ -307,16 +306,16 @@ impl fmt::Display for Described {
             return Ok(());
         }
         match p.wanted {
-            Wanted::Within(low, high) if high.is_infinite() => write!(f, ", at least {low}{unit}")?,
-            Wanted::Within(low, high) => write!(f, ", {low} to {high}{unit}")?,
-            Wanted::Is(wanted, name) => write!(f, ", {wanted} ({name})")?,
+            Wanted::Within(low, high) if high.is_infinite() => write!(f, "; at least {low}{unit}")?,
+            Wanted::Within(low, high) => write!(f, "; {low} to {high}{unit}")?,
+            Wanted::Is(wanted, name) => write!(f, "; {wanted} ({name})")?,
             Wanted::OneOf(values) => {
                 for (k, (wanted, name)) in values.iter().enumerate() {
-                    let before = if k == 0 { "," } else { " or" };
+                    let before = if k == 0 { ";" } else { " or" };
                     write!(f, "{before} {wanted} ({name})")?;
                 }
             }
-            Wanted::Bits(bits) => write!(f, ", one with {bits} added")?,
+            Wanted::Bits(bits) => write!(f, "; one with {bits} added")?,
         }
         write!(f, " is needed: {}", p.why)
     }
@@ -373,15 +372,15 @@ mod tests {
         let text = |name: &str, value| named(name).describe(value).to_string();
         assert_eq!(
             text("COM_OF_LOSS_T", 1.0),
-            "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed: the drone keeps descending for this time after the last \
+            "COM_OF_LOSS_T is 1 s; 0.1 to 0.5 s is needed: the drone keeps descending for this time after the last \
              set-point"
         );
         assert!(
-            text("MPC_ACC_UP_MAX", 4.0).starts_with("MPC_ACC_UP_MAX is 4 m/s², at least 8 m/s² is needed")
+            text("MPC_ACC_UP_MAX", 4.0).starts_with("MPC_ACC_UP_MAX is 4 m/s²; at least 8 m/s² is needed")
         );
-        assert!(text("COM_OBL_RC_ACT", 0.0).contains("is 0, 5 (Hold) is needed"));
+        assert!(text("COM_OBL_RC_ACT", 0.0).contains("is 0; 5 (Hold) is needed"));
         assert!(text("GUID_OPTIONS", 1.0).contains("one with 8 added"));
-        assert!(text("NAV_DLL_ACT", 2.0).contains("NAV_DLL_ACT is 2, 0 (nothing) or 1 (Hold) is needed"));
+        assert!(text("NAV_DLL_ACT", 2.0).contains("NAV_DLL_ACT is 2; 0 (nothing) or 1 (Hold) is needed"));
         assert_eq!(text("GUID_TIMEOUT", f64::from(0.3_f32)), "GUID_TIMEOUT is 0.3 s");
     }
 

@@ -1,8 +1,7 @@
 //! Bus between the rows of a computer, and wiring of nodes to it. A row is a node with its ports, run by one process.
 //!
-//! Each node declares its wiring once with [`wiring!`]: the topics that it reads (the newest message, or all messages),
-//! those that it writes, those that wake it, and the checkpoint that outlives its process. Another crate implements the
-//! [`Bus`] that carries the topics.
+//! Each node declares its wiring once with [`wiring!`]: topics that it reads (newest or all messages),
+//! writes, and wakes at, and its checkpoint. The [`Bus`] is implemented in another crate.
 
 mod absent;
 
@@ -19,7 +18,7 @@ use crate::topics::{self, Topic};
 
 /// Transport of topics between the rows of a computer.
 pub trait Bus {
-    /// Error when a port cannot be opened.
+    /// Error of opening a port.
     type Error;
     /// Reader of messages `M`.
     type Reader<M: Plain>: Reader<M>;
@@ -38,7 +37,7 @@ pub trait Bus {
 
 /// Reads messages `M` in the order in which they were sent.
 pub trait Reader<M> {
-    /// Newest message since the last read, if any; `now_ns` is on the clock of the messages' stamps.
+    /// Newest message since the last read, if any; `now_ns` is on the clock of the messages.
     fn newest(&mut self, now_ns: i64) -> Option<M>;
     /// All messages since the last read, at most as many as the topic's buffer holds.
     fn all(&mut self, now_ns: i64) -> Vec<M>;
@@ -73,9 +72,9 @@ pub trait Wired: Node<In: Recorded + Clone + DeserializeOwned, Out: Recorded> + 
     /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
 
-    /// Passes the parts of an input that come from topics to `each`. Each part is an `Option` or a `Vec` of messages.
+    /// Passes each part of an input that comes from a topic to `each`: an `Option` or a `Vec` of messages.
     fn read_parts(input: &mut Self::In, each: &mut dyn FnMut(&mut dyn Any));
-    /// Passes the parts of an output that go to topics to `each`. Each part is a collection of messages.
+    /// Passes each part of an output that goes to a topic to `each`: a collection of messages.
     fn written_parts(out: &Self::Out, each: &mut dyn FnMut(&dyn Any));
 }
 
@@ -100,8 +99,8 @@ pub trait Ports<B: Bus>: Sized {
     fn unsent(&self) -> u64;
 }
 
-/// Checkpoint topic of a node. A node reads its predecessor's checkpoint until it first writes its own. After that it
-/// stops reading, because it would read its own checkpoint back.
+/// Checkpoint topic of a node, which reads its predecessor's checkpoint until it first writes its own, to
+/// avoid reading that back.
 pub struct Saved<B: Bus, M: Plain> {
     own: B::Writer<M>,
     predecessor: Option<B::Reader<M>>,
@@ -135,8 +134,7 @@ impl<B: Bus, M: Plain> Saved<B, M> {
 pub trait Edge<N: Wired> {
     /// Adds data from outside since the last step to the input of the next one.
     fn read(&mut self, _input: &mut N::In) {}
-    /// Sends a step's output to the outside and to the row's ports. Returns whether it contained anything besides the
-    /// checkpoint.
+    /// Sends a step's output to the outside and to the ports. Returns whether it was more than a checkpoint.
     fn write<B: Bus>(&mut self, _input: &N::In, out: &mut N::Out, ports: &mut N::Ports<B>) -> bool {
         ports.write(out)
     }
@@ -165,7 +163,7 @@ pub struct RowStep<N: Node> {
     pub took: Span,
     /// The step sent something besides the checkpoint.
     pub worked: bool,
-    /// Input of the step.
+    /// Input of this step.
     pub input: N::In,
     /// Output of the step.
     pub out: N::Out,
@@ -217,8 +215,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
     pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
         let mut input = self.ports.read(clock().nanos());
         edge.read(&mut input);
-        // The clock is read after the messages, so that a step is never earlier than a message that it consumes, even
-        // if the process was delayed in between.
+        // After the messages, so that no step precedes its input, even if the process was delayed in between.
         let at = clock();
         self.stepped = Some(at);
         let mut out = self.node.step(at, &input);
@@ -242,8 +239,7 @@ pub struct ReadCounts {
     missed: u64,
     /// Boot and sequence of the newest message.
     order: Option<(u32, u32)>,
-    /// Bit mask of the newest message (lowest bit) and its predecessors. A bit is set if the message was read, or
-    /// precedes the first message.
+    /// Bit mask of the newest message (lowest bit) and its predecessors; set if read, or before the first.
     read: u64,
     newest_ns: Option<i64>,
 }
@@ -271,7 +267,7 @@ impl ReadCounts {
                 self.missed += ahead as u64 - 1;
                 self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
-            // A message that was counted as missed because others overtook it, or a repeated message.
+            // A message counted as missed because others overtook it, or a repeated message.
             Some(behind @ -63..=0) => {
                 let own = 1 << -behind;
                 self.missed -= u64::from(self.read & own == 0);
@@ -282,7 +278,7 @@ impl ReadCounts {
         }
         self.order = order;
     }
-    /// Counts for a report; `now_ns` is on the clock of the messages' stamps.
+    /// Counts for a report; `now_ns` is on the clock of the messages.
     pub fn state(&self, now_ns: i64) -> InputState {
         let index = topics::ALL.iter().position(|t| t.name == self.topic.name);
         InputState {
@@ -297,8 +293,8 @@ impl ReadCounts {
     }
 }
 
-/// Declares a computer: its rows in the order of the data flow. Each row gives a node with a declared wiring, the
-/// process that runs it, and an expression that creates the node for a start with a boot id.
+/// Declares a computer: its rows in the order of the data flow, each with a node, the process that runs it,
+/// and an expression that creates the node for a start with a boot id.
 ///
 /// ```ignore
 /// computer! {
@@ -324,7 +320,7 @@ macro_rules! computer {
             $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
         }
         impl<B: $crate::bus::Bus> Default for $computer<B> {
-            /// Computer without running processes.
+            /// Computer whose processes do not run.
             fn default() -> Self {
                 $computer { $($row: None,)* }
             }
@@ -418,8 +414,8 @@ pub use crate::readers;
 /// }
 /// ```
 ///
-/// Inputs from an edge (packets, frames of a link) stay empty and are filled by the owner of the edge. `edge` and
-/// `saves` are optional. The code does not compile if a field of the input is not named.
+/// Inputs from an edge (packets, frames) stay empty for its owner. `edge` and `saves` are optional. Every
+/// field of the input must be named.
 #[macro_export]
 macro_rules! wiring {
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
@@ -613,7 +609,7 @@ mod tests {
         let again = ports.read(0);
         assert!(again.plan_in.is_none() && again.ranges.is_empty());
 
-        // The checkpoint is written first. From then on, the predecessor's checkpoint is not read any more.
+        // From the first checkpoint written, the predecessor's is not read any more.
         assert!(!ports.write(&Out {
             kept: Some(MissionCheckpoint::default()),
             ..Out::default()

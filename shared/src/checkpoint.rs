@@ -15,9 +15,9 @@ use crate::time::{DroneClock, Span, Time};
 use crate::topics;
 use crate::wire::{self, WireError};
 
-/// Timeout for the stored checkpoint: 15 periods of its publisher.
+/// Timeout for the stored checkpoint: 15 of its periods.
 const TIMEOUT: Span = Span::from_millis(300);
-/// Maximum lead of a checkpoint over its reader's clock.
+/// Maximum time of a checkpoint ahead of its reader's clock.
 const AHEAD: Span = Span::from_millis(50);
 
 /// Reason for rejecting a checkpoint.
@@ -55,8 +55,7 @@ pub struct Recovery<M> {
 }
 
 impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
-    /// Takes the checkpoint `given` to the node with this `boot`. Returns true once one has arrived or the wait has
-    /// timed out.
+    /// Takes the checkpoint `given` to the node with this `boot`. Returns true on arrival or timeout.
     pub fn poll(&mut self, now: Time<DroneClock>, boot: u32, given: Option<&M>) -> bool {
         self.answer = given.filter(|m| m.header().boot != boot).copied().or(self.answer);
         self.answer.is_some() || self.waited(now) >= TIMEOUT
@@ -148,8 +147,7 @@ impl File {
     }
 }
 
-/// Content of a file that outlives a process: `kept` in this layout, with its owner (boot of the computer, or vessel)
-/// and a checksum.
+/// File that outlives a process: `kept`, its layout and owner (boot or vessel), and a checksum.
 pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u8>, WireError> {
     let mut file = File {
         version: (layout, MESSAGE_VERSION),
@@ -204,8 +202,7 @@ impl CheckpointStore {
     pub fn is_empty(&self) -> bool {
         self.predictor.get().is_none() && self.mission.get().is_none() && self.link.get().is_none()
     }
-    /// Content of the file. The checkpoints' times are on the computer's steady clock, which restarts at each boot;
-    /// `computer_boot` identifies this boot.
+    /// Content of the file. The clock of the checkpoints restarts at each boot; `computer_boot` names it.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
         to_file(FILE_VERSION, computer_boot, &self.checkpoints())
     }
@@ -268,7 +265,6 @@ impl<B: Bus> Republisher<B> {
     }
 }
 
-/// Checkpoint of one node on the bus.
 struct Republished<B: Bus, M: Plain> {
     nodes: B::Reader<M>,
     own: B::Writer<M>,
@@ -330,7 +326,7 @@ mod tests {
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
-    /// The purpose of a flight outlives a reboot with any new clock, but does not count as a fresh checkpoint.
+    /// After a reboot, with any new clock, the purpose of the flight remains, but is no fresh checkpoint.
     #[test]
     fn store_after_a_reboot() {
         assert!(store().lasting().is_empty());
@@ -356,7 +352,6 @@ mod tests {
         for now in [0.1, 3.0, 1000.0].map(at) {
             assert_eq!(validate(now, 1, &kept), Err(CheckpointRejection::Age));
         }
-        // A newer checkpoint of the same boot has priority.
         assert!(k.take(at(1.0), Some(&mission(7, 1.0))));
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }

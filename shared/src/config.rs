@@ -1,5 +1,5 @@
-//! Typed configuration in TOML with units in key names. Unknown keys are rejected, values are checked against their
-//! allowed range, and errors name key, value and range.
+//! Typed configuration in TOML with units in key names. Unknown keys and values out of range are rejected
+//! with an error that names key, value and range.
 
 mod whole;
 
@@ -45,9 +45,9 @@ pub enum ConfigError {
 
 /// Configuration table whose values can be checked and whose keys can be described.
 pub trait Check {
-    /// Tables of former versions by their dotted names, with their replacement.
+    /// Tables of former versions by dotted name, with their replacements.
     const FORMER: &'static [(&'static str, &'static str)] = &[];
-    /// Checks every value; `at` holds the dotted path of this table.
+    /// Checks every value of this table at the path `at`.
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError>;
     /// Inserts the meaning of each key (including unit and source) under its dotted name.
     fn describe(_at: &Keys<'_>, _keys: &mut BTreeMap<String, String>)
@@ -96,8 +96,8 @@ impl<T: InRange> InRange for Option<T> {
     }
 }
 
-/// Declares a configuration table: for each key its meaning, unit and source (the doc comment), type, default and
-/// range. Generates the struct, `Default`, [`Check`] and serde's traits; undeclared keys are rejected.
+/// Declares a configuration table: for each key its meaning, unit and source (the doc comment), type, default
+/// and range. Generates the struct, `Default`, [`Check`] and serde's traits.
 ///
 /// ```
 /// alight_shared::config! {
@@ -229,14 +229,14 @@ impl<'a> Keys<'a> {
             allowed: format!("{low} to {high}"),
         })
     }
-    /// Checks every item of a list against a range.
+    /// Checks every item of a list.
     pub fn ranges(&self, key: &str, values: &[f64], low: f64, high: f64) -> Result<(), ConfigError> {
         values
             .iter()
             .enumerate()
             .try_for_each(|(i, v)| self.range(&format!("{key}[{i}]"), *v, low, high))
     }
-    /// Checks another condition, with the allowed values as text.
+    /// Checks another condition; `allowed` describes the allowed values.
     pub fn require(
         &self,
         ok: bool,
@@ -255,8 +255,8 @@ impl<'a> Keys<'a> {
     }
 }
 
-/// Parses and checks a configuration; `origin` names the text in errors. A list longer than its type is an error with
-/// the key's meaning, and a table of a former version is an error with its replacement.
+/// Parses and checks a configuration; `origin` names it in errors. A list longer than its type is an error
+/// with the key's meaning; a former table, one with its replacement.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let meaning = |key: &str| {
         let mut meanings = BTreeMap::new();
@@ -282,7 +282,7 @@ pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T,
     Ok(config)
 }
 
-/// Reads TOML without a table declaration, as strictly: a list longer than its type is an error.
+/// Reads TOML without a declared table; a list longer than its type is an error.
 pub fn read<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     whole::read(text, origin, |_| None)
 }
@@ -301,7 +301,7 @@ pub fn commented<T: Serialize + Check>(config: &T) -> Result<String, toml::ser::
     commented_keys(config, &|_| true)
 }
 
-/// Keys of a configuration whose dotted names are in `wanted`, as TOML with the meaning of each above it.
+/// Keys whose dotted names are in `wanted`, as TOML with the meaning of each above it.
 pub fn commented_keys<T: Serialize + Check>(
     config: &T,
     wanted: &dyn Fn(&str) -> bool,
@@ -316,7 +316,7 @@ pub fn commented_keys<T: Serialize + Check>(
     Ok(out)
 }
 
-/// Writes simple keys first, then the tables below, as TOML requires.
+/// Writes simple keys before tables, as TOML requires.
 fn write_table(
     table: &Table,
     path: &str,

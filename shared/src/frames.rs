@@ -1,9 +1,8 @@
 //! Typed frames: a vector, point or rotation carries its frame, and mixing frames does not compile.
 //!
-//! World frames are north, east, down about an origin ([`Datum`]). Alight has three: [`VesselNed`] starts at the
-//! vessel's first GNSS fix and [`DroneNed`] at the origin of the drone's autopilot, each displaced by its own GNSS
-//! error of a metre or more; [`TrueNed`] exists only in the simulated world. Body frames are FRD (forward, right,
-//! down).
+//! World frames are north, east, down about an origin ([`Datum`]): [`VesselNed`] at the vessel's first GNSS
+//! fix and [`DroneNed`] at the origin of the drone's autopilot, each displaced by its own GNSS error of a
+//! metre or more, and [`TrueNed`] in the simulated world only. Body frames are FRD (forward, right, down).
 //!
 //! ```compile_fail
 //! use alight_shared::frames::{Vector, VesselNed, DroneNed};
@@ -39,8 +38,7 @@ frames! {
     TrueNed = "true NED";
     /// The vessel's body, FRD, origin at its reference point (midships on the waterline at rest).
     VesselBody = "vessel FRD";
-    /// Vessel-parallel frame: horizontal, rotated by the heading, origin at the reference point (Fossen 2011, section
-    /// 7.5.3).
+    /// Vessel-parallel frame: horizontal, rotated by the heading, origin as above (Fossen 2011, 7.5.3).
     VesselParallel = "vessel-parallel";
     /// The landing deck, FRD, origin at the centre of its upper surface.
     Deck = "deck FRD";
@@ -197,8 +195,7 @@ impl<A, B, C> Mul<Rotation<B, C>> for Rotation<A, B> {
     }
 }
 
-/// Rotation from camera to body for a camera that looks down with aligned axes: camera x is body y, camera y is body
-/// -x, camera z is body z.
+/// Rotation from a downward camera with aligned axes to the body: camera x, y, z are body y, -x, z.
 pub fn body_from_camera() -> Matrix3<f64> {
     Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
@@ -210,8 +207,7 @@ pub fn wrap_angle(a: f64) -> f64 {
     if w <= -PI { PI } else { w }
 }
 
-/// Euler-angle rates from body rates: `T(phi, theta)` of Fossen 2011, eq. 2.28 (rad/s). Singular at pitch +-90 deg,
-/// where the cosine is limited to 1e-3.
+/// Euler-angle rates from body rates: `T(phi, theta)` of Fossen 2011, eq. 2.28 (rad/s); cos(pitch) >= 1e-3.
 pub fn euler_rates(roll: f64, pitch: f64, body: Vector3<f64>) -> Vector3<f64> {
     let (sr, cr) = roll.sin_cos();
     let cp = if pitch.cos().abs() < 1e-3 {

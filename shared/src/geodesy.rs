@@ -8,13 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::Vector;
 
-/// Semi-major axis, m (WGS-84).
 const A: f64 = 6_378_137.0;
-/// Flattening (WGS-84).
 const F: f64 = 1.0 / 298.257_223_563;
-/// First eccentricity squared.
 const E2: f64 = F * (2.0 - F);
-/// Iterations for a latitude. Each reduces the error by a factor of 1 / `E2` = 150; these reach the last bit.
+/// Iterations for a latitude: each reduces the error by 1 / `E2` = 150; these reach the last bit.
 const ITERATIONS: usize = 8;
 
 /// Speed of one knot, m/s: one nautical mile per hour.
@@ -43,15 +40,15 @@ impl Datum {
         }
     }
 
-    /// Whether it is on or near the Earth.
+    /// Whether the position is on or near the Earth.
     pub fn is_on_earth(&self) -> bool {
         // NaN compares false.
         self.latitude_deg.abs() <= 90.0 && self.longitude_deg.abs() <= 360.0 && self.height_m.abs() <= 1e4
     }
 
-    /// Position of `other` in the local frame with this origin, m: north and east in the tangent plane, via ECEF; down
-    /// from the heights above the ellipsoid. Autopilots and GNSS receivers define the height this way: it does not fall
-    /// with the square of the distance (2 m at 5 km) as in a tangent plane. Inverse of [`Datum::at`].
+    /// Position of `other` in the local frame with this origin, m: north and east in the tangent plane, via
+    /// ECEF; down by the heights above the ellipsoid, as autopilots and GNSS receivers define it, without the
+    /// tangent plane's fall (2 m at 5 km). Inverse of [`Datum::at`].
     pub fn to<F>(&self, other: &Datum) -> Vector<F> {
         if self == other {
             return Vector::zero();
@@ -90,8 +87,8 @@ impl Datum {
         north.y.atan2(north.x)
     }
 
-    /// Local-frame metres, north and east, per map metre of a firmware that models the Earth as a sphere of `radius_m`:
-    /// the ellipsoid's radii of curvature along meridian and parallel (Groves 2013, eq. 2.105 and 2.106) divided by it.
+    /// Local metres, north and east, per map metre of a firmware with a spherical Earth of `radius_m`: radii
+    /// of curvature along meridian and parallel (Groves 2013, eq. 2.105 and 2.106) divided by `radius_m`.
     pub fn metres_per_map_metre(&self, radius_m: f64) -> [f64; 2] {
         let w2 = 1.0 - E2 * self.latitude_deg.to_radians().sin().powi(2);
         let (prime, meridian) = (A / w2.sqrt(), A * (1.0 - E2) / (w2 * w2.sqrt()));
@@ -151,8 +148,7 @@ mod tests {
         Datum::new(70.1, 19.2, 30.0),
     ];
 
-    /// Reference that is independent of ECEF: uses the local radii of curvature, and is accurate to millimetres within
-    /// 100 m.
+    /// Reference without ECEF, by local radii of curvature: accurate to millimetres within 100 m.
     fn by_radii(from: &Datum, to: &Datum) -> Vector3<f64> {
         let lat = (0.5 * (from.latitude_deg + to.latitude_deg)).to_radians();
         let w2 = 1.0 - E2 * lat.sin().powi(2);
@@ -166,8 +162,7 @@ mod tests {
 
     #[test]
     fn known_ecef_coordinates() {
-        // The expected values hold by definition at the equator and the pole. The one in between is from EPSG guidance
-        // note 7-2 (section 4.1.1).
+        // By definition at the equator and the pole; in between by EPSG guidance note 7-2 (section 4.1.1).
         let at = |lat, lon, h| Datum::new(lat, lon, h).ecef();
         assert!((at(0.0, 90.0, 1.0) - Vector3::new(0.0, A + 1.0, 0.0)).norm() < 1e-6);
         assert!((at(90.0, 0.0, 0.0) - Vector3::new(0.0, 0.0, 6_356_752.314_2)).norm() < 1e-3);

@@ -1,20 +1,19 @@
-//! Geoid: mean sea level above the WGS-84 ellipsoid, for receivers that report a height above the sea without their
-//! geoid separation.
+//! Geoid: mean sea level above the WGS-84 ellipsoid, for heights above the sea without a geoid separation.
 //!
-//! `height above the ellipsoid = height above the sea + undulation`. A receiver that does not report its undulation has
-//! used a table of its own. The table is unknown: from EGM96 itself down to 10 by 10 degrees (STANAG 4294, annex A,
-//! interpolated bilinearly), whose errors over 2500 positions between 75 degrees south and north are 3.5 m (rms), 12.6
-//! m (99 %) and 22.5 m (maximum). The stated spread covers this range.
+//! `height above the ellipsoid = height above the sea + undulation`. A receiver that reports no undulation
+//! has used an unknown table: from EGM96 itself down to 10 by 10 degrees (STANAG 4294, annex A, interpolated
+//! bilinearly), whose errors over 2500 positions within 75 degrees of the equator are 3.5 m (rms), 12.6 m (99
+//! %) and 22.5 m (maximum). The stated spread covers these.
 
 use crate::geodesy::Datum;
 
-/// Minimum spread of receivers' tables, m. A table of 5 by 5 degrees has an error of 2.1 m (rms), and models older than
-/// EGM96 are in use (6 m error in the example of one maker's manual). EGM96 itself has an error of 0.5 m
-/// (NASA/TP-1998-206861, section 10), and the mean sea level differs from the geoid by 0.6 m.
+/// Minimum spread of receivers' tables, m. A 5 by 5 degree table has an error of 2.1 m (rms), a model older
+/// than EGM96 up to 6 m (one maker's manual), EGM96 itself 0.5 m (NASA/TP-1998-206861, section 10), and mean
+/// sea level differs from the geoid by 0.6 m.
 const TABLE_SD: f64 = 2.0;
 /// Spacing of the coarsest table in receivers, deg.
 const COARSE_DEG: f64 = 10.0;
-/// Distance within which the last undulation is reused, deg: 0.2 km, over which the steepest geoid rises by 0.1 m.
+/// Distance within which an undulation is reused, deg: 0.2 km, 0.1 m on the steepest geoid.
 const NEAR_DEG: f64 = 0.002;
 
 /// Mean sea level above the ellipsoid.
@@ -22,12 +21,11 @@ const NEAR_DEG: f64 = 0.002;
 pub struct Undulation {
     /// EGM96 to degree 360, m, positive up.
     pub height_m: f64,
-    /// Standard deviation of a receiver's undulation about `height_m`, m. The error is constant while the receiver
-    /// stays there, and does not average out.
+    /// Standard deviation of a receiver's undulation about `height_m`, m; constant, does not average out.
     pub sigma_m: f64,
 }
 
-/// Undulation at a geodetic latitude and longitude, rad. Takes about 5 ms: five series of 65,000 terms.
+/// Undulation at a geodetic latitude and longitude, rad. Takes 5 ms: five series of 65,000 terms.
 pub fn undulation(latitude_rad: f64, longitude_rad: f64) -> Undulation {
     let place = [latitude_rad, longitude_rad].map(f64::to_degrees);
     if !place.iter().all(|v| v.is_finite()) {
@@ -107,7 +105,7 @@ mod tests {
         }
     }
 
-    /// Undulations stated by receivers (GGA, field 11) from their own tables, within three times the stated spread.
+    /// Undulations stated by receivers (GGA, field 11), within three times the stated spread.
     #[test]
     fn undulation_that_receivers_state() {
         for (latitude, longitude, stated) in [
@@ -142,7 +140,7 @@ mod tests {
     #[test]
     fn undulation_along_a_path() {
         let mut geoid = LocalGeoid::default();
-        // A path towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
+        // Towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
         let mut last: Option<f64> = None;
         for k in 0..400 {
             let place = Datum::new(18.6 + 0.00045 * f64::from(k), -66.0, 0.0);

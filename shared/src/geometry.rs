@@ -22,17 +22,15 @@ config! {
         pub length_m: f64 = 2.5, in 0.5..=100.0;
         /// Width across the vessel, m.
         pub width_m: f64 = 1.7, in 0.5..=100.0;
-        /// Fiducial tags, each with id, side_m and centre_m; empty: the tags that `alight tag --suggest` lists for a
-        /// deck of this size.
+        /// Fiducial tags with id, side_m and centre_m; empty: those of `alight tag --suggest` for this deck.
         pub tags: Tags = Tags::new();
-        /// Side of the black square of a single tag that replaces `tags`, m.
+        /// Side of the black square of a single tag in place of `tags`, m.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub tag_side_m: Option<f64> = None, in 0.02..=10.0;
         /// Centre of the single tag relative to the deck's centre, m.
         pub tag_centre_m: [f64; 3] = [0.0, 0.0, 0.0], in -50.0..=50.0;
-        /// Force with which the deck holds a standing drone (net, magnets, suction, latch), down along the deck's
-        /// normal, N; a quarter acts on each foot from its contact on. It increases friction along the deck. 0: a plain
-        /// deck.
+        /// Force with which the deck holds a standing drone (net, magnets, suction, latch), down along its
+        /// normal, N; it increases friction. A quarter acts on each foot in contact. 0: a plain deck.
         pub hold_n: f64 = 0.0, in 0.0..=1e4;
     }
     check |this, at| {
@@ -87,7 +85,7 @@ impl DeckGeometry {
 }
 
 impl DroneGeometry {
-    /// Radius of a sphere about the centre of mass that encloses the drone, m; the rotors of an X frame do not overlap.
+    /// Radius of a sphere about the centre of mass that encloses the drone, m; X-frame rotors do not overlap.
     pub fn body_radius_m(&self) -> f64 {
         let rotors = self.arm_m * (1.0 + core::f64::consts::FRAC_1_SQRT_2);
         let feet = 0.5 * self.feet_span_m[0].hypot(self.feet_span_m[1]);

@@ -10,7 +10,6 @@ pub enum Cut {
 }
 
 impl Cut {
-    /// Returns the line, or counts it as overlong.
     fn line(self, overlong: &mut u64) -> Option<Vec<u8>> {
         match self {
             Cut::Line(line) => Some(line),
@@ -26,7 +25,6 @@ impl Cut {
 #[derive(Clone, Debug)]
 pub struct LineBuffer {
     line: Vec<u8>,
-    /// The line is too long: the rest is dropped.
     overlong: bool,
     max: usize,
 }

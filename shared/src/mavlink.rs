@@ -1,9 +1,8 @@
-//! MAVLink frames: conversion between bytes and payloads. No other module uses the MAVLink crate's reader and writer,
-//! because its releases often break compatibility. Vessel and drone map payloads to their own messages.
+//! MAVLink frames: bytes to payloads and back. No other module uses the MAVLink crate's reader and writer,
+//! whose releases often break compatibility. Vessel and drone map payloads to their own messages.
 //!
-//! Extension fields of MAVLink 2 are read and written by their offset in the payload ([`Fields`], [`Outgoing`]): the
-//! crate's feature for them would add its code generator and the default features of its regular expressions to every
-//! program.
+//! Extension fields of MAVLink 2 are read and written by offset ([`Fields`], [`Outgoing`]): the crate's
+//! feature for them would add its code generator and more of its regular expressions to every program.
 
 mod signing;
 
@@ -20,8 +19,8 @@ pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
 pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
-/// `EKF_STATUS_REPORT`, the only message read from ArduPilot's dialect: its number and CRC_EXTRA. The whole dialect
-/// would be as large as the common one.
+/// `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read: number and CRC_EXTRA. The whole
+/// dialect would be as large as the common one.
 pub const EKF_STATUS_REPORT: (u32, u8) = (193, 71);
 
 /// Common dialect and the ArduPilot messages that are read.
@@ -68,8 +67,7 @@ struct Waiting(VecDeque<u8>);
 
 impl Read for Waiting {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // The reader gets one byte at a time. It then buffers nothing beyond a complete frame, and bytes between frames
-        // can be counted.
+        // One byte at a time: the reader buffers nothing beyond a frame, and bytes in between can be counted.
         match (buffer.first_mut(), self.0.pop_front()) {
             (Some(to), Some(byte)) => {
                 *to = byte;
@@ -116,7 +114,7 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
-    /// Predicate, by number and payload, for messages that are accepted with any signature time.
+    /// Predicate, by number and payload, for messages accepted with any signature time.
     whenever: Option<fn(u32, Fields<'_>) -> bool>,
 }
 
@@ -144,8 +142,7 @@ impl FrameReader {
             ..FrameReader::default()
         }
     }
-    /// Accepts the messages selected by `message` with any signature time: they are accepted despite a wrong clock or a
-    /// possible replay.
+    /// Accepts messages selected by `message` with any signature time, despite a clock error or replay.
     #[must_use]
     pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
         FrameReader {
@@ -291,7 +288,7 @@ pub struct Outgoing {
 }
 
 impl Outgoing {
-    /// Message `id` with CRC_EXTRA `crc` and this payload; trailing zeros are removed.
+    /// Message `id` with CRC_EXTRA `crc` and this payload, without trailing zeros.
     pub fn new(id: u32, crc: u8, mut payload: Vec<u8>) -> Outgoing {
         // MAVLink 2 keeps the first byte even if it is zero.
         payload.truncate(payload.iter().rposition(|b| *b != 0).map_or(1, |k| k + 1));

@@ -104,7 +104,7 @@ names! {
     LongestStep: "longest time between steps",
     LateSteps: "late steps",
     ;
-    // The number of a name is part of the layout: append new names at the end, and increase the message version.
+    // The number of a name is part of the layout: append names at the end and increase the message version.
     DroneSessions: "sessions of drones",
     NewestAsked: "newest messages asked for",
     VesselSession: "sessions of the vessel",
@@ -193,7 +193,7 @@ impl Metric {
     }
 }
 
-/// Human-readable formats get an object of names and values; binary formats get the list unchanged.
+/// Readable formats get an object of names and values, binary formats the list.
 pub(crate) fn serialize<S: Serializer>(metrics: &Metrics, s: S) -> Result<S::Ok, S::Error> {
     if s.is_human_readable() {
         s.collect_map(metrics.iter().map(|m| (m.key(), m.json())))

@@ -2,8 +2,8 @@
 
 use crate::time::{Clock, Time};
 
-/// A node computes: it never waits, reads a clock, opens a socket or draws an unseeded random number. The same node
-/// runs in the lock-step world and as an operating-system process.
+/// A node computes: it never waits, reads a clock, opens a socket or draws an unseeded random number. It runs
+/// in the lock-step world and as an operating-system process.
 pub trait Node {
     /// Clock of the computer it runs on.
     type Clock: Clock;

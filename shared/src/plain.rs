@@ -1,5 +1,4 @@
-//! Plain data for shared memory, with the topic of each type. Transport is implemented in another crate; this module
-//! states which types may be transported.
+//! Plain data that may be transported in shared memory, with each type's topic. Another crate transports it.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;

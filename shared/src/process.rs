@@ -54,7 +54,7 @@ processes! {
     Camera: "camera";
     /// Ultraviolet camera.
     Uvdar: "uvdar";
-    /// Display for people.
+    /// Web page with the display.
     View: "view";
 }
 
@@ -139,7 +139,7 @@ pub struct ProcessState {
 }
 
 impl ProcessState {
-    /// Metric of this name, if present.
+    /// Value of the metric with this name, if present.
     pub fn metric(&self, name: MetricName) -> Option<MetricValue> {
         self.metrics.iter().find(|m| m.name == name).map(|m| m.value)
     }

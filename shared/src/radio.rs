@@ -1,5 +1,4 @@
-//! Radio between the computers: each topic is declared once with sender, reader, urgency, and whether later readers
-//! receive the newest message.
+//! Radio between the computers: topics with sender, reader, urgency, and whether the newest is held.
 
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +39,7 @@ pub struct RadioRow {
     pub to: RadioEnd,
     /// Urgency of the messages.
     pub urgency: Urgency,
-    /// The sender holds the newest message for computers that join later, because it is sent rarely.
+    /// The sender holds the newest message for computers that join later, as it is rare.
     pub held: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Detection, checking and counting of RTCM 3 frames in a byte stream, without decoding.
 //!
-//! A frame consists of the preamble 0xD3, six zero bits, ten bits with the payload length, the payload and its CRC-24Q.
-//! The payload begins with the 12-bit message number; u-blox's 4072 continues with a 12-bit subtype.
+//! A frame: preamble 0xD3, six zero bits, ten bits with the payload length, payload, CRC-24Q. The payload
+//! begins with the 12-bit message number; u-blox's 4072 continues with a 12-bit subtype.
 //! Source: RTCM 10403.3, section 4; u-blox F9 interface description.
 
 use crate::geodesy::Datum;
@@ -26,7 +26,7 @@ pub struct RtcmNumber {
 }
 
 impl RtcmNumber {
-    /// Whether it holds satellite observations (MSM 1 to 7 of each system, and the legacy messages of GPS and GLONASS).
+    /// Whether it holds satellite observations (MSM 1 to 7, and legacy messages of GPS and GLONASS).
     pub fn is_observation(self) -> bool {
         let n = self.message;
         let msm = (1071..=1137).contains(&n) && (1..=7).contains(&(n % 10));
@@ -62,16 +62,16 @@ pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     Some(RtcmNumber { message, subtype })
 }
 
-/// Number of the station of a frame that is not of u-blox's own kind: the twelve bits behind the message's number.
+/// Station number of a frame that is not u-blox's own: the twelve bits after the message number.
 pub fn station(frame: &[u8]) -> Option<u16> {
     let [_, _, _, _, high, low, ..] = *frame else {
         return None;
     };
     Some(u16::from(high & 0x0F) << 8 | u16::from(low))
 }
-/// Place of the antenna's reference point by a frame of 1005 or 1006.
+/// Position of the antenna's reference point in a frame of 1005 or 1006.
 pub fn base_place(frame: &[u8]) -> Option<Datum> {
-    /// Bits before the coordinates, of the payload, and of each coordinate, of 0.1 mm.
+    /// Bit offsets of the coordinates (0.1 mm) in the payload.
     const AT: [usize; 3] = [34, 74, 114];
     const BITS: usize = 38;
     let payload = frame.get(3..)?;
@@ -89,7 +89,7 @@ pub fn base_place(frame: &[u8]) -> Option<Datum> {
     Some(Datum::from_ecef(ecef)).filter(Datum::is_on_earth)
 }
 
-/// Whole frames one after the other, each with its number; None of bytes that are no such.
+/// Whole frames one after the other, each with its number; None if other bytes are in between.
 pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     let (mut all, mut rest) = (Vec::new(), bytes);
     while !rest.is_empty() {
@@ -101,7 +101,7 @@ pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     (!all.is_empty()).then_some(all)
 }
 
-/// Frame around a payload of at most 1023 bytes, whose first twelve bits are the message number.
+/// Frame around a payload of at most 1023 bytes, which begins with the message number.
 pub fn frame(payload: &[u8]) -> Vec<u8> {
     /// CRC-24Q: x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1, from zero.
     const POLYNOMIAL: u32 = 0x186_4CFB;
@@ -123,7 +123,7 @@ pub fn frame(payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Finds frames between other bytes.
+/// Decoder that finds frames between other bytes.
 #[derive(Clone, Debug, Default)]
 pub struct RtcmDecoder {
     /// Bytes of an incomplete frame, starting with its preamble.
@@ -225,7 +225,6 @@ mod tests {
 
     #[test]
     fn damaged_frame_before_a_whole_one() {
-        // Numbers 1077, 4072.1 and 1005 in the first bits of the payloads.
         let payloads: [&[u8]; 3] = [&[0x43, 0x50, 1, 2], &[0xFE, 0x80, 0x01, 9], &[0x3E, 0xD0, 7]];
         let [gps, ublox, base] = payloads.map(frame);
         let mut damaged = gps.clone();

@@ -1,8 +1,7 @@
-//! Message schemas for other programs: JSON Schema (draft 2020-12) generated from the message types and their doc
-//! comments, with the unit and frame stated in a comment or name.
+//! Message schemas for other programs: JSON Schema (draft 2020-12) from the message types and their doc
+//! comments, with the unit and frame from a comment or name.
 //!
-//! `required` lists an object's fields in wire order, and enumerations list variants by number. `format` is the width
-//! of a number.
+//! `required` lists fields in wire order, enumerations list variants by number; `format` is a number's width.
 
 use std::borrow::Cow;
 
@@ -147,7 +146,7 @@ pub enum SchemaKind<'a> {
 }
 
 impl<'a> SchemaKind<'a> {
-    /// Encoding described by a schema. For an optional value, this is the encoding of the value itself.
+    /// Encoding described by a schema; for an optional value, that of the value.
     pub fn of(schema: &'a Object) -> SchemaKind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),

@@ -9,7 +9,7 @@ use crate::wire::{self, WireError};
 
 /// Input or output of a step.
 pub trait Recorded: Any {
-    /// Appends the value to `to` as a record. Returns an error if the record is longer than [`wire::MAX_RECORD_BYTES`].
+    /// Appends the value to `to` as a record; an error if longer than [`wire::MAX_RECORD_BYTES`].
     fn append(&self, to: &mut Vec<u8>) -> Result<(), WireError>;
 }
 
@@ -21,9 +21,9 @@ impl<T: Serialize + Any> Recorded for T {
 
 /// The parts of a step that are messages of topics.
 pub trait Parts {
-    /// The input with `change` applied to each part that a topic brought, an `Option` or a `Vec` of messages.
+    /// Input with `change` applied to each part from a topic, an `Option` or a `Vec` of messages.
     fn input_with(&self, change: &mut dyn FnMut(&mut dyn Any)) -> Box<dyn Recorded>;
-    /// Shows each part of the output that goes to a topic.
+    /// Passes each part of the output that goes to a topic to `each`.
     fn written(&self, each: &mut dyn FnMut(&dyn Any));
 }
 
@@ -40,7 +40,7 @@ pub struct Step<'a> {
     pub input: &'a dyn Recorded,
     /// Output of the step.
     pub output: &'a dyn Recorded,
-    /// Messages in both.
+    /// Messages in input and output.
     pub parts: &'a dyn Parts,
 }
 

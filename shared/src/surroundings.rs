@@ -14,8 +14,7 @@ use crate::msg::{Seq, within};
 
 /// Maximum number of keep-out volumes of a vessel.
 pub const MAX_KEEP_OUT: usize = 8;
-/// Minimum distance of a volume from the deck's outline, m: half of a drone standing at the edge, plus its position
-/// error.
+/// Minimum distance of a volume from the deck's outline, m: half a drone at the edge plus position error.
 const COLUMN_MARGIN_M: f64 = 0.5;
 /// Half width of the corridor along the escape direction, m: a drone plus its position error.
 const ESCAPE_HALF_WIDTH_M: f64 = 1.0;
@@ -23,23 +22,22 @@ const ESCAPE_HALF_WIDTH_M: f64 = 1.0;
 const WAY_STEP_M: f64 = 0.25;
 /// Minimum width of the approach sector, deg; the vessel's yaw in waves exceeds a narrower one.
 const MIN_SECTOR_DEG: f64 = 20.0;
-/// Minimum height of waiting drones above the highest volume, m: deck heave about its mean (1 m), tolerance of an
-/// approach height (1 m), and a drone plus its position error (1 m).
+/// Height of waiting drones above the highest volume, m: 1 m each for deck heave, the tolerance of an
+/// approach height, and a drone with its position error.
 const WAIT_ABOVE_M: f64 = 3.0;
-/// Additional height per metre of the volume's distance from the deck's centre: the vessel's tilt, rad.
+/// Additional height per metre of a volume's distance from the deck's centre: the vessel's tilt, rad.
 const TILT_RAD: f64 = 0.2;
 
 config! {
     /// Obstacles around the landing deck, and permitted flight directions.
     pub struct SurroundingsConfig {
-        /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes, each given
-        /// by two opposite corners in the vessel's body frame, m.
+        /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes,
+        /// each by two opposite corners in the vessel's body frame, m.
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
-        /// Bearings from which drones approach low over the vessel: clockwise from the first to the second, relative to
-        /// the bow, deg.
+        /// Bearings of low approaches over the vessel, from first clockwise to second, relative to the bow,
+        /// deg.
         pub approach_sector_deg: [f64; 2] = [0.0, 360.0], in -360.0..=360.0;
-        /// Bearing relative to the bow in which a drone that breaks off near the deck climbs away, deg; without it
-        /// straight up.
+        /// Bearing relative to the bow of a climb after breaking off near the deck, deg; unset: straight up.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub escape_deg: Option<f64> = None, in -360.0..=360.0;
     }
@@ -112,8 +110,7 @@ pub struct KeepOut {
 }
 
 impl KeepOut {
-    /// Boxes relative to the deck's centre from two opposite corners each in the vessel's body frame, m; at most
-    /// [`MAX_KEEP_OUT`].
+    /// Boxes from pairs of opposite corners in the vessel's body frame, m; at most [`MAX_KEEP_OUT`].
     pub fn all(corners: &[[[f64; 3]; 2]], deck: &DeckGeometry) -> Seq<KeepOut, MAX_KEEP_OUT> {
         Seq::filled(corners.iter().map(|[a, b]| {
             let place = |i: usize, v: f64| (v - deck.centre_m[i]) as f32;
@@ -131,8 +128,8 @@ impl KeepOut {
     pub fn distance(&self, p: &Vector3<f64>) -> f64 {
         self.beyond(p).map(|v| v.max(0.0)).norm()
     }
-    /// Whether the box is nearer than `margin` to the horizontal path of this `length` from the point `from` along the
-    /// direction `along` (forward and right); deck frame, m.
+    /// Whether the box is nearer than `margin` to the horizontal path of `length` from the point `from` along
+    /// `along` (forward and right); deck frame, m.
     pub fn blocks(&self, from: &Vector3<f64>, along: [f64; 2], length: f64, margin: f64) -> bool {
         let steps = (length / WAY_STEP_M).ceil() as u32;
         (0..=steps).any(|k| {
@@ -191,14 +188,13 @@ impl Surroundings {
     pub fn reach_m(&self) -> f64 {
         self.keep_out.iter().map(KeepOut::reach_m).fold(0.0, f64::max)
     }
-    /// Minimum height above the deck's mean level for waiting or approaching drones, m: above all volumes; 0 without
-    /// any.
+    /// Minimum height of waiting or approaching drones above the mean deck level, m: above all volumes.
     pub fn wait_height_m(&self) -> f64 {
         let above = |v: &KeepOut| WAIT_ABOVE_M - f64::from(v.low[2]) + TILT_RAD * v.reach_m();
         self.keep_out.iter().map(above).fold(0.0, f64::max)
     }
-    /// Angle by which a bearing relative to the bow lies outside the approach sector, narrowed by `margin` on both
-    /// sides, rad: positive if the nearest permitted bearing lies clockwise; 0 inside.
+    /// Angle of a bearing (relative to the bow) outside the approach sector narrowed by `margin` on both
+    /// sides, rad: positive if the nearest permitted bearing is clockwise; 0 inside.
     pub fn outside_sector(&self, bearing: f64, margin: f64) -> f64 {
         if self.is_open() {
             return 0.0;

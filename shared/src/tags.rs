@@ -26,24 +26,22 @@ config! {
 /// Tags of a deck.
 pub type Tags = Seq<DeckTag, MAX_TAGS>;
 
-/// Side of the small tags, m. From a height of 1.4 m and with a focal length of 320 px they measure 20 px, enough to
-/// decode them in nearly all images.
+/// Side of the small tags, m: 20 px from 1.4 m with a focal length of 320 px, enough for nearly all images.
 const SMALL_M: f64 = 0.09;
-/// Radius of the ring of six small tags about the seventh, m. At contact the image of the default camera (0.22 m above
-/// the deck, 480 px high) covers a circle of 0.165 m, in which a tag is complete if its centre is within 0.101 m of the
-/// circle's centre. Seven discs of that radius cover a disc of twice the radius, 0.2 m of landing error, if the ring
-/// has the square root of 3 times the radius.
+/// Radius of the ring of six small tags about the seventh, m. At contact, the default camera (0.22 m above
+/// the deck, 480 px high) sees a circle of 0.165 m, with a complete tag if its centre is within 0.101 m of
+/// the circle's. Seven discs of that radius cover a disc of twice the radius, 0.2 m of landing error, if the
+/// ring has sqrt(3) times the radius.
 const RING_M: f64 = 0.173;
-/// Maximum side of the two distant tags and of the two intermediate ones, m: decoded from 16 m and from 5 m.
+/// Maximum side of the two distant and of the two intermediate tags, m: decoded from 16 m and from 5 m.
 const LARGE_M: [f64; 2] = [0.8, 0.25];
-/// Minimum side of the distant tags, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag
-/// only, at most the paper's metre and 0.7 of the deck, so that its margin fits on the deck as well.
+/// Minimum side of the distant tags, m: 20 px from the tracking height of 7 m. A shorter deck has room for
+/// one tag, at most the paper's metre and 0.7 of the deck, for its margin.
 const MIN_LARGE_M: f64 = 0.44;
 const ALONE: (f64, f64) = (1.0, 0.7);
 
-/// First tag id of the boat `vessel`. Each boat has [`MAX_TAGS`] ids of the family to itself, so boats have none in
-/// common unless their numbers differ by a multiple of 23. No boat has the first ids of the family, which all examples
-/// use.
+/// First tag id of the boat `vessel`. Each boat has [`MAX_TAGS`] ids of its own, unless boat numbers differ
+/// by a multiple of 23. The first ids of the family, which all examples use, belong to no boat.
 pub fn first_number(vessel: u32) -> u16 {
     let ids_per_boat = MAX_TAGS as u16;
     let boats = u32::from(FAMILY / ids_per_boat) - 1;
@@ -54,13 +52,13 @@ pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {
     let first = first_number(vessel);
     Seq::filled(tags.iter().zip(first..).map(|(tag, id)| DeckTag { id, ..*tag }))
 }
-/// Whether the ids are the defaults, which all boats without ids of their own share.
+/// Whether the ids are the defaults, common to all boats without ids of their own.
 pub fn are_anybodys(tags: &[DeckTag]) -> bool {
     tags.iter().any(|tag| usize::from(tag.id) < MAX_TAGS)
 }
 
-/// Suggested tags for a deck of this size: seven small ones about its centre for the last metre, two intermediate ones
-/// at the sides, and two large ones fore and aft; a single tag if the deck is too short.
+/// Suggested tags for a deck of this size: seven small ones about its centre for the last metre, two
+/// intermediate ones at the sides, two large ones fore and aft; one if the deck is too short.
 pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     let ring = core::array::from_fn::<_, 6, _>(|k| (60.0 * k as f64 + 30.0).to_radians().sin_cos());
     let inner = [ring[0].1, 1.0].map(|reach| RING_M * reach + 0.5 * MARGIN * SMALL_M);
@@ -87,7 +85,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     ];
     let small = ring.map(|(sin, cos)| (SMALL_M, RING_M * cos, RING_M * sin));
     let all = far.into_iter().chain([(SMALL_M, 0.0, 0.0)]).chain(small);
-    // On a narrow deck there is no room for larger tags next to the small ones.
+    // A narrow deck has no room for larger tags next to the small ones.
     let useful = all.filter(|(side, ..)| *side >= SMALL_M);
     Seq::filled(useful.zip(0..).map(|((side, x, y), id)| DeckTag {
         id,
@@ -111,7 +109,6 @@ mod tests {
         assert_eq!(all.len(), 23 * tags.len());
         assert!(all.iter().all(|id| *id < FAMILY));
         assert!(are_anybodys(&tags) && !are_anybodys(&of_vessel(&tags, 7)));
-        // The largest number of every boat is in the family.
         assert!((0..=u32::from(u16::MAX)).all(|v| first_number(v) + MAX_TAGS as u16 <= FAMILY));
     }
 }

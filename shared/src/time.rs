@@ -1,6 +1,5 @@
-//! Time with a clock type. Times of different clocks cannot be compared, subtracted or mixed by accident: the vessel's
-//! computer, the drone's computer and the simulated truth have separate types, and only the bridge converts between
-//! them, with a stated uncertainty.
+//! Time with a clock type. Times of the vessel's computer, the drone's computer and the simulated truth
+//! cannot be mixed by accident; only the bridge converts between them, with a stated uncertainty.
 
 use core::fmt;
 use core::hash::Hash;

@@ -27,7 +27,7 @@ impl Medium {
     }
 }
 
-/// Reports of processes about themselves; not in the table, because no node reads them.
+/// Reports of processes about themselves; not in the table, as no node reads them.
 pub const PROCESS: Topic = Topic {
     name: "process/state",
     message: "ProcessState",
@@ -39,8 +39,7 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::process::ProcessState>,
 };
 
-/// Report of the vessel's process about itself, broadcast to its drones as a separate topic. Its rate is halved while
-/// the link is congested.
+/// Report of the vessel's process about itself, broadcast to its drones at half the rate on a congested link.
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "process",
     medium: Medium::Radio,
@@ -74,7 +73,7 @@ impl Retries {
 
 /// [`COMMAND`] from a ground station or the remote control, via the autopilot link.
 pub const AUTOPILOT_RETRIES: Retries = Retries::of_millis(250, 5000);
-/// [`COMMAND`] or [`BEACON`] from the operator at the computer; the acknowledging states arrive at 50 Hz.
+/// [`COMMAND`] or [`BEACON`] from the operator at the computer; acknowledging states arrive at 50 Hz.
 pub const LOCAL_RETRIES: Retries = Retries::of_millis(500, 2000);
 /// [`SETTINGS`]: a ground station repeats its request after one second.
 pub const SETTINGS_RETRIES: Retries = Retries::of_millis(100, 800);
@@ -100,8 +99,8 @@ pub struct Topic {
     pub bytes: usize,
     /// Age at which a consumer treats a message as missing.
     pub stale_after: Span,
-    /// Shared memory: maximum number of messages waiting for a subscriber; the oldest is dropped. State streams need
-    /// only the newest, event streams must keep all messages between two wake-ups.
+    /// Shared memory: maximum number of messages waiting for a subscriber; the oldest is dropped. State
+    /// streams need the newest only, event streams all between two wake-ups.
     pub buffer: usize,
     /// Schema of the message.
     pub schema: fn() -> Schema,
@@ -113,8 +112,8 @@ impl Topic {
         let bare = self.message.split('<').next().unwrap_or_default();
         bare.rsplit("::").next().unwrap_or_default()
     }
-    /// Message version for Zenoh: the part after `;` in the encoding `application/octet-stream` of each message. The
-    /// key determines the topic and its type.
+    /// Message version for Zenoh: the part after `;` in each message's encoding `application/octet-stream`.
+    /// The key determines topic and type.
     pub fn encoding_schema() -> String {
         msg::MESSAGE_VERSION.to_string()
     }
@@ -154,7 +153,7 @@ macro_rules! topics {
         plain! { $($ty => $id;)* }
     };
 }
-// Reports refer to topics by position: append new ones at the end, and increase the message version.
+// Reports refer to topics by position: append new ones, and increase the message version.
 topics! {
     radio {
         /// State of the vessel.
@@ -187,9 +186,9 @@ topics! {
         DRONE_STATE: "drone/state", msg::DroneState, 100.0 Hz, 200 ms, 2 deep;
         /// State of the autopilot.
         AUTOPILOT: "drone/autopilot", msg::AutopilotState, 10.0 Hz, 1000 ms, 2 deep;
-        /// Tag detections.
+        /// Detections of the deck's tags.
         TAG: "camera/tag", msg::TagPose, 30.0 Hz, 500 ms, 16 deep;
-        /// UV marker detections.
+        /// Detections of the deck's UV markers.
         UVDAR: "camera/uvdar", msg::UvdarFix, 20.0 Hz, 500 ms, 16 deep;
         /// Rangefinder measurements.
         RANGE: "drone/range", msg::RangeSample, 50.0 Hz, 200 ms, 16 deep;
@@ -219,10 +218,10 @@ topics! {
         MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, 50.0 Hz, 5000 ms, 4 deep;
         /// Checkpoint of the predictor. When it is stale, the odometry and the drone have drifted.
         PREDICTOR_CHECKPOINT: "deck/checkpoint", msg::PredictorCheckpoint, 50.0 Hz, 2000 ms, 4 deep;
-        /// Checkpoint of the autopilot link. A killed link is back after 0.4 to 0.7 s on a busy computer. By then PX4
-        /// has switched from OFFBOARD to its own hold, and returns with the first set-points if no other mode was
-        /// chosen. The next report of the mode, at most half a second later, shows this; until then no set-point is
-        /// followed.
+        /// Checkpoint of the autopilot link. A killed link is back after 0.4 to 0.7 s on a busy computer. PX4
+        /// has then switched from OFFBOARD to its hold, and returns with the first set-points if no other
+        /// mode was chosen. The next report of the mode, within half a second, shows this; until then no
+        /// set-point is followed.
         LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, 50.0 Hz, 1500 ms, 4 deep;
         /// Measurements of the vessel's sensors.
         SENSORS: "vessel/sensors", msg::SensorReadings, 100.0 Hz, 500 ms, 64 deep;
@@ -244,14 +243,13 @@ topics! {
         VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrames<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
         /// RTCM 3 frames on the drone's clock, admitted by the bridge.
         BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrames<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
-        /// Position of the drone relative to the vessel, from its receiver.
+        /// Position of the drone relative to the vessel, by its receiver.
         RELATIVE: "drone/relative", msg::RelativePlace, 5.0 Hz, 1000 ms, 8 deep;
     }
 }
 
 impl crate::process::ProcessKind {
-    /// Output topic that other processes wait for. None: the process itself waits for images, orders or another world,
-    /// and steps when they arrive.
+    /// Output topic that other processes wait for; None: the process waits for images, orders or a world.
     pub const fn awaited(self) -> Option<&'static Topic> {
         match self {
             Self::Vessel => Some(&ESTIMATE),
@@ -288,7 +286,7 @@ mod tests {
         value[..n].copy_from_slice(take(bytes, n));
         u64::from_le_bytes(value)
     }
-    /// Decodes numbers by path from the schema alone, like another program.
+    /// Decodes numbers by path from the schema alone, as another program would.
     fn read(
         path: &str,
         schema: &serde_json::Map<String, Value>,
@@ -489,7 +487,7 @@ mod tests {
         );
     }
 
-    /// Numbers without a unit: counts, numbers of computers, fractions, probabilities, ratios.
+    /// Numbers without a unit: counts, computer numbers, fractions, probabilities, ratios.
     const WITHOUT_UNIT: [&str; 24] = [
         "boot",
         "sequence",
@@ -568,7 +566,6 @@ mod tests {
         );
     }
 
-    /// Every topic has a schema with the encoding of each field.
     #[test]
     fn fields_of_every_topic() {
         for topic in ALL {

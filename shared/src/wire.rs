@@ -1,5 +1,5 @@
-//! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`]. The only
-//! module that uses bincode.
+//! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`].
+//! bincode is used here only.
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
@@ -56,7 +56,7 @@ fn config() -> impl bincode::config::Config {
         .with_limit::<MAX_WIRE_BYTES>()
 }
 
-/// No record of a process's inputs or outputs is longer: two images of 1920 x 1080 px.
+/// Maximum length of a record of a process's inputs or outputs: two images of 1920 x 1080 px.
 pub const MAX_RECORD_BYTES: usize = 4 << 20;
 
 fn record_config() -> impl bincode::config::Config {
@@ -66,7 +66,7 @@ fn record_config() -> impl bincode::config::Config {
         .with_limit::<MAX_RECORD_BYTES>()
 }
 
-/// Encodes a record for a local log: like [`encode`], but up to [`MAX_RECORD_BYTES`].
+/// Encodes a record for a local log, up to [`MAX_RECORD_BYTES`].
 pub fn encode_record<T: Serialize>(record: &T) -> Result<Vec<u8>, WireError> {
     bincode::serde::encode_to_vec(record, record_config()).map_err(|source| WireError::Encode {
         name: short_name::<T>(),
@@ -88,7 +88,7 @@ pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> 
     }
 }
 
-/// Hash of a value's record (XXH3). Values with different records share a hash with probability 1/2^64.
+/// Hash of a value's record (XXH3); different records share one with probability 1/2^64.
 pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     let mut hash = Xxh3Default::new();
     append_record(&mut hash, record)?;
@@ -102,7 +102,7 @@ pub fn hash_bytes(bytes: &[u8]) -> u64 {
     hash.digest()
 }
 
-/// Appends a record to `to`: [`encode_record`] without an allocation.
+/// Appends a record to `to`, as [`encode_record`] without an allocation.
 pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())
         .map(|_| ())

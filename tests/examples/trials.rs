@@ -1,8 +1,8 @@
 //! Landings in lock-step without the program around them: no zenoh, iceoryx2 or tokio to build.
 //!
-//! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line for each landing, and the
-//! number of successes. SEA is an argument of `alight trial --sea` (`moderate`, `jonswap:1,5`). `alight trial --trials
-//! N` flies the same landings and prints tables.
+//! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line per landing and the
+//! number of successes. SEA is an argument of `alight trial --sea` (`moderate`, `jonswap:1,5`). `alight trial
+//! --trials N` flies the same landings and prints tables.
 
 use std::process::ExitCode;
 
@@ -22,7 +22,6 @@ fn main() -> ExitCode {
     }
 }
 
-/// Whether every landing succeeded.
 fn run() -> Result<bool, String> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [sea, seed0, trials] = arguments.as_slice() else {

@@ -1,5 +1,5 @@
-//! The vessel's computer: its nodes, and [`VesselComputer`], which runs the nodes of the vessel's process in the order
-//! of their data. Both the simulated world and the real processes step these nodes.
+//! The vessel's computer: its nodes, and [`VesselComputer`], which steps those of the vessel's process in the
+//! order of their data, in the simulated world and in the real process.
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::bus::{computer, wiring};
@@ -38,7 +38,7 @@ pub struct ComputerIn {
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
     pub statuses: Vec<Arrival<VesselClock, DroneStatus>>,
-    /// Commands of operators with accepted certificates.
+    /// Commands of operators with valid certificates.
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
     pub deck_inputs: DeckInputs,
     /// Checkpoint of the previous start, at the first step.
@@ -54,7 +54,6 @@ impl ComputerIn {
     }
 }
 
-/// Output of the vessel's process, with events for the crew.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerOut {
     /// Estimate, models and time replies.
@@ -67,12 +66,12 @@ pub struct ComputerOut {
     /// RTCM frames of a moving base for the drones' receivers.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
     pub events: Vec<VesselEvent>,
-    /// Lights the lamp at the helm: a drone asks the vessel to keep course and speed.
+    /// Light of the lamp at the helm: a drone asks the vessel to keep course and speed.
     pub lamp: bool,
 }
 
 impl ComputerOut {
-    /// Passes each encoded radio message to `send`; the flag states whether it is held for drones that connect later.
+    /// Passes each encoded radio message to `send`; the flag marks those held for drones that connect later.
     pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
         // A drone that connects later cannot use a continued wave model.
         let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
@@ -131,7 +130,7 @@ computer! {
             node
         };
     }
-    /// The vessel's processes: there is no other list of them.
+    /// The vessel's processes, listed here only.
     PROCESSES: Installed, RowVisitor
 }
 
@@ -165,7 +164,7 @@ pub struct VesselComputer {
     vessel: u32,
     boot: u32,
     followed: Followed,
-    /// Last reported drone that follows another computer.
+    /// Last drone reported as following another computer.
     follows_another: Option<FollowsAnother>,
     /// Last reported pair of silent owner and waiting drone.
     starved: Option<[u32; 2]>,
@@ -203,7 +202,6 @@ impl VesselComputer {
     pub fn arbiter(&self) -> &DeckArbiter {
         &self.arbiter
     }
-    /// Sets the drones that receive operator commands.
     pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
         self.relay.admit(drones);
     }
@@ -220,7 +218,7 @@ impl VesselComputer {
     pub fn follows_another(&self, now: Time<VesselClock>) -> Option<FollowsAnother> {
         self.followed.another(now, self.boot)
     }
-    /// Number of messages whose author differs from the owner of their key.
+    /// Number of messages whose author is not the owner of their key.
     pub fn on_other_keys(&self) -> u32 {
         let reason = RejectionReason::Sender;
         self.rejected.of(reason) + self.node.rejected().of(reason)
@@ -245,7 +243,7 @@ impl VesselComputer {
         own
     }
 
-    /// Events for changes of the deck's owner and of the drones' numbers.
+    /// Events for changes of the deck's owner and of double drone numbers.
     fn deck_events(
         &mut self,
         now: Time<VesselClock>,
@@ -301,8 +299,8 @@ impl Node for VesselComputer {
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
-        // Drone statuses go to the deck arbiter and the operator relay. Both treat a drone with a silent mission as
-        // silent: its earlier state shows neither that it left the deck nor that it received a command.
+        // Deck arbiter and operator relay treat a drone with a silent mission as silent: its earlier state
+        // shows neither that it left the deck nor that it received a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
         let granted = self.arbiter.step(
@@ -329,8 +327,6 @@ impl Node for VesselComputer {
             kind: c.kind,
         }));
 
-        // Sensor data goes to the estimator and then to the broadcast, at the rates that the landing drone's link
-        // carries.
         self.node.prioritise(self.arbiter.landing(now));
         self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel());

@@ -9,7 +9,7 @@ use crate::advice::AdviceConfig;
 use crate::rate_control::RateControlConfig;
 
 config! {
-    /// Inertial sensor.
+    /// Inertial sensor: position, noise and timeout.
     pub struct ImuConfig {
         /// Position in the vessel's body frame, m.
         /// Chosen: in the payload tray, off the centre line.
@@ -25,8 +25,8 @@ config! {
         /// Source: Virtual RobotX: 0.05; chosen for misalignment with the deck: 0.2 deg (a spirit level) of gravity.
         pub accelerometer_bias_sd_mps2: f64 = 0.06, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Chosen: much shorter than real biases last. With a swinging heading they seem observable, because the filter
-        /// does not keep the correlation of roll with pitch.
+        /// Chosen: much shorter than the drift of real biases. On a yawing vessel the filter would otherwise
+        /// overrate its knowledge of them, because it does not keep the correlation of roll with pitch.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
         /// Time without a sample after which no estimate is published, s.
         /// Chosen: a fifth of a wave period.
@@ -35,13 +35,13 @@ config! {
 }
 
 config! {
-    /// GNSS receiver. Standard deviations come with every fix.
+    /// GNSS receiver; each fix has its own standard deviations.
     pub struct GnssConfig {
         /// Antenna in the vessel's body frame, m.
         /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
         /// Standard deviation of the slow height error, m.
-        /// Source: 1 m with 300 s.
+        /// Source: 1 m, correlated over 300 s.
         pub height_bias_sd_m: f64 = 1.0, in 0.0..=100.0;
         /// Correlation time of the height error, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
@@ -53,9 +53,9 @@ config! {
 }
 
 config! {
-    /// Heading sensor. The standard deviation comes with every measurement.
+    /// Heading sensor; each measurement has its own standard deviation.
     pub struct HeadingConfig {
-        /// Standard deviation of its slow bias, deg.
+        /// Standard deviation of the slow heading bias, deg.
         /// Chosen: compass deviation after a calibration.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the bias, s.
@@ -77,7 +77,7 @@ config! {
         /// Interval between stages of a prediction, s.
         /// Chosen: 15 stages reach 2.8 s, beyond the planner's horizon of 2 s.
         pub prediction_step_s: f64 = 0.2, in 0.02..=2.0;
-        /// Reduction of the rates on a congested link.
+        /// Reduction of message rates on a congested link.
         pub rate_control: RateControlConfig;
     }
 }
@@ -97,7 +97,7 @@ config! {
         pub gnss: GnssConfig;
         /// Heading sensor.
         pub heading: HeadingConfig;
-        /// Rates of its messages.
+        /// Rates of the vessel's messages.
         pub broadcast: BroadcastConfig;
         /// Limits on the advised course set by the skipper.
         pub advice: AdviceConfig;

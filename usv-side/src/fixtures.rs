@@ -1,4 +1,4 @@
-//! Fixtures used by the tests of several modules.
+//! Fixtures for the tests of several modules.
 
 use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
@@ -19,7 +19,7 @@ pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
     alight_shared::rtcm::frame(&content)
 }
 
-/// Measurements that `decoder` makes from bytes arriving in parts of `cut`, and its final state.
+/// Measurements and final state of `decoder` after bytes in parts of `cut`.
 pub(crate) fn decode<D: SensorDecoder>(
     mut decoder: D,
     bytes: &[u8],
@@ -63,7 +63,7 @@ pub(crate) fn whole(all: Vec<f64>) -> Vec<f64> {
     all.into_iter().map(f64::round).collect()
 }
 
-/// Up to `most` changed bytes, and the position where the bytes are cut off.
+/// Up to `most` changed bytes, and the position of a cut.
 pub(crate) fn damage(most: usize) -> impl Strategy<Value = (Vec<(Index, u8)>, Index)> {
     let changes = prop::collection::vec((any::<Index>(), any::<u8>()), 0..most);
     (changes, any::<Index>())

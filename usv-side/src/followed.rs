@@ -1,5 +1,5 @@
-//! Boot of the vessel's computer that the drones follow. Each time request names the boot of the newest estimate used
-//! by its drone. If it names another boot for a long time, a second computer publishes with this vessel's identity.
+//! Boot of the computer that the drones follow, from the newest estimate named by each time request. If it
+//! stays another boot for long, a second computer publishes with this vessel's identity.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,7 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::deck::MAX_DRONES;
 
-/// Time for which a drone may follow the former boot of this computer: ten times the time that it needs to accept a
-/// restart.
+/// Time for which a drone may follow this computer's former boot: ten times its acceptance of a restart.
 const RESTART_TIMEOUT: Span = Span::from_millis(5000);
 /// Age up to which a request counts; a drone sends two per second.
 const FRESH: Span = Span::from_millis(3000);
@@ -51,7 +50,7 @@ impl Followed {
     /// First drone that follows a computer other than the one with boot `boot`.
     pub(crate) fn another(&self, now: Time<VesselClock>, boot: u32) -> Option<FollowsAnother> {
         let follows = |f: &Following| {
-            // Boot 0: no estimate received yet.
+            // Boot 0: no estimate received.
             f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= RESTART_TIMEOUT
         };
         let another = self.drones.iter().find(|(_, f)| follows(f));
@@ -81,13 +80,12 @@ mod tests {
             followed.observe(1, &[Arrival { at, sender, message }]);
             followed.another(at, 9).map(|f| (f.drone, f.boot))
         };
-        // After a restart of this computer its drone names the former boot for a while.
+        // After a restart, the drone names the former boot for a while.
         assert!((0..6).all(|k| asks(0.5 * f64::from(k), 3, 8).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 3, 9).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 4, 0).is_none()));
         let found = (40..60).find(|k| asks(0.5 * f64::from(*k), 4, 5) == Some((4, 5)));
         assert!(found.is_some_and(|k| (50..=51).contains(&k)), "{found:?}");
-        // An old request no longer counts.
         assert_eq!(asks(40.0, 3, 9), None);
     }
 }

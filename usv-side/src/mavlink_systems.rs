@@ -1,5 +1,4 @@
-//! Senders on a MAVLink link. The vessel's sender is one system and one component, selected for the lifetime of the
-//! process.
+//! Senders on a MAVLink link. One system and component is the vessel's for the lifetime of the process.
 
 use alight_shared::mavlink::{Fields, RawFrame};
 
@@ -7,15 +6,14 @@ const HEARTBEAT: u32 = 0;
 pub(crate) const AUTOPILOT: u8 = 1;
 /// `MAV_AUTOPILOT_INVALID`: a component that is not an autopilot.
 const NO_AUTOPILOT: u8 = 8;
-/// `MAV_TYPE` of surface vessels, and of components that do not state a type.
+/// `MAV_TYPE` of surface vessels, and the type of components that state none.
 const GENERIC: u8 = 0;
 const ROVER: u8 = 10;
 const BOAT: u8 = 11;
 const SUBMARINE: u8 = 12;
 /// `MAV_TYPE_ONBOARD_CONTROLLER`: any onboard computer.
 const COMPUTER: u8 = 18;
-/// Number of messages after which a sensor without heartbeats counts as the vessel's; every autopilot sends one
-/// heartbeat per second.
+/// Messages after which a sensor without heartbeats counts as the vessel's; autopilots send one a second.
 const SILENT_HEARTBEAT: u64 = 100;
 const MAX_RECEIVED: usize = 16;
 
@@ -62,7 +60,6 @@ impl Received {
     }
 }
 
-/// All components of a link.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Systems {
     /// System of the vessel in the configuration.
@@ -79,7 +76,6 @@ impl Systems {
             ..Systems::default()
         }
     }
-    /// System of the vessel, once known.
     pub(crate) fn own(&self) -> Option<u8> {
         let own = self.own.map(|(system, _)| system).or(self.configured);
         own.and_then(|system| u8::try_from(system).ok())
@@ -118,7 +114,7 @@ impl Systems {
             (_, Kin::Unknown) => received.messages > SILENT_HEARTBEAT,
             (Some(_), Kin::Other) | (None, Kin::Other) => false,
         };
-        // A component selected without a heartbeat is dropped when it reports another type.
+        // A component selected without a heartbeat is dropped once it reports another type.
         if self.own == Some(id) && !may_be {
             self.own = None;
         }
@@ -130,7 +126,7 @@ impl Systems {
         own
     }
 
-    /// Remark on the selected and other senders, with a remedy if something is wrong.
+    /// Remark on the selected and other senders.
     pub(crate) fn remark(&self) -> Option<(String, Option<&'static str>)> {
         let mut others: Vec<String> = self
             .received

@@ -20,10 +20,9 @@ use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
 /// Maximum number of inputs of one kind per step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
-/// Maximum lead of a measurement over `now` (rounding of stamps), s.
+/// Maximum time of a measurement ahead of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Silence after which the next of several inertial (or attitude) sensors is used, s. An earlier switch would mix the
-/// samples of two sensors.
+/// Silence after which the next inertial (or attitude) sensor is used, s; earlier would mix their samples.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// Maximum age of an attitude, s; it drives the filter like an inertial sample.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
@@ -82,7 +81,7 @@ pub struct SourceCounts {
     pub stuck: u64,
     /// The sensor repeats one sample now.
     pub is_stuck: bool,
-    /// Measurements not used because another source of their kind, or an inertial sensor, is in use.
+    /// Measurements not used because of another source of their kind, or of an inertial sensor.
     pub spare: u64,
 }
 
@@ -90,12 +89,11 @@ pub struct SourceCounts {
 struct SourceState {
     newest: Option<Header<VesselClock>>,
     counts: SourceCounts,
-    /// Detection of repeated inertial samples.
     repetition: RepeatedSamples,
 }
 
 impl SourceState {
-    /// Rejects the samples of a stuck inertial sensor. Another sensor replaces it by the same rule as after a silence.
+    /// Rejects the samples of a stuck inertial sensor, which is replaced as after a silence.
     fn check_repetition(&mut self, m: &Measurement) -> Result<(), RejectionReason> {
         let Measurement::Imu(sample) = m else {
             return Ok(());
@@ -115,7 +113,6 @@ impl SourceState {
 struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 
 impl SelectedSource {
-    /// Whether a sample of `source` at `at` is to be used.
     fn accepts(&mut self, source: u8, at: Time<VesselClock>) -> bool {
         let accepts = self
             .0
@@ -150,7 +147,6 @@ pub struct VesselNode {
 }
 
 impl VesselNode {
-    /// Node without measurements. `boot` is drawn at each start.
     pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
         VesselNode {
             config: config.clone(),
@@ -181,7 +177,7 @@ impl VesselNode {
     pub fn outliers(&self) -> OutlierCounts {
         self.estimator.outliers()
     }
-    /// Statistics of source `source` of kind `kind` of [`KINDS`].
+    /// Statistics of source number `source` of a kind in [`KINDS`].
     pub fn source(&self, kind: usize, source: usize) -> SourceCounts {
         let source = self.sources.get(kind).and_then(|k| k.get(source));
         source.map(|k| k.counts).unwrap_or_default()
@@ -190,7 +186,7 @@ impl VesselNode {
     pub fn rate_fraction(&self) -> f64 {
         self.rate_control.rate_fraction()
     }
-    /// Adapts the rates to the link of this descending drone alone.
+    /// Adapts the rates to the link of this drone alone, which is descending.
     pub fn prioritise(&mut self, landing: Option<u32>) {
         self.rate_control.landing = landing;
     }
@@ -205,8 +201,8 @@ impl VesselNode {
         &self.estimator
     }
 
-    /// Admits measurements of one kind, counts them by source, and passes them to `fuse`. `fuse` returns whether the
-    /// gate rejected a component, or None if the measurement is not needed.
+    /// Admits measurements of one kind, counts them by source, and passes them to `fuse`, which returns
+    /// whether the gate rejected a component, or None if it does not need the measurement.
     fn take<M: Message<Clock = VesselClock> + Copy + Into<Measurement>>(
         &mut self,
         now: Time<VesselClock>,
@@ -219,7 +215,7 @@ impl VesselNode {
             max_age: Span::from_secs(max_age_s),
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
-            // A source number beyond the last is invalid, and is counted with the last source.
+            // An invalid source number counts with the last source.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
             let admitted = rule.admit(now, m, state.newest.as_ref());
@@ -252,7 +248,7 @@ impl VesselNode {
 
     fn take_measurements(&mut self, now: Time<VesselClock>, readings: &Readings) {
         let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
-        // Inertial samples propagate the state to the time of the others, so they come first.
+        // Inertial samples come first, because they propagate the state to the time of the others.
         self.take(now, (IMU, MAX_IMU_AGE_S), &readings.imu, |node, m| {
             let outliers = node.estimator.outliers().imu;
             let used = node.in_use[0].accepts(m.source, m.header.at);
@@ -321,7 +317,7 @@ impl VesselNode {
     }
 }
 
-/// Increments the sequence number of a message; None if the message fails its own check.
+/// Increments the sequence number of a message; None if it fails its own check.
 fn checked<M: Message<Clock = VesselClock>>(
     message: M,
     sequence: &mut u32,

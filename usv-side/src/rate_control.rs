@@ -1,13 +1,13 @@
 //! Rate control of the broadcast: lower rates while the radio link is congested, full rates while it is free.
 //!
-//! Each time request of a drone states the time of validity of its newest estimate. The time from there to the
-//! request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next request and the
-//! delay back. Its minimum over the last minute is the delay of a free link, and the excess is queueing delay. Loss
-//! does not indicate congestion here, because a bad link loses messages at any rate. As in congestion control (Jacobson
-//! 1988), the rate rises quickly up to the last point of congestion, slowly beyond it, and falls by a factor.
+//! Each time request of a drone states the time of validity of its newest estimate. The time from there to
+//! the request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next
+//! request and the delay back. Its minimum over the last minute is the delay of a free link; the excess is
+//! queueing delay. Loss is no sign of congestion, because a bad link loses messages at any rate. The rate
+//! rises quickly to the last point of congestion, slowly beyond it, and falls by a factor (Jacobson 1988).
 //!
-//! All drones receive one broadcast. Its rate is limited by the worst link, and during a descent by the descending
-//! drone's link alone: a drone that connects in the meantime waits.
+//! All drones receive one broadcast. The worst link limits its rate; during a descent, the descending drone's
+//! alone: a drone that connects in the meantime waits.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
@@ -17,11 +17,9 @@ const MAX_DRONES: usize = 8;
 const HALF_WINDOW_S: f64 = 30.0;
 /// Silence after which a drone's link is ignored, s.
 const LINK_TIMEOUT_S: f64 = 10.0;
-/// Time for which the fraction at the last congestion is avoided, s: longer than the slow rise back to it, which takes
-/// up to 15 s.
+/// Time for which the fraction at the last congestion is avoided, s: above the slow rise to it (up to 15 s).
 const THRESHOLD_MEMORY_S: f64 = 20.0;
-/// Number of samples at the initial fraction for a new drone: meanwhile an existing queue drains, which reveals the
-/// minimum delay.
+/// Samples of a new drone at the initial fraction, while a queue drains and reveals the minimum delay.
 const STARTUP_SAMPLES: u32 = 8;
 /// Increase of the fraction per sample, below and above the threshold, and factor on congestion.
 const INCREASE: f64 = 0.1;
@@ -35,8 +33,8 @@ config! {
         /// Chosen: above the jitter of every radio profile, below half of the predictor's timeout.
         pub congestion_delay_s: f64 = 0.2, in 0.02..=10.0;
         /// Initial fraction of the full rates for a new drone.
-        /// Chosen: 1.4 kB/s with headers, clearly below 32 kbit/s, so that the initial delay is measured without a
-        /// queue. At 4 kB/s 0.74 s of queueing delay remained.
+        /// Chosen: 1.4 kB/s with headers, below 32 kbit/s, to measure the initial delay without a queue. At 4
+        /// kB/s 0.74 s of queueing delay remained.
         pub initial_fraction: f64 = 0.15, in 0.05..=1.0;
         /// Minimum fraction of the full rates.
         /// Chosen: estimates at 4.5 Hz.
@@ -81,7 +79,7 @@ impl DroneLink {
         }
         self.min_delay_s[0] = self.min_delay_s[0].min(delay_s);
         let queue_delay_s = delay_s - self.min_delay_s[0].min(self.min_delay_s[1]);
-        // Without a queue the newest estimate ages by up to one period between two estimates, or two after a loss.
+        // Without a queue, the newest estimate is up to one period old, or two after a loss.
         if queue_delay_s > config.congestion_delay_s + 1.5 * period_s {
             self.congested += 1;
         } else {
@@ -90,7 +88,7 @@ impl DroneLink {
         if (now - self.threshold_at).secs() > THRESHOLD_MEMORY_S {
             self.threshold = 1.0;
         }
-        // Two congested samples in a row are required, because a single late one is an outage that has just ended.
+        // A single late sample is an outage that has just ended.
         if self.congested >= 2 {
             (self.threshold, self.threshold_at) = (0.85 * self.rate_fraction, now);
             self.rate_fraction = (DECREASE_FACTOR * self.rate_fraction).max(config.min_fraction);
@@ -120,8 +118,8 @@ impl RateControl {
         }
     }
 
-    /// Adds a time request of `drone` received at `now`. Its newest estimate was valid at `newest`, and estimates are
-    /// published every `period_s`.
+    /// Adds a time request of `drone` received at `now`, which names an estimate valid at `newest`; estimates
+    /// are `period_s` apart.
     pub fn observe(&mut self, now: Time<VesselClock>, drone: u32, newest: Time<VesselClock>, period_s: f64) {
         let delay_s = (now - newest).secs();
         if !(0.0..=60.0).contains(&delay_s) {
@@ -136,8 +134,7 @@ impl RateControl {
         }
     }
 
-    /// Fraction of the full rates for state estimates: that of the descending drone's link, otherwise of the worst; 1
-    /// without links.
+    /// Fraction of full rates for estimates, by the descending drone's link or the worst; 1 without links.
     pub fn rate_fraction(&self) -> f64 {
         let landing = self.links.iter().find(|l| self.landing == Some(l.drone));
         let worst = || self.links.iter().map(|l| l.rate_fraction).reduce(f64::min);
@@ -153,8 +150,7 @@ impl RateControl {
 mod tests {
     use super::*;
 
-    /// Fractions over `seconds` of samples at 2 Hz on a link of `capacity` (fraction of the full rates) with a queue of
-    /// at most `depth_s`.
+    /// Fractions over `seconds` at 2 Hz on a link of `capacity` (fraction) with a queue of at most `depth_s`.
     fn run(
         rate_control: &mut RateControl,
         from_s: f64,

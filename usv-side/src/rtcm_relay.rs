@@ -1,9 +1,9 @@
 //! Relay of the vessel receiver's RTCM 3 frames to the radio, within a budget.
 //!
-//! A token bucket holds the radio's budget for one second. The base position is small and essential: it passes while
-//! the bucket lasts, and the other messages leave room for it. An observation that does not fit is dropped with all
-//! following ones until the bucket is full again, so that epochs pass completely or not at all. Other messages are
-//! dropped with them, and must leave a third of the bucket.
+//! A token bucket holds one second of the radio's budget. The base position is small and essential: it passes
+//! while the bucket lasts, and other messages leave room for it. An observation that does not fit is dropped
+//! with all following ones until the bucket is full, so that epochs pass completely or not at all. Other
+//! messages are dropped with them, and must leave a third of the bucket.
 
 use alight_shared::msg::{Header, RtcmFrames, Seq};
 use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
@@ -11,7 +11,7 @@ use alight_shared::time::{Time, VesselClock};
 
 /// Data rate limit for frames, bytes/s; the bucket holds one second of it.
 pub const BYTES_PER_S: f64 = 3000.0;
-/// Overhead of the message around its frames, and of the radio's headers, bytes.
+/// Overhead of message and radio headers, bytes.
 const HEADER_BYTES: usize = 46 + 50;
 /// Reserve for two base positions, bytes.
 const BASE_BYTES: f64 = 320.0;
@@ -20,7 +20,7 @@ const BASE_BYTES: f64 = 320.0;
 pub struct RtcmRelay {
     /// Header of the newest relayed message.
     header: Header<VesselClock>,
-    /// Content of the bucket, bytes, and the time of its update.
+    /// Bytes in the bucket, and time of the update.
     bucket: f64,
     at: Option<Time<VesselClock>>,
     /// An observation was dropped since the bucket was last full.
@@ -70,8 +70,7 @@ impl RtcmRelay {
         }
         passed
     }
-    /// Whether a frame fits; if it does, its size is taken from the bucket. `begins`: the frame is the first of a
-    /// message.
+    /// Whether a frame fits and is taken from the bucket. `begins`: it is the first of a message.
     fn takes(&mut self, frame: &RtcmFrames<VesselClock>, begins: bool) -> bool {
         let Some(number) = number(&frame.bytes) else {
             return false;
@@ -105,7 +104,7 @@ mod tests {
             ..RtcmFrames::default()
         }
     }
-    /// Numbers of the frames that pass, per epoch of four systems with the base position, at `rate_hz` for 20 s.
+    /// Numbers of passed frames in 20 s of epochs with four systems and the base position, at `rate_hz`.
     fn passed(relay: &mut RtcmRelay, rate_hz: f64, bytes: usize) -> Vec<Vec<u16>> {
         let epoch = [1077, 1087, 1097, 1127].map(|message| frame(message, bytes));
         let epoch = [vec![frame(1005, 25)], epoch.to_vec(), vec![frame(1230, 14)]].concat();

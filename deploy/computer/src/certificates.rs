@@ -1,7 +1,7 @@
 //! Private certificate authority, and certificates of vessels, drones and operators.
 //!
-//! One authority signs all certificates. Each certificate carries the name of its side, which the radio's rules check.
-//! Keys are ECDSA P-256 with SHA-256; the validity is chosen by the caller.
+//! One authority signs all certificates. Each certificate carries the name of its side, which the radio's
+//! rules check. Keys are ECDSA P-256 with SHA-256.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -20,15 +20,12 @@ use x509_parser::pem::parse_x509_pem;
 
 use crate::exit::{CliError, Doing};
 
-/// Name of the authority, in its certificate and every signature.
 const AUTHORITY: &str = "Alight private authority";
-/// Certificate of the trusted authority, in every directory.
 pub const AUTHORITY_FILE: &str = "authority.pem";
-/// Key of the authority, only in the authority's directory.
 pub const AUTHORITY_KEY: &str = "authority-key.pem";
 pub const CERTIFICATE_FILE: &str = "certificate.pem";
 pub const KEY_FILE: &str = "key.pem";
-/// Remaining validity that is a warning, days.
+/// Remaining validity below which a warning is given, days.
 pub const RENEWAL_DAYS: i64 = 30;
 const MAX_ADDRESSES: usize = 16;
 
@@ -48,7 +45,7 @@ fn params(name: &str, days: u32) -> CertificateParams {
     params
 }
 
-/// Makes the authority in `dir`; an existing one is never replaced.
+/// Makes the authority in `dir`; it never replaces an existing one.
 pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     let doing = format_args!("making an authority in {}", dir.display());
     fs::create_dir_all(dir).doing(doing)?;
@@ -61,7 +58,7 @@ pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     write(&dir.join(AUTHORITY_FILE), &certificate.pem())
 }
 
-/// Makes the key and certificate of one side, signed by the authority in `dir`. Returns their directory.
+/// Makes the key and certificate of one side, signed by the authority in `dir`, and returns their directory.
 pub fn issue(
     dir: &Path,
     kind: &str,
@@ -114,7 +111,7 @@ pub fn issue(
     Ok(directory)
 }
 
-/// TLS configuration with the files of one side, which admits `peers`.
+/// TLS configuration with the files of one side; it admits only `peers`.
 pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
     let file = |name: &str| {
         let path = directory.join(name);
@@ -148,18 +145,18 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
     ))
 }
 
-/// Text of a file; an error ends with the hint.
+/// Text of a file; `hint` ends the error.
 pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
     fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
 }
 
 pub struct CertificateDetails {
     pub certificate: Certificate,
-    /// Public key, as in the certificate (SubjectPublicKeyInfo, DER).
+    /// SubjectPublicKeyInfo, DER.
     public_key: Vec<u8>,
-    /// Identifier of the key, in the certificate of an authority.
+    /// Subject key identifier, in the certificate of an authority.
     key_id: Option<Vec<u8>>,
-    /// Identifier of the key that signed the certificate.
+    /// Identifier of the signing key.
     signed_with: Option<Vec<u8>>,
 }
 
@@ -195,12 +192,11 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     })
 }
 
-/// Whether the key in `pem` belongs to the certificate.
 pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
     KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
 }
 
-/// Whether `own` states that it was signed with the key of `authority`; None if one of them has no identifier.
+/// Whether the key of `authority` signed `own`, by their identifiers; None if one of them has no identifier.
 pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }

@@ -18,7 +18,6 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// Success, or failure.
     pub const fn of(success: bool) -> Exit {
         if success { Exit::Success } else { Exit::Failed }
     }

@@ -1,6 +1,6 @@
-//! The processes of a vessel's and of a drone's computer, in layers, each of which uses only those before it: [`exit`],
-//! [`quantity`] and [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`]; [`subject`],
-//! [`situation`] and [`playback`].
+//! Processes of a vessel's and of a drone's computer, in layers that use only the layers before them:
+//! [`exit`], [`quantity`] and [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`],
+//! [`vessel`] and [`drone`]; [`subject`], [`situation`] and [`playback`].
 
 pub mod certificates;
 pub mod config;

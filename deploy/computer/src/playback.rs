@@ -31,22 +31,18 @@ use crate::terminal::note;
 /// Tick of a recording's times, as in lock-step, ns.
 const TICK_NS: i64 = 10_000_000;
 
-/// Plots a replayed flight.
 pub trait Plot: StepObserver {
-    /// Writes the plot to its file.
     fn write(&self) -> Result<(), CliError>;
 }
 
-/// Shows a replayed flight to viewers, held back to real time.
 pub trait Viewer: StepObserver {
     /// The flight has ended; viewers see its last picture for a little longer.
     fn linger(&self);
 }
 
-/// Geometry of deck and drone, if known.
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
-/// Starts the view of a replayed flight under a name; also returns the lines with its addresses.
+/// Starts the view of a replayed flight under a name, and returns the lines with its addresses, too.
 pub type StartViewer<'a> =
     &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
 
@@ -56,22 +52,21 @@ pub struct NodeReplay {
     pub steps: u64,
     /// Time in a recording of the first step whose output differs, s.
     pub differs_at_s: Option<f64>,
-    /// Number of that step, from 0.
     pub differs_at_step: Option<u64>,
 }
 
-/// Builds the law of a recorded planner that the drone's program does not include, from the recording's text and the
-/// settings.
+/// Builds the law of a recorded planner that the drone's program does not include, from the recording's text
+/// and the settings.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// The starts of a log that observers see: those of rows, in the order of the data flow.
+/// Starts of the rows in a log, in the order of the data flow; observers see no others.
 pub fn shown(log: &Log) -> Vec<PartHeader> {
     let mut rows: Vec<_> = log.starts.iter().filter(|s| s.rank().is_some()).collect();
     rows.sort_by_key(|s| s.rank());
     rows.into_iter().map(|s| s.header.clone()).collect()
 }
 
-/// Replays the log and shows each step to the observers, its times moved by `shift`.
+/// Replays the log and shows each step to the observers with its time moved by `shift`.
 pub fn replay(
     log: &Log,
     law: ForeignLaw<'_>,
@@ -87,7 +82,7 @@ pub fn replay(
     let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
     let mut computed = Computed::default();
     log.steps(order, |at, t, step| {
-        // Topics for viewers are thinned out on ticks; the step keeps the node's own time.
+        // Topics for viewers are sampled on ticks; the step keeps the node's own time.
         let t = t + shift;
         let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
         match &mut players[at] {
@@ -106,7 +101,6 @@ pub fn replay(
     Ok(replayed)
 }
 
-/// A start of a process that is replayed.
 struct Player {
     /// None after the first step that is missing or differs in its inputs.
     node: Option<Box<dyn Replayed>>,
@@ -115,7 +109,7 @@ struct Player {
 }
 
 impl Player {
-    /// None for the world, and for a start of which a part of the input is not recorded.
+    /// None for the world, and for a start whose input is only partly recorded.
     fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
@@ -141,7 +135,7 @@ impl Player {
             has_time,
         }))
     }
-    /// Replays a step. The first missing step ends the replay, because the node's state is unknown after it.
+    /// Replays a step. A missing step ends the replay, because the node's state is unknown after it.
     fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -196,7 +190,6 @@ fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
     Ok(by_hash.then(|| "has its images recorded by their hashes (recorder.images)".into()))
 }
 
-/// The node of a start in its initial state.
 fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
     if start.header.process == SUPERVISOR {
         let limits = toml::from_str(&start.header.config).doing(start.name())?;
@@ -258,9 +251,8 @@ impl uav::RowVisitor for Beginning<'_> {
     }
 }
 
-/// A node that is replayed.
 trait Replayed {
-    /// Replays one recorded step; true when the output is the same. An input that names a forecast or plan which the
+    /// Replays one recorded step; true if the output is the same. An input with a forecast or plan that the
     /// replay has not computed counts as a difference.
     fn step(
         &mut self,
@@ -340,7 +332,6 @@ mod tests {
     use crate::record::flight::recorder::NodeRecorder;
     use crate::vessel::sensors;
 
-    /// Records the steps of a start with a boot id.
     fn record<N: Wired>(
         directory: &Path,
         (kind, boot): (ProcessKind, u32),
@@ -420,7 +411,6 @@ mod tests {
             "{}",
             why(3)
         );
-        // A recording does not contain the signing key.
         let secret: Vec<u8> = (0..32)
             .map(|k| u8::from_str_radix(&KEY[2 * k..2 * k + 2], 16).unwrap())
             .collect();

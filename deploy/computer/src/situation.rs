@@ -1,4 +1,4 @@
-//! Situation of one computer, known only by the topics of its processes.
+//! Situation of one computer, derived only from its processes' topics.
 
 use alight_shared::admission::AccessRejection;
 use alight_shared::metrics::{MetricName, MetricValue};
@@ -31,7 +31,6 @@ pub fn configured(computer: &Computer) -> ComputerReport {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SourceHealth {
     pub name: String,
-    /// Age of the newest measurement, s; None before the first.
     pub age_s: Option<f64>,
     #[serde(flatten)]
     pub report: SourceReport,
@@ -41,7 +40,7 @@ pub struct SourceHealth {
 
 #[derive(Clone, Debug, Default)]
 pub struct ObservedSituation {
-    /// The computer's report of itself, or the expected one.
+    /// The computer's own report, or the expected one.
     pub known: ComputerReport,
     pub snapshot: Snapshot,
     /// Observer's clock, ns: the steady clock for running processes.
@@ -53,7 +52,7 @@ impl ObservedSituation {
     pub fn of(snapshot: &Snapshot, now_ns: i64) -> ObservedSituation {
         ObservedSituation::look(snapshot, &ComputerReport::default(), now_ns)
     }
-    /// Situation of a computer. Its own report takes precedence over `configured`.
+    /// Situation of a computer, whose own report takes precedence over `configured`.
     pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> ObservedSituation {
         ObservedSituation {
             known: snapshot.computer.unwrap_or(*configured),
@@ -61,7 +60,6 @@ impl ObservedSituation {
             now_ns,
         }
     }
-    /// Time since `at_ns`, s.
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
@@ -72,7 +70,7 @@ impl ObservedSituation {
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
         self.snapshot.processes.get(&kind)
     }
-    /// Whether that process reports. By radio a vessel's reports are less frequent.
+    /// Whether that process reports. By radio, a vessel reports less often.
     pub fn reports(&self, kind: ProcessKind) -> bool {
         let by_radio = kind == ProcessKind::Vessel && !self.known.processes.contains(&kind);
         let stale_s = topics::process_reports(by_radio).stale_after.secs();
@@ -82,7 +80,7 @@ impl ObservedSituation {
     pub fn has_waited(&self) -> bool {
         self.since_s(self.snapshot.since_ns) >= OBSERVATION_S
     }
-    /// Processes that do not report, and the time since their last report, s, if any.
+    /// Silent processes, and the time since the last report of each, s, if any.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {
         let missing = self.known.processes.iter().copied();
         let missing = missing.filter(|kind| self.has_waited() && self.process(*kind).is_none());
@@ -92,13 +90,13 @@ impl ObservedSituation {
             .chain(ended.map(|p| (p.kind, Some(self.since_s(p.at_ns)))))
             .collect()
     }
-    /// Time since the computer's newest report of itself, s, if the reports have stopped.
+    /// Time since the computer's last report, s, if the reports have stopped.
     pub fn unreported_s(&self) -> Option<f64> {
         let age_s = self.since_s(self.snapshot.computer.as_ref()?.header.at.nanos());
         (age_s > topics::COMPUTER.stale_after.secs()).then_some(age_s)
     }
-    /// Time since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than
-    /// disarming takes.
+    /// Time since the landing or the stopped take-off, s, of a drone that remains armed on the deck for
+    /// longer than disarming takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
         let disarm_s = self.known.disarm_s;
@@ -128,7 +126,6 @@ impl ObservedSituation {
         };
         self.snapshot.sources.values().filter_map(source).collect()
     }
-    /// Peers that the vessel's process has rejected since its start, by reason.
     pub fn rejected(&self) -> Vec<(&'static str, u64)> {
         let Some(process) = self.process(ProcessKind::Vessel) else {
             return Vec::new();
@@ -195,7 +192,7 @@ mod tests {
     use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
     use alight_shared::time::Time;
 
-    /// Running processes are known by their reports alone, without any file, and not by the present configuration.
+    /// Running processes are known by their reports alone, not by files or the present configuration.
     #[test]
     fn situation_by_topics_alone() {
         let reported = ComputerReport {

@@ -12,7 +12,7 @@ use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
-/// Default name of a simulated landing's processes.
+/// Default instance of a simulated landing.
 pub const SIMULATED: &str = "sim";
 
 /// Vessel's or drone's computer, by its configuration.
@@ -57,7 +57,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// Computer with the name of another set of processes, if one is given.
+    /// The computer with another instance name, if one is given.
     #[must_use]
     pub fn named(mut self, instance: Option<&str>) -> Computer {
         if let Some(name) = instance {
@@ -74,11 +74,11 @@ impl Computer {
     }
 }
 
-/// Drone whose processes have this name: the installed one, or that of a simulated landing, which has the drone's file
-/// next to its memory.
+/// Drone of the instance `name`: the installed one, or that of a simulated landing, whose file is next to its
+/// memory.
 fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
-    // Without the permission to read it, the other is tried.
+    // Without permission to read the installed file, the other is tried.
     let installed: Option<DroneComputerConfig> = config::load(installed).ok();
     if let Some(drone) = installed.filter(|d| d.instance == name) {
         return Ok(Some(drone));
@@ -92,7 +92,7 @@ fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError
     Ok(Some(drone))
 }
 
-/// Drone of which only the name of its processes is known.
+/// Drone whose configuration is unknown except for the instance name.
 fn unconfigured(name: &str) -> DroneComputerConfig {
     DroneComputerConfig {
         instance: name.into(),
@@ -100,8 +100,8 @@ fn unconfigured(name: &str) -> DroneComputerConfig {
     }
 }
 
-/// Drone that a command on this computer refers to. The installed one takes precedence over a simulated landing unless
-/// another name is given: an order must not go to a simulation while a drone flies.
+/// Drone that a command on this computer refers to. The installed one takes precedence over a simulated
+/// landing unless another name is given: an order must not go to a simulation while a drone flies.
 pub fn commanded_drone(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -117,7 +117,7 @@ pub fn commanded_drone(
     let name = instance.unwrap_or(SIMULATED);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
-        // Without the configuration an order might have the wrong drone's number and is rejected; an abort is tried.
+        // Without it, an order might have the wrong drone's number and is rejected; an abort is tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
             "the configuration of the processes {name} is not found: name it with --config"
         ))),
@@ -125,8 +125,8 @@ pub fn commanded_drone(
     }
 }
 
-/// Vessel that an order on board refers to: the installed one, or by name that of a simulated landing, which has the
-/// vessel's file next to its memory.
+/// Vessel that an order on board refers to: the installed one, or, by name, that of a simulated landing,
+/// whose file is next to its memory.
 pub fn commanded_vessel(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -157,7 +157,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Configuration: that of a landing on this computer takes precedence over the installed one.
+    /// Configuration; that of a landing on this computer takes precedence over the installed one.
     pub fn computer(&self) -> Result<Computer, CliError> {
         let fixed = self.fixed()?;
         match (&fixed.instance, &fixed.config) {
@@ -166,8 +166,8 @@ impl Subject {
             (None, None) => Computer::of_instance(SIMULATED),
         }
     }
-    /// Subject whose orders are passed on. As in [`commanded_drone`], the installed computer takes precedence over a
-    /// simulated landing.
+    /// Subject of orders. As in [`commanded_drone`], the installed computer takes precedence over a simulated
+    /// landing.
     pub fn ordered(&self) -> Result<Subject, CliError> {
         let [_, installed] = SHIPPED;
         let is_open = self.instance.is_none() && self.config.is_none();
@@ -179,7 +179,7 @@ impl Subject {
         }
         self.fixed()
     }
-    /// Whether its processes have a configuration that was read, not a guessed one.
+    /// Whether the configuration was read, not guessed.
     pub fn is_configured(&self) -> bool {
         let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
         self.instance.as_ref().is_none_or(known)

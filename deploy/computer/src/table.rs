@@ -1,4 +1,4 @@
-//! Tables of cells, rendered for a terminal, as Markdown or as HTML.
+//! Tables, rendered for a terminal, as Markdown or as HTML.
 
 use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
@@ -13,7 +13,6 @@ enum Quality {
     Bad,
 }
 
-/// Cell with its text and a smaller explanatory text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cell {
     text: String,
@@ -72,7 +71,7 @@ macro_rules! cells {
     ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from(&$value)),*] };
 }
 
-/// Table; text is left-aligned, numbers are right-aligned.
+/// Text is left-aligned, numbers are right-aligned.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     heads: Vec<String>,
@@ -81,7 +80,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Empty table with these headings; the columns `numbers` contain numbers.
+    /// Table with these headings and no rows; the columns `numbers` contain numbers.
     pub fn new<H: Display>(numbers: impl RangeBounds<usize>, heads: impl IntoIterator<Item = H>) -> Table {
         let heads: Vec<String> = heads.into_iter().map(|h| h.to_string()).collect();
         Table {
@@ -185,7 +184,7 @@ pub enum Colour {
 }
 
 impl Colour {
-    /// Bold text in this colour if standard output is a terminal and NO_COLOR is not set; otherwise plain.
+    /// Bold text in this colour on a terminal without NO_COLOR; otherwise plain.
     pub fn bold(self, text: &str) -> String {
         let forbidden = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
         self.written(text, std::io::stdout().is_terminal() && !forbidden)
@@ -198,7 +197,6 @@ impl Colour {
     }
 }
 
-/// Text in bold green or red on a terminal, otherwise plain.
 pub fn verdict(text: &str, good: bool) -> String {
     let colour = if good { Colour::Green } else { Colour::Red };
     colour.bold(text)

@@ -1,5 +1,5 @@
-//! Output for users and for machines. A reader that went away (`| head`) ends the program quietly instead of with a
-//! panic.
+//! Output for users and for machines. If the reader goes away (`| head`), the program ends quietly instead of
+//! with a panic.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
@@ -24,12 +24,12 @@ pub struct Form {
 }
 
 impl Form {
-    /// Whether standard output contains only the result, and lines for users go to standard error.
+    /// Whether standard output contains only the result; lines for users then go to standard error.
     pub const fn alone(self) -> bool {
         self.json || self.csv
     }
-    /// Prints the result as JSON or its rows as CSV, as requested; returns false if it is for users. Without rows there
-    /// are no columns, and nothing is printed.
+    /// Prints the result as JSON or its rows as CSV, as requested; false if it is for users. Without rows
+    /// nothing is printed.
     pub fn print(self, result: &impl Serialize, rows: &[impl Serialize]) -> Result<bool, CliError> {
         if self.json {
             json(result)?;
@@ -51,18 +51,17 @@ pub fn line(text: impl Display) {
     std::process::exit(2);
 }
 
-/// Prints a value on standard output, as JSON on one line.
 pub fn json(value: &impl Serialize) -> Result<(), CliError> {
     line(serde_json::to_string(value).doing("writing JSON")?);
     Ok(())
 }
 
-/// Prints a line for users: on standard error if standard output contains only the result.
+/// Prints a line for users, on standard error if `alone`.
 pub fn note(alone: bool, text: impl Display) {
     if !alone {
         return line(text);
     }
-    // Standard error has no reader: the result still contains everything.
+    // Without a reader of standard error, the result still contains everything.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
@@ -97,7 +96,6 @@ impl<'de> Deserialize<'de> for Fields {
     }
 }
 
-/// Table whose rows have their cells by column name.
 #[derive(Default)]
 struct Cells {
     names: Vec<String>,
@@ -105,8 +103,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Adds the fields of a row, those of inner objects under `outer.inner`; `after` is the position of the next new
-    /// column.
+    /// Adds the fields of a row, those of inner objects as `outer.inner`; `after` is the position of the next
+    /// new column.
     fn add(&mut self, row: &mut BTreeMap<String, String>, outer: &str, fields: Fields, after: &mut usize) {
         for (name, field) in fields.0 {
             let name = format!("{outer}{name}");
@@ -127,7 +125,7 @@ impl Cells {
             row.insert(name, cell);
         }
     }
-    /// Drops the empty columns of objects that some rows have and others lack; their fields have columns of their own.
+    /// Drops empty columns of objects that some rows lack; the objects' fields have separate columns.
     fn without_missing_objects(&mut self) {
         let all = self.names.clone();
         self.names.retain(|name| {
@@ -141,8 +139,8 @@ impl Cells {
     }
 }
 
-/// Rows as CSV with a column for each field of their JSON, in order: the fields of an inner object as `outer.inner`, a
-/// list in one cell as JSON, unknown values empty. Without rows the text is empty.
+/// Rows as CSV with a column for each field of their JSON, in order: fields of an inner object as
+/// `outer.inner`, a list in one cell as JSON, unknown values empty. Without rows the text is empty.
 fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     let doing = "writing CSV";
     let mut cells = Cells::default();
@@ -173,14 +171,14 @@ fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     String::from_utf8(lines.into_inner().doing(doing)?).doing(doing)
 }
 
-/// CSV without its last line end, which printing adds; None without rows.
+/// CSV without the final line end, which printing adds; None without rows.
 fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
     Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
 }
 
 pub const WIDTH: usize = 80;
 
-/// Appends `more` to a text, with a space before each term; a term that does not fit begins an indented line.
+/// Appends `more`, each term after a space; a term that does not fit begins an indented line.
 pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     for piece in more.split_whitespace() {
         let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
@@ -225,7 +223,6 @@ mod tests {
             "scene,error.mean,error.max,seeds,aborts\n\"0.8,5\",,,\"[7,8]\",\n\"a \"\"b\"\"\",0.25,,\"[7,8]\",\n"
         );
         assert_eq!(csv_lines(&[] as &[Row]).unwrap(), None);
-        // Trailing white space belongs to the cell.
         let spaces = BTreeMap::from([("a", "b \t ")]);
         let lines = csv_lines(&[spaces]).unwrap().unwrap();
         assert!(lines.starts_with("a\n") && lines.contains("b \t "), "{lines:?}");

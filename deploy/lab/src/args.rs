@@ -22,18 +22,17 @@ use clap::{Arg, Args, Command, ValueEnum};
 
 use super::study::definition;
 
-/// Parses flags typed after the name of a command, which comes first.
+/// Parses flags after the name of a command, which comes first.
 #[cfg(test)]
 pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> T {
     let matches = T::augment_args(Command::new("alight")).try_get_matches_from(arguments);
     T::from_arg_matches(&matches.unwrap()).unwrap()
 }
 
-/// Parser of a free-form value for which help, manual pages and completions offer names.
 #[derive(Clone)]
 pub struct Offering<P>(P, Vec<PossibleValue>);
 
-/// Offers `names` for a value that `reader` parses.
+/// Parser that offers `names` for a value that `reader` parses, in help, manual pages and completions.
 pub fn offering<P>(reader: P, names: impl IntoIterator<Item: Into<PossibleValue>>) -> Offering<P> {
     Offering(reader, names.into_iter().map(Into::into).collect())
 }
@@ -300,7 +299,6 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Flags that were given, with their values; empty for a flag without a value.
     pub fn given(&self) -> Vec<(&'static str, String)> {
         fn text<T: ToString>(value: Option<&T>) -> Option<String> {
             value.map(ToString::to_string)
@@ -380,10 +378,9 @@ pub struct TrialArgs {
     pub form: Form,
 }
 
-/// Part `index` of `count`.
 #[derive(Clone, Copy, Debug)]
 pub struct Shard {
-    /// Number from 1.
+    /// Counted from 1.
     pub index: u64,
     pub count: u64,
 }
@@ -454,7 +451,7 @@ pub struct StudyArgs {
     pub form: Form,
 }
 
-/// Wind of an envelope, m/s; with the vessel's own speed it stays within the range of a scenario.
+/// Wind of an envelope, m/s; with the vessel's own speed it remains within a scenario's range.
 fn wind_speed(text: &str) -> Result<f64, String> {
     let speed = speed_mps(text).ok().filter(|v| (0.5..=20.0).contains(v));
     speed.ok_or_else(|| format!("`{text}` is not a valid wind: give 0.5 to 20 m/s"))

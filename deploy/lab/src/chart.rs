@@ -16,8 +16,8 @@ use plotters::prelude::*;
 
 use crate::report::document::Chart;
 
-/// Colours of lines and groups, in order; the first two are drone and deck. The first six are those of Okabe and Ito,
-/// in the order of the Python module's plots.
+/// Colours of lines and groups, in order; the first two are drone and deck. The first six are from Okabe and
+/// Ito, in the order of the Python module's plots.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -44,7 +44,7 @@ fn colour(index: usize) -> RGBColor {
     COLOURS.get(index % COLOURS.len()).copied().unwrap_or(BLACK)
 }
 
-/// Line with its name; a line of a single point is a mark.
+/// A line of a single point is a mark.
 struct Line {
     /// Empty: not in the legend.
     name: String,
@@ -65,7 +65,7 @@ struct Axes<'a> {
     places: Option<&'a [String]>,
 }
 
-/// Writes the legend above a chart, in as many rows as needed. Returns the remaining area.
+/// Writes the legend above a chart, in as many rows as needed; returns the remaining area.
 fn legend<'a>(area: &Area<'a>, lines: &[Line]) -> Result<Area<'a>, Box<dyn Error>> {
     const LEFT: i32 = 60;
     let width = i32::try_from(area.dim_in_pixel().0).unwrap_or(i32::MAX);
@@ -171,13 +171,12 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Curve with its name and a point for each position; None if nothing was measured there.
+/// Curve with a point for each position; None if nothing was measured there.
 pub struct Curve {
     pub name: String,
     pub points: Vec<Option<f64>>,
 }
 
-/// Curves over named positions on the horizontal axis.
 pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Chart, CliError> {
     let line = |(k, curve): (usize, &Curve)| Line {
         name: curve.name.clone(),
@@ -239,12 +238,10 @@ pub fn sheet(charts: &[Chart]) -> String {
     out
 }
 
-/// Line of [`dots`].
 pub struct Dot {
     pub label: String,
-    /// Number of the group, which has one colour.
+    /// Groups have one colour each.
     pub group: usize,
-    /// Statistics, and the interval of the mean.
     pub measured: Option<(SampleStatistics, [f64; 2])>,
     pub published: Option<f64>,
 }

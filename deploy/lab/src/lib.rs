@@ -1,5 +1,5 @@
-//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated vehicles, faults,
-//! the link emulator. Vessels and drones do not install this library.
+//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated
+//! vehicles, faults, the link emulator. Vessels and drones do not install this library.
 
 pub mod args;
 pub mod chart;

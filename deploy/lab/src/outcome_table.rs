@@ -104,7 +104,6 @@ fn plural(n: u32, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Number of unsafe landings, and the upper bound of their rate.
 pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
     let rate = 100.0 * at_most_95(unsafe_trials, trials);
     format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
@@ -155,7 +154,6 @@ pub fn odds(s: &Summary) -> String {
     format!("{landed}\n{}", of("harm", "unsafe", 3, &s.harm))
 }
 
-/// Summary as the JSON object of `trials --json`.
 pub fn summary_json(s: &Summary) -> Map<String, Value> {
     let (lo, hi) = wilson(s.successes, s.trials);
     let mut map = Map::new();

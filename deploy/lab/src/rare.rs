@@ -1,4 +1,4 @@
-//! `alight study rare`: estimates the rate of unsafe landings when they are rare, by splitting.
+//! `alight study rare`: estimates the rate of rare unsafe landings, by splitting.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -84,7 +84,7 @@ fn text(estimate: &SplittingEstimate) -> String {
     let runs = estimate.runs.len();
     let flat = estimate.runs.iter().filter(|r| r.end == End::Plateau).count();
     let plateau = if flat > 0 {
-        format!("; in {flat} of them no landing came nearer than the others: more in a population may")
+        format!("; in {flat} of them no landing came nearer than the others: a larger population may")
     } else {
         String::new()
     };
@@ -100,7 +100,6 @@ fn text(estimate: &SplittingEstimate) -> String {
     )
 }
 
-/// Percentage with two significant digits.
 fn percent(p: f64) -> String {
     let digits = if p > 0.0 {
         (1.0 - p.log10().floor()).clamp(0.0, 9.0)

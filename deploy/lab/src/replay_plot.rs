@@ -1,5 +1,5 @@
-//! `alight replay --plot`: draws the last landing of a flight by the drone's own estimate, because its truth is not
-//! recorded.
+//! `alight replay --plot`: draws the last landing of a flight by the drone's own estimate, because its truth
+//! is not recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,6 @@ use super::chart::{self, landing};
 /// Time between points, s: 10 MB for an hour.
 const STEP_S: f64 = 0.05;
 
-/// Plot of the predictor's inputs and outputs.
 pub struct BeliefPlot {
     path: PathBuf,
     flight: PathBuf,

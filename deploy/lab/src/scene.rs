@@ -1,5 +1,3 @@
-//! Scenario and configuration of the nodes, from flags and files.
-
 use std::path::Path;
 
 use alight_computer::config::method::{self, Tuning};
@@ -42,12 +40,11 @@ impl Scene {
     /// Reads the files, applies the flags, checks everything, and prints the remarks.
     pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
         let scene = Scene::unremarked(args)?;
-        // On standard error, because standard output contains only the result.
+        // Standard output contains only the result.
         scene.remarks.iter().for_each(|r| terminal::note(true, r));
         Ok(scene)
     }
 
-    /// Scene without printed remarks.
     pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
         let mut remarks = Vec::new();
         let mut scenario: Scenario = match &args.scenario {
@@ -102,7 +99,7 @@ impl Scene {
     }
 }
 
-/// Remark for a drone that differs from the description in its file.
+/// Remark if the drone differs from the description in its file.
 fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -> Option<String> {
     let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
     (args.drone_config.is_some() && flies != believed).then(|| {
@@ -114,7 +111,6 @@ fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -
     })
 }
 
-/// Sets the sea of the flags; returns its name.
 fn set_sea(args: &SceneArgs, scenario: &mut Scenario) -> String {
     if let Some(given) = &args.sea {
         scenario.sea = given.config.clone();
@@ -168,7 +164,6 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
     Ok(())
 }
 
-/// Sets wind, time on the deck, radio outage and start of the mission from the flags.
 fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
     match args.wind {
         None => {}
@@ -187,7 +182,7 @@ fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
     }
 }
 
-/// Sets the recorded motion of the deck, whose file is read; returns whether the water follows the deck.
+/// Sets the recorded motion of the deck from its file; returns whether the water follows the deck.
 fn set_deck_motion(
     args: &SceneArgs,
     scenario: &mut Scenario,

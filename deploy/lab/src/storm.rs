@@ -1,5 +1,5 @@
-//! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the shortest
-//! list of faults that breaks one.
+//! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the
+//! shortest list of faults that breaks one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -92,8 +92,8 @@ struct Summary {
     kinds_begun: usize,
     kinds: usize,
     pairs_begun: usize,
-    /// Sums over flights of the kinds that began and of those that can begin, and likewise of the states in which
-    /// faults began.
+    /// Sums over flights: kinds that began and kinds that can begin, and likewise states in which faults
+    /// began.
     kinds_in_flights_begun: usize,
     kinds_in_flights: usize,
     states_in_flights_begun: usize,
@@ -154,8 +154,8 @@ fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// Coverage: how often each kind began in each state, how many storms were aimed at that pair, which kinds began in
-/// which flights, and in which of their states faults began.
+/// Coverage: number of begins and of aimed storms for each kind and state; kinds and states, by type of
+/// flight, in which faults began.
 #[derive(Default)]
 struct Coverage {
     begun: BTreeMap<Pair, usize>,
@@ -174,7 +174,7 @@ impl Coverage {
             self.states.extend(counts.then_some((flight, *state)));
         }
     }
-    /// Aims a storm at the rarest pair of its flight, by begins and aims; unchanged before anything was flown.
+    /// Aims a storm at the rarest pair of its flight; leaves it unchanged before the first flight.
     fn aim(&mut self, storm: Storm) -> Storm {
         if self.begun.is_empty() {
             return storm;
@@ -252,8 +252,8 @@ fn read(path: &Path) -> Result<Storm, CliError> {
     })
 }
 
-/// Key of the whole list that is missing according to the parser's error, which points to the first line because the
-/// key has no entry.
+/// Missing key of the whole list, from the parser's error, which points to the first line because the key has
+/// no entry.
 fn missing(error: &str) -> Option<&str> {
     let key = error.split_once("missing field `")?.1.split('`').next()?;
     let whole = Storm::drawn(1, 0).text();
@@ -263,7 +263,6 @@ fn missing(error: &str) -> Option<&str> {
         .then_some(key)
 }
 
-/// Flies a list and shows the events.
 fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     let storm = read(path)?;
     let mut show = |t_s: f64, line: &str| note(form.alone(), format_args!("{t_s:>7.2} s  {line}"));
@@ -378,7 +377,7 @@ mod tests {
         let mut coverage = Coverage::default();
         let storm = Storm::drawn(1, 2);
         assert_eq!(coverage.aim(storm.clone()), storm);
-        // One began; the others never do, as in a state that is not reached.
+        // The others never began, like those of a state that is not reached.
         let first = pairs(storm.flight).next().unwrap();
         coverage.begun.insert(first, 1);
         let all = pairs(storm.flight).count();

@@ -1,5 +1,3 @@
-//! `alight trial`: one landing.
-
 use alight_computer::config::view::ViewConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::playback::{StartViewer, Viewer};

@@ -16,8 +16,8 @@ use super::args::TrialArgs;
 use super::outcome_table;
 use super::scene::{Scene, stopwatch};
 
-/// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless standard
-/// error is a terminal. Results are in the order of the items.
+/// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless
+/// standard error is a terminal. Results are in the order of the items.
 pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
@@ -55,7 +55,6 @@ pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) 
     })
 }
 
-/// Consecutive seeds from `seed0`.
 pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
         CliError(format!(
@@ -65,7 +64,6 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     Ok((seed0..end).collect())
 }
 
-/// Flies `count` landings and prints a summary.
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     // The first call installs the handler: a signal from here on ends the study with the landings flown so far.

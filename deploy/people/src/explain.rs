@@ -35,7 +35,7 @@ struct Explained {
     advice: &'static str,
 }
 
-/// Advice on a reason; empty when there is nothing to do.
+/// Advice on a reason; empty if there is nothing to do.
 pub fn advice(code: ReasonCode) -> &'static str {
     EXPLANATIONS
         .reason
@@ -78,7 +78,7 @@ fn all() -> Vec<Explained> {
     reasons.chain(messages).collect()
 }
 
-/// Texts of a reason. A reason about autopilot parameters has one text per parameter, with its name.
+/// Texts of a reason; a reason about autopilot parameters has one text per parameter.
 fn texts(code: ReasonCode) -> Vec<String> {
     use ReasonCode::{AutopilotParameter, AutopilotParameterUnknown};
     if !matches!(code, AutopilotParameter | AutopilotParameterUnknown) {
@@ -95,7 +95,7 @@ fn texts(code: ReasonCode) -> Vec<String> {
     all
 }
 
-/// Replaces each figure that is not part of a name, and each placeholder in braces, by `…`.
+/// Replaces each number outside names, and each placeholder in braces, by `…`.
 fn pattern(text: &str) -> String {
     let number = |part: &str| {
         part.split_once('}')
@@ -121,12 +121,12 @@ fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()
 }
-/// Terms that carry the meaning: those longer than articles and prepositions.
+/// Terms longer than articles and prepositions.
 fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// Message with this code, or the messages that share the most terms with `query`, the closest and shortest first.
+/// Message with the code `query`, or the messages that have most terms in common with it, shortest first.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();

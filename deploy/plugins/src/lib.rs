@@ -1,4 +1,4 @@
-//! Plug-ins of the program. No landing uses them; only the command line refers to them. Each is a feature.
+//! Plug-ins of the program, each a feature. Only the command line refers to them; no landing uses them.
 
 #[cfg(feature = "calibrate")]
 pub mod calibrate;

@@ -1,11 +1,10 @@
-//! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total length is
-//! limited.
+//! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total
+//! length is limited.
 
 use std::path::{Path, PathBuf};
 
 use alight_shared::wire;
 
-/// Limits of all documents.
 const MAX_PAGES: usize = 22;
 const MAX_WORDS: usize = 32_000;
 const MAX_PAGE_WORDS: usize = 2500;
@@ -103,7 +102,7 @@ fn book_relative_links() {
     }
 }
 
-/// Hash of the sources of the autopilot link and of the pilot, the code under test in the recorded flights.
+/// Hash of the sources of autopilot link and pilot, which the recorded flights test.
 fn link_version(root: &Path) -> String {
     let flies = ["uav-side/src/autopilot", "uav-side/src/pilot"].map(|d| files(&root.join(d), &[".rs"]));
     let mut sources = flies.concat();
@@ -112,8 +111,8 @@ fn link_version(root: &Path) -> String {
     format!("{:016x}", wire::hash_record(&bytes.concat()).unwrap())
 }
 
-/// Faults in tables of flights with makers' firmware: each table has to name Alight's version, and to state changes of
-/// the code since.
+/// Faults in tables of flights with makers' firmware: each table has to name Alight's version, and to state
+/// changes of the code since.
 fn stale_tables(page: &str, link: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut marker: Option<&str> = None;

@@ -204,7 +204,6 @@ fn csv_of_rows() {
     ));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let (printed, kept) = (stdout(&o), std::fs::read_to_string(rows).unwrap());
-    // Standard output has the columns of the file and nothing else.
     assert_eq!(printed.lines().next(), kept.lines().next());
     assert_eq!(printed.lines().count(), 3, "{printed}");
     // Nested values have dotted names; a quantity has the column of its name.
@@ -481,13 +480,11 @@ fn study_of_paired_planners() {
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     let scene = out.join("scenarios").join("0-0.toml");
     assert!(page.contains(&format!("--scenario '{}' --planner mpc", scene.display())));
-    // Rows of another configuration are not mixed with these.
     let other = out.join("other.toml");
     std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
     let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
-    // Rows of another study are not mixed with these either.
     let o = alight(format!("study wind --trials 1 --out {}", out.display()));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
 }

@@ -1,8 +1,8 @@
-//! Arbitrary and damaged input at the interfaces: radio messages, configuration files, recordings. Nothing panics, and
-//! accepted input is valid.
+//! Arbitrary and damaged input at the interfaces: radio messages, configuration files, recordings. Nothing
+//! panics, and accepted input is valid.
 //!
-//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release --workspace --test
-//! cli fuzz`.
+//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release
+//! --workspace --test cli fuzz`.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -78,7 +78,7 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
     bytes
 }
 
-/// Decodes a message of type `M`. It is rejected, or it is valid enough to be checked and sent again.
+/// Decodes a message of type `M`: it is rejected, or valid enough to be checked and sent again.
 fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     let message = wire::decode::<M>(bytes).ok()?;
     assert!(bytes.len() <= MAX_WIRE_BYTES);
@@ -173,7 +173,6 @@ fn sound() -> Vec<Vec<u8>> {
     .into()
 }
 
-/// The file is rejected, or its content passes every check.
 fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
     if let Ok(config) = config::parse::<C>(text, "fuzz") {
         let again = toml::to_string(&config).expect("what was read is written");
@@ -303,11 +302,9 @@ fn made_wrong(mut bytes: Vec<u8>, how: &Wrong) -> Vec<u8> {
     }
 }
 
-/// Steps that the replay continues after the last wrong one, so that the remains in a node's state have time to do
-/// harm.
+/// Steps that the replay continues after the last wrong one, to let the effects on a node's state appear.
 const FOLLOWED: usize = 3000;
 
-/// Writes a complete file with valid checksums and wrong bytes in some steps.
 fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::McapError> {
     let good = recorded();
     let summary = mcap::Summary::read(good)?.expect("a summary");
@@ -333,13 +330,13 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     Ok(())
 }
 
-/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged bytes). This
-/// test passes them to the nodes.
+/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged
+/// bytes). This test passes them to the nodes.
 #[test]
 fn corrupted_steps_of_a_recording() {
     let reached = AtomicU32::new(0);
     let config = ProptestConfig {
-        // Failures are printed, because the runner has no file to store them in.
+        // The runner has no file for failures, so they are printed.
         failure_persistence: None,
         ..runs()
     };
@@ -352,8 +349,8 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the step
-        // instead.
+        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the
+        // step instead.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"
@@ -365,12 +362,10 @@ fn corrupted_steps_of_a_recording() {
     let reached = reached.into_inner();
     println!("{reached} of {cases} recordings were decoded to the end: the nodes got all their wrong bytes");
     done.unwrap();
-    // Usually half of the recordings are decoded to the end.
     assert!(8 * reached >= cases, "only {reached} of {cases} reached a node");
 }
 
 proptest! {
-    // Each case is a run of the program.
     #![proptest_config(runs())]
     #[test]
     fn damaged_recordings(all in prop::collection::vec(damage(), 1..4)) {

@@ -27,7 +27,6 @@ const LAYERS: [(&str, &[&str]); 2] = [
     ("deploy/people", &["explain", "status", "view", "tools"]),
 ];
 
-/// All packages of the project.
 const PACKAGES: [&str; 11] = [
     "shared",
     "shared/transport",
@@ -149,7 +148,6 @@ fn imports(src: &Path) -> Imports {
     all
 }
 
-/// Modules that can be reached from `from`.
 fn reached(from: &str, all: &Imports) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let mut waiting = vec![from.to_owned()];

@@ -1,9 +1,6 @@
-//! Runs of the program.
-
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// Runs `alight ARGUMENTS` to its end.
 pub fn alight(arguments: impl AsRef<str>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_alight"))
         .args(arguments.as_ref().split_whitespace())
@@ -33,7 +30,6 @@ pub fn stderr(o: &Output) -> String {
     String::from_utf8_lossy(&o.stderr).into_owned()
 }
 
-/// JSON object of the last line of output.
 pub fn json(o: &Output) -> serde_json::Value {
     serde_json::from_str(stdout(o).lines().last().expect("a line")).expect("JSON")
 }

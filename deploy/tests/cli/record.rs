@@ -157,8 +157,8 @@ fn replay_with_a_changed_output() {
 #[test]
 fn replay_of_damaged_foreign_and_missing_files() {
     let good = std::fs::read(&recorded().0).unwrap();
-    // One byte in every 4 kB of the middle: some are in chunks, which have checksums, and not only in the index records
-    // between them, which a replay does not need.
+    // One byte in every 4 kB of the middle: some are in chunks, which have checksums, and not only in the
+    // index records between them, which a replay does not need.
     let mut flipped = good.clone();
     for i in (good.len() / 4..3 * good.len() / 4).step_by(4096) {
         flipped[i] ^= 0x20;
@@ -212,7 +212,7 @@ fn displayed_topics_of_a_recording() {
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.as_ref().unwrap();
-    // An announced topic is not enough: messages were published on it.
+    // Topics that were announced also have messages.
     let topics: BTreeSet<(String, String)> = summary
         .channels
         .values()

@@ -41,7 +41,6 @@ fn printed(arguments: &str) -> String {
     stdout(&out)
 }
 
-/// Collects every key under its dotted name.
 fn flat(table: &Table, at: &str, out: &mut BTreeMap<String, Value>) {
     for (key, value) in table {
         let name = format!("{at}{key}");
@@ -60,7 +59,6 @@ fn keys(text: &str) -> BTreeMap<String, Value> {
     all
 }
 
-/// Asserts that every key has a comment above it.
 fn assert_explained(side: &str, text: &str) {
     let mut before = "";
     for line in text.lines() {
@@ -245,7 +243,6 @@ fn systemd_units_verification_and_exposure() {
     std::fs::remove_dir_all(&directory).expect("removed");
 }
 
-/// Collects all Rust sources below `directory`.
 fn sources(directory: &Path, out: &mut String) {
     for entry in std::fs::read_dir(directory).expect("a directory").flatten() {
         let (path, name) = (entry.path(), entry.file_name());

@@ -1,5 +1,5 @@
-//! Access control of the radio: real zenoh clients whose messages must be rejected, next to one that is admitted. No
-//! test asserts a time; timeouts only end hanging tests.
+//! Access control of the radio: real Zenoh clients whose messages must be rejected, next to one that is
+//! admitted.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,7 +12,7 @@ use zenoh::Wait;
 
 use crate::common::{self, free_udp, publication, tls};
 
-/// Client with rules of its own, which connects to `endpoint` or listens there and repeatedly publishes on `key`.
+/// Client that connects to `endpoint` or listens there, and repeatedly publishes on `key`.
 struct Intruder(zenoh::Session, String);
 
 impl Intruder {
@@ -55,7 +55,6 @@ impl Intruder {
     }
 }
 
-/// Settings of a client whose files are in `directory`.
 fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     vec![
         ("root_ca_certificate", directory.join("authority.pem")),
@@ -93,15 +92,14 @@ fn expired(keys: &Path) -> PathBuf {
 
 const STATUS: &str = "alight/drone-1/status";
 
-/// Asserts that the rejection was counted with this reason, which `alight status` shows.
 #[track_caller]
 fn assert_counted(why: AccessRejection) {
     let counted = rejections::counted();
     assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
 }
 
-/// Peers that the vessel at `address` has to reject: without certificate, with one of another authority, with an
-/// expired one, with a name that is not admitted, and with an admitted certificate on other peers' keys.
+/// Peers that the vessel at `address` has to reject: without certificate, with one of another authority, with
+/// an expired one, with a name that is not admitted, and with an admitted certificate on other peers' keys.
 fn intruders(address: &str, keys: &Path) -> Vec<Intruder> {
     common::keys(keys, "drone 9");
     let other = keys.join("other");
@@ -194,7 +192,6 @@ fn vessel_on_a_key_outside_its_rule() {
         ("listen_private_key", own.join("key.pem")),
     ];
     let address = free_udp();
-    // The vessel's certificate admits only the vessel's keys.
     let mut vessel = Intruder::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
     let dial = RadioConfig::dialling(
         format!("quic/{address}"),

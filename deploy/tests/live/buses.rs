@@ -12,7 +12,6 @@ use alight_transport::memory::{Instance, Memory, Services};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// Runs `suite` on a shared memory of its own.
 fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();
     instance.wipe().unwrap();
@@ -26,7 +25,6 @@ fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
 fn at(ms: i64) -> Time<DroneClock> {
     Time::from_nanos(ms * 1_000_000)
 }
-/// Message `k` of the writer with boot id `boot`.
 fn range(boot: u32, k: u32) -> RangeSample {
     RangeSample {
         header: Header::new(1, 1, boot, k, at(i64::from(k))),
@@ -143,9 +141,9 @@ fn shared_memory_conforms() {
 
 #[derive(Clone, Copy, Debug)]
 enum Happens {
-    /// The writer sends this number of messages.
+    /// Number of messages from the writer.
     Sends(usize),
-    /// This reader reads the newest message, or all.
+    /// Number of the reader, and whether it reads the newest message or all.
     Reads(usize, bool),
     Restarts,
     Rejoins(usize),
@@ -162,8 +160,8 @@ fn happens() -> impl Strategy<Value = Happens> {
     ]
 }
 
-/// Messages and counts that the readers get during these events. Readers receive from one writer at a time: the order
-/// of messages from two writers depends on the bus.
+/// Messages and counts that the readers get during these events. Readers receive from one writer at a time:
+/// the order of messages from two writers depends on the bus.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();
     let (mut readers, mut writer) = ([0; PORTS].map(join), bus.writer().unwrap());

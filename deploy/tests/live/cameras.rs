@@ -1,5 +1,5 @@
-//! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written as PGM,
-//! and detected at its position.
+//! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written
+//! as PGM, and detected at its position.
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -18,7 +18,6 @@ use serde_json::Value;
 
 use crate::common::{self, errors, printed, scratch};
 
-/// Directory removed with the test.
 struct Directory(PathBuf);
 
 impl Directory {
@@ -43,8 +42,8 @@ impl Drop for Directory {
     }
 }
 
-/// Image of the camera of a drone at rest, `k / rate_hz` after the start, with the deck at `below` in the camera's axes
-/// (right, aft, down), m.
+/// Image of the camera of a drone at rest, `k / rate_hz` after the start, with the deck at `below` in the
+/// camera's axes (right, aft, down), m.
 fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
     let mount = CameraMount {
         position: Vector3::zeros(),

@@ -1,5 +1,3 @@
-//! Parts of process tests: the program, its certificates, ports, signals.
-
 use std::cell::RefCell;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -24,8 +22,8 @@ struct Use {
 }
 
 impl Use {
-    /// Waits until this thread may use the computer. A thread that waits for exclusive use does not block others, which
-    /// may have to use it again first.
+    /// Waits until this thread may use the computer. A thread that waits for exclusive use does not block
+    /// other threads, which may need the computer again first.
     fn begin(alone: bool) -> Use {
         let (users, changed) = &USERS;
         let free = |(users, taken): &mut (usize, bool)| *taken || alone && *users > 0;
@@ -55,8 +53,8 @@ impl Drop for Use {
     }
 }
 
-/// Reserves the computer for this test. On two processors a flight of two computers' processes with a rendered camera
-/// stops for half a second while another one starts, which ends in the autopilot's hold.
+/// Reserves the computer for this test. On two processors a flight of two computers' processes with a
+/// rendered camera stops for half a second while another one starts, which ends in the autopilot's hold.
 pub fn alone() {
     USE.with_borrow_mut(|u| {
         *u = None;
@@ -64,14 +62,12 @@ pub fn alone() {
     });
 }
 
-/// Shares the computer with other tests.
 fn with_others() {
     USE.with_borrow_mut(|u| {
         u.get_or_insert_with(|| Use::begin(false));
     });
 }
 
-/// Command of the program under test with these arguments.
 pub fn alight(arguments: impl AsRef<str>) -> Command {
     with_others();
     let mut command = Command::new(env!("CARGO_BIN_EXE_alight"));
@@ -79,7 +75,6 @@ pub fn alight(arguments: impl AsRef<str>) -> Command {
     command
 }
 
-/// Runs the program under test with these arguments to its end.
 pub fn run(arguments: impl AsRef<str>) -> Output {
     alight(arguments)
         .stdin(Stdio::null())
@@ -152,12 +147,10 @@ impl Drop for Running {
     }
 }
 
-/// Free address of the loopback interface.
 pub fn free_udp() -> String {
     format!("127.0.0.1:{}", free_port())
 }
 
-/// Free port of the loopback interface.
 pub fn free_port() -> u16 {
     with_others();
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
@@ -186,7 +179,7 @@ pub fn keys(directory: &Path, what: &str) {
     assert!(out.status.success(), "alight keys {what}: {out:?}");
 }
 
-/// TLS configuration with the files of one side, which admits `peers`.
+/// TLS configuration with the files of one side; it admits only `peers`.
 pub fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
     let file = |name: &str| directory.join(name).display().to_string();
     TlsConfig {

@@ -1,7 +1,7 @@
-//! Kills processes of a landing drone with real signals: `alight land` gives the order, and the tests' own firmware
-//! flies the drone behind the autopilot link. `faults` of `tests/tests/flights` lets predictor, mission, pilot and link
-//! fail at every moment in lock-step; this file tests signals, supervisor and shared memory. No test asserts a
-//! wall-clock time: all times are the world's.
+//! Kills processes of a landing drone with real signals: `alight land` gives the order, and the tests' own
+//! firmware flies the drone behind the autopilot link. `faults` of `tests/tests/flights` lets predictor,
+//! mission, pilot and link fail at every moment in lock-step; this file tests signals, supervisor and shared
+//! memory.
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
@@ -10,14 +10,14 @@ use crate::common::{instance, run};
 use crate::firmware::{FirmwareFlight, FirmwareOutcome, fly};
 use crate::landing::{directory, pid, status_when};
 
-/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, and a
-/// restarted process searches for the evidence.
+/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe,
+/// and a restarted process searches for the evidence.
 const MOTORS_ON_S: f64 = 5.0;
 /// Time from the first disarm during which the autopilot denies it, s; longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;
 
-/// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the water,
-/// and every contact was soft.
+/// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the
+/// water, and every contact was soft.
 fn is_safe(flown: &FirmwareOutcome) -> bool {
     let o = &flown.outcome;
     let none = |count: &str| o[count].as_u64() == Some(0);
@@ -45,7 +45,7 @@ fn live_link_killed_after_the_stop() {
     assert!(at_s.is_number(), "{}", flown.show());
 }
 
-/// Minimum duration of a state, s: shorter ones may be missed between two reads of live processes.
+/// Minimum duration of a state, s; shorter states may be missed between two reads of live processes.
 const BRIEF_S: f64 = 0.1;
 
 /// Names of the states that lasted, in order, from names with times of entry.
@@ -65,8 +65,8 @@ fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
     states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
-/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the same
-/// states.
+/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the
+/// same states.
 fn endings(list: &str, name: &str) -> [bool; 2] {
     let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
     let json = |command: String| {

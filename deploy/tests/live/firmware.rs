@@ -1,6 +1,5 @@
-//! Landings of all processes with a drone flown by the tests' own firmware, which speaks ArduPilot's JSON backend or
-//! PX4's simulator API to the world and MAVLink to `alight autopilot`, with an origin of its own. No test asserts a
-//! time.
+//! Landings of all processes with a drone flown by the tests' own firmware, which speaks ArduPilot's JSON
+//! backend or PX4's simulator API to the world and MAVLink to `alight autopilot`, with its own origin.
 use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -35,7 +34,7 @@ const FIELD_DECLINATION: f64 = 0.0807;
 const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
 /// Samples per answer of PX4, which limits its rate by IMU_GYRO_RATEMAX.
 const PX4_ANSWERS: u32 = 2;
-/// Height above the pad that the pilot takes off to, m.
+/// Height above the pad to which the pilot takes off, m.
 const TAKE_OFF_M: f64 = 8.0;
 /// Fraction of hover below which a commanded thrust lets the drone descend or presses it onto the deck.
 const PRESSES: f64 = 0.6;
@@ -43,7 +42,6 @@ const PRESSES: f64 = 0.6;
 const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
                             gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";
 
-/// Landing to fly.
 #[derive(Clone, Debug)]
 pub struct FirmwareFlight {
     pub firmware: Firmware,
@@ -63,7 +61,6 @@ impl FirmwareFlight {
     }
 }
 
-/// MAVLink of the firmware.
 enum Link {
     /// Waits for `alight autopilot` to connect.
     Tcp(TcpListener, Option<TcpStream>),
@@ -80,7 +77,7 @@ impl Link {
                     *stream = door.accept().ok().map(|(s, _)| s);
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
-                        // Set as in ArduPilot, because otherwise odometry waits for acknowledgements, sometimes for 39
+                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes for 39
                         // ms.
                         s.set_nodelay(true).unwrap();
                     });
@@ -97,7 +94,6 @@ impl Link {
         got.map(|n| buffer[..n].to_vec()).into_iter().collect()
     }
     fn send(&mut self, bytes: &[u8]) {
-        // The peer may not exist yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -105,7 +101,6 @@ impl Link {
     }
 }
 
-/// Firmware and its pilot.
 struct Controls {
     a: Option<SimulatedAutopilot>,
     link: Link,
@@ -113,11 +108,10 @@ struct Controls {
     pad: Vector3<f64>,
     taken_off: bool,
     slice: Option<Time<TrueTime>>,
-    /// Set-points have pressed the drone onto the deck.
     pressed: bool,
 }
 
-/// Firmware on its pad, with good sensors, because the stand-in firmware around it has errors of its own.
+/// Firmware on its pad, with good sensors, because the stand-in firmware has errors of its own.
 fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
     let c = AutopilotConfig {
         firmware,
@@ -144,7 +138,7 @@ impl Controls {
             pressed: false,
         }
     }
-    /// Advances by one slice with the drone's motion in this firmware's own NED; rotor outputs, None with motors off.
+    /// Advances by one slice; the motion is in this firmware's NED. Rotor outputs; None if motors are off.
     fn step(&mut self, f: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         if self.a.is_none() {
             self.pad = f.position;
@@ -152,7 +146,7 @@ impl Controls {
         let firmware = self.flight.firmware;
         let a = self.a.get_or_insert_with(|| on_pad(firmware, f));
         let t_s = f.at.secs();
-        // The pilot arms, takes off, and hands the drone over once it is up.
+        // The pilot arms, takes off, and then hands the drone over.
         let dt = (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
         let armable = firmware == Firmware::Px4 || 1.0 / dt >= GYROSCOPES_HZ;
         if t_s > 3.0 && armable && !self.taken_off {
@@ -178,7 +172,6 @@ impl Controls {
     }
 }
 
-/// Serves ArduPilot's JSON backend until `end`.
 fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let local = ORIGIN.to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -188,7 +181,6 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let (mut asked, mut newest) = (false, None);
     while !end.load(Ordering::Relaxed) {
         if !asked {
-            // The world may not be there yet.
             let _unsent = socket.send(&stand_in::servo_packet(frame, outputs));
         }
         let received = socket.recv(&mut buffer);
@@ -198,7 +190,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
             continue;
         };
         let mut sensed = stand_in::read_line(&String::from_utf8_lossy(&buffer[..n])).unwrap();
-        // A repeated packet gets a repeated answer, which is dropped, or each would stay in the queue.
+        // Drops the answer to a repeated packet; otherwise each would remain in the queue.
         if newest.replace(sensed.at).is_some_and(|at| sensed.at <= at) {
             continue;
         }
@@ -209,13 +201,12 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     flown
 }
 
-/// Serves PX4's simulator API until `end`, with an estimator of its own, because it provides only sensors.
+/// Serves PX4's simulator API until `end`, with its own estimator, because that API provides only sensors.
 fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
         let Some(link) = &mut stream else {
-            // The world may not be there yet.
             std::thread::sleep(Duration::from_millis(20));
             stream = TcpStream::connect(("127.0.0.1", plant)).ok();
             stream.iter().for_each(|s| {
@@ -268,14 +259,13 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
 }
 
 pub struct FirmwareOutcome {
-    /// Output of `alight land`.
     pub outcome: Value,
     pub errors: String,
     pub autopilot: SimulatedAutopilot,
 }
 
-/// Asserts that the drone was disarmed in the mode in which it was handed over: by one command or two, and only by the
-/// forced disarm.
+/// Asserts that the drone was disarmed in the mode in which it was handed over: by one command or two, and
+/// only by the forced disarm.
 pub fn assert_disarmed(a: &SimulatedAutopilot) {
     assert!(!a.armed(), "it was not disarmed");
     let offboard = mode_number(a.firmware(), AutopilotMode::Offboard);
@@ -288,12 +278,10 @@ pub fn assert_disarmed(a: &SimulatedAutopilot) {
 }
 
 impl FirmwareOutcome {
-    /// Whether the mission has entered this state.
     pub fn entered(&self, state: &str) -> bool {
         let phases = self.outcome["live"]["phases"].as_array();
         phases.is_some_and(|all| all.iter().any(|p| p["state"] == state))
     }
-    /// Text for --nocapture.
     pub fn show(&self) -> String {
         format!("{}\n{}", self.outcome, self.errors)
     }
@@ -303,9 +291,7 @@ impl FirmwareOutcome {
 pub struct StandIn {
     flown: JoinHandle<Controls>,
     end: Arc<AtomicBool>,
-    /// Name of the firmware in flags.
     pub kind: &'static str,
-    /// Address of its MAVLink.
     pub connect: String,
     /// Configuration of the plant, which names its port.
     pub config: PathBuf,
@@ -358,7 +344,6 @@ impl StandIn {
     }
 }
 
-/// Flies a landing under this name.
 pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
     let scene = std::env::temp_dir().join(format!("{name}-scene.toml"));
     let scenario = match flight.firmware {

@@ -14,7 +14,6 @@ use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{errors, printed, run, started};
 
-/// Ground station that keeps the companion's messages.
 pub struct GroundStation {
     pub address: SocketAddr,
     ends: Arc<AtomicBool>,
@@ -91,8 +90,8 @@ pub fn watch(instance: &str) -> Child {
     started(format!("status --watch --instance {instance}"))
 }
 
-/// Asserts that it has printed a line for each change and ended with the landing, with the exit code of the last
-/// status.
+/// Asserts that it has printed a line for each change and ended with the landing, with the exit code of the
+/// last status.
 pub fn assert_watched(watch: Child) {
     let out = watch.wait_with_output().expect("ends");
     let text = printed(&out);
@@ -108,7 +107,7 @@ pub fn assert_watched(watch: Child) {
     assert!(!text.contains('\x1b'), "{text}");
 }
 
-/// Asserts that the page fits, and that each process has its tables.
+/// Asserts that the page fits, and that the full report has the tables of processes, topics and radio.
 pub fn assert_status_shown(instance: &str) {
     let page = printed(&run(format!("status --instance {instance}")));
     let fits = page.lines().count() <= 20 && page.lines().all(|l| l.chars().count() <= 80);

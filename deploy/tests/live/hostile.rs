@@ -1,5 +1,5 @@
-//! Hostile client that is connected to the vessel's radio for a whole landing: everything that it publishes on the keys
-//! of vessel and drone is counted and shown, and the landing continues.
+//! Hostile client on the vessel's radio during a whole landing: everything that it publishes on the keys of
+//! vessel and drone is counted and shown, and the landing continues.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ const KEYS: [&str; 7] = [
     "alight/drone-1/status",
 ];
 
-/// Pseudo-random numbers from a seed (a linear congruential generator; their quality does not matter).
+/// Pseudo-random numbers from a seed (a linear congruential generator, whose quality does not matter).
 struct Dice(u64);
 
 impl Dice {
@@ -147,7 +147,6 @@ impl Overheard {
         session
             .declare_subscriber("alight/**")
             .callback(move |sample| {
-                // The test may have ended.
                 let _gone = sender.send((
                     sample.key_expr().to_string(),
                     sample.payload().to_bytes().into_owned(),
@@ -177,7 +176,6 @@ fn count(status: &Value, process: &str, metric: &str) -> f64 {
     status["metrics"][process][metric].as_f64().unwrap_or(0.0)
 }
 
-/// Client that attacks until ended.
 pub struct Attack {
     end: Arc<AtomicBool>,
     thread: JoinHandle<()>,
@@ -204,7 +202,6 @@ impl Attack {
         });
         Attack { end, thread }
     }
-    /// Asserts that each kind of its messages is counted.
     pub fn assert_counted(instance: &str) {
         let wanted = [
             ("bridge", "rejected_malformed"),

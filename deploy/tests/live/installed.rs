@@ -1,8 +1,8 @@
-//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised peer.
-//! `rehearse` flies their landing without a fault.
+//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised
+//! peer. `rehearse` flies their landing without a fault.
 //!
-//! `deploy/packages/test` lands with the installed packages: it puts their commands, preceded by network namespace and
-//! user, into ALIGHT_VESSEL and ALIGHT_DRONE. No test asserts a time; timeouts only end hanging tests.
+//! `deploy/packages/test` lands with the installed packages: it puts their commands, preceded by network
+//! namespace and user, into ALIGHT_VESSEL and ALIGHT_DRONE.
 
 use std::collections::BTreeMap;
 use std::net::UdpSocket;
@@ -45,7 +45,6 @@ fn arguments(side: &str) -> Vec<String> {
     arguments
 }
 
-/// Runs the program of one side with these arguments to its end.
 fn run(side: &str, what: impl AsRef<str>) -> Output {
     let arguments = arguments(side);
     let mut command = Command::new(&arguments[0]);
@@ -170,7 +169,6 @@ impl Installed {
         }
     }
 
-    /// Changes a written configuration.
     fn change(&self, name: &str, change: impl Fn(&mut Table)) {
         let file = self.file(&format!("{name}.toml"));
         let text = std::fs::read_to_string(&file).expect("read");
@@ -187,19 +185,17 @@ impl Installed {
         open_to_all(&service.socket());
         self.services.insert(name, service);
     }
-    /// Starts a service, and waits until it reports that it is ready.
     fn start_ready(&mut self, name: &'static str) {
         self.start(name);
         let ready = self.services.get_mut(name).expect("it runs").await_ready();
         ready.unwrap_or_else(|e| panic!("{e}\n{}", self.complaints()));
     }
-    /// Ends a service as its manager would.
     fn stop(&mut self, name: &str) {
         let mut service = self.services.remove(name).expect("it runs");
         assert!(service.stop(), "killed: {}", self.complaints());
     }
-    /// Kills the drone's supervisor and restarts it as its service manager does: after RestartSec, once all of its
-    /// processes are gone.
+    /// Kills the drone's supervisor and restarts it as its service manager does: after RestartSec, once all
+    /// of its processes have ended.
     fn crash_supervisor(&mut self) {
         let processes = self.status()["processes"].as_array().cloned().unwrap_or_default();
         let of_drone = processes
@@ -218,7 +214,6 @@ impl Installed {
         std::thread::sleep(Duration::from_millis(100));
         self.start_ready("drone");
         let [gone_s, ready_s] = [gone_ns, steady_ns()].map(|t| (t - began_ns) as f64 * 1e-9);
-        // For --nocapture.
         println!("gone after {gone_s:.3} s, ready after {ready_s:.3} s");
     }
     fn complaints(&self) -> String {
@@ -239,7 +234,6 @@ impl Installed {
         let out = run("drone", format!("status --json --instance {}", self.instance));
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
-    /// Output of `status` on the vessel.
     fn vessel_status(&self) -> Value {
         let config = self.file("vessel.toml");
         let out = run("vessel", format!("status --json --config {config}"));
@@ -270,8 +264,8 @@ impl Installed {
     fn assert_accepted(&self, out: &Output) {
         assert!(out.status.success(), "{out:?}\n{}", self.complaints());
     }
-    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that the status
-    /// shows the attempt.
+    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that
+    /// the status shows the attempt.
     fn assert_others_rejected(&self) {
         std::thread::scope(|scope| {
             for keys in ["other/operator-1", "drone-1"] {
@@ -304,14 +298,11 @@ impl Installed {
         let status = self.status();
         status["mission"]["state"].as_str().unwrap_or_default().to_owned()
     }
-    /// Asserts that the world reports a success.
     fn assert_success(&self) {
         let outcome = self.outcome();
-        // For --nocapture.
         println!("{outcome}");
         assert_eq!(outcome["outcome"], "success", "{}", self.complaints());
     }
-    /// Outcome that the world reports.
     fn outcome(&self) -> Value {
         let lines = self.services["world"].lines();
         let mut reports = lines.filter_map(|line| serde_json::from_str::<Value>(&line).ok());
@@ -337,7 +328,7 @@ fn fresh(status: &Value) -> bool {
     status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
 }
 
-/// Lets the packages' users read what this test wrote.
+/// Lets the packages' users read the files of this test.
 fn open_to_all(directory: &Path) {
     let mut waiting = vec![directory.to_path_buf()];
     while let Some(path) = waiting.pop() {

@@ -1,5 +1,4 @@
-//! Live processes, each test with its own instance on the loopback interface. No test asserts a time; timeouts only end
-//! hanging tests.
+//! Live processes, each test with its own instance on the loopback interface.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
@@ -102,7 +101,6 @@ fn replay(path: &Path) -> String {
     text
 }
 
-/// Converts a flight into one recording.
 fn replay_to(flight: &Path, recording: &Path) {
     let out = run(format!(
         "replay {} --record {}",
@@ -112,7 +110,7 @@ fn replay_to(flight: &Path, recording: &Path) {
     assert!(out.status.success(), "{}", errors(&out));
 }
 
-/// Asserts that nothing of the instance is left: no process, no file in shared memory, no directory.
+/// Asserts that the instance has left no process, no file in shared memory and no directory.
 fn assert_gone(instance: &str, pids: &[u64]) {
     for pid in pids {
         let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
@@ -168,7 +166,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     let watched = ground::watch(&name);
     Attack::assert_counted(&name);
     let shown = status_when(&name, |s| s["mission"]["state"] == "Approach");
-    // The vessel's frames of RTCM have reached the drone's receiver.
+    // The vessel's RTCM frames have reached the drone's receiver.
     let passed_on = &shown["metrics"]["autopilot"]["rtcm_frames_passed_on"];
     assert!(passed_on.as_f64() > Some(0.0), "{shown}");
     ground::assert_status_shown(&name);
@@ -203,7 +201,6 @@ fn replay_of_a_landing_among_hostile_packets() {
         assert!(text.contains(node), "{node}: {text}");
     }
     replay(&recording);
-    // The flight and its recording contain the same.
     let [of_flight, of_recording] =
         [&log, &recording].map(|path| printed(&run(format!("calibrate drone {} --json", path.display()))));
     assert!(of_flight.contains("\"identified\":true"), "{of_flight}");
@@ -258,7 +255,7 @@ fn killed_and_frozen_processes_and_an_interrupt() {
     });
     assert_eq!(pids(&shown).len(), PROCESSES.len());
 
-    // Without the viewers' server all others continue.
+    // The other processes continue without the viewers' server.
     view::assert_shown(port, &name, &shown);
     let after = killed(&name, "view", pid(&shown, "view").expect("it runs"), |_| true);
     assert_eq!(pids(&shown), pids(&after));
@@ -275,7 +272,7 @@ fn killed_and_frozen_processes_and_an_interrupt() {
         another(s, "pilot", pilot) && another(s, "vessel", vessel) && fresh(s)
     });
 
-    // Without their supervisor the processes end; the next start cleans up what it could not.
+    // Without their supervisor the processes end; the next start removes their remains.
     let orphans = pids(&shown);
     assert_eq!(orphans.len(), PROCESSES.len());
     first.kill();
@@ -335,13 +332,13 @@ fn fifty_starts_and_stops() {
     let name = instance("fifty");
     for k in 0..50_u64 {
         let child = land(&name, "--warm-up 600");
-        // Ended at every stage from the first file to full flight. SIGINT does not work here: processes that a shell
-        // starts in the background ignore it until their own handler is in place.
+        // Ended at every stage from the first file to full flight. SIGINT does not work here: processes that
+        // a shell starts in the background ignore it until their own handler is in place.
         std::thread::sleep(Duration::from_millis(37 * k % 900));
         signal(child.id(), "-TERM");
         let out = child.output();
         let errors = errors(&out);
-        // Before the handler is in place a signal ends the program at once, and there is nothing to clean.
+        // Before the handler is in place a signal ends the program at once, with nothing to clean up.
         assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {errors}");
         if out.status.code().is_some() {
             assert_gone(&name, &[]);

@@ -1,5 +1,4 @@
-//! Watchdog of the radio, and delivery of an order among many states. No test asserts a time; timeouts only end hanging
-//! tests.
+//! Watchdog of the radio, and delivery of an order among many states.
 
 use std::time::Duration;
 
@@ -52,7 +51,6 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     panic!("not received: by the vessel {at_vessel}, by the drone {at_drone}");
 }
 
-/// Asserts that the watchdog reopens the session.
 #[track_caller]
 fn assert_reopens(drone: &mut Radio) {
     let before = drone.counts().reopened;
@@ -66,7 +64,7 @@ fn assert_reopens(drone: &mut Radio) {
     panic!("the watchdog did not open it again");
 }
 
-/// The drone does not read while its vessel sends without a pause; states bear a growing number.
+/// The drone does not read while its vessel sends without a pause; states carry a growing number.
 #[test]
 fn abort_after_ten_thousand_states() {
     const STATES: &str = "alight/vessel-1/estimate";

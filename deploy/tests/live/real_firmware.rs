@@ -1,5 +1,5 @@
-//! Landing at Moderate with the makers' own firmware at the controls of the simulated drone, if its program is on this
-//! computer. `firmware.rs` flies the same plant with the tests' own firmware.
+//! Landing at Moderate with the makers' own firmware at the controls of the simulated drone, if its program
+//! is on this computer. `firmware.rs` flies the same plant with the tests' own firmware.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -17,7 +17,6 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use crate::common::{errors, free_port, printed, run};
 
-/// MAVLink address of a ground station.
 const PERSON: Address = Address::new(255, 190);
 const TAKE_OFF: u16 = 22;
 /// Height above its pad to which the pilot takes off, m.
@@ -72,7 +71,6 @@ impl Link {
         buffer[..n].to_vec()
     }
     fn send(&mut self, bytes: &[u8]) {
-        // The firmware may not be there yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -86,7 +84,7 @@ struct Person {
     link: Link,
     decoder: Decoder,
     encoder: Encoder,
-    /// Heartbeats of the firmware, one a second.
+    /// Heartbeats of the firmware, one per second.
     beats: u32,
     mode: u32,
     armed: bool,
@@ -169,7 +167,6 @@ impl Person {
             Firmware::Px4 => {}
         }
     }
-    /// Mode that accepts set-points.
     fn ours(&self) -> u32 {
         match self.firmware {
             Firmware::Px4 => px4_mode(6, 0),
@@ -177,7 +174,7 @@ impl Person {
         }
     }
     fn fly(mut self, end: &AtomicBool) -> Person {
-        // PX4 sends to those from whom it has received.
+        // PX4 sends only to peers from which it has received.
         self.act();
         while !end.load(Ordering::Relaxed) {
             let bytes = self.link.receive();
@@ -210,7 +207,6 @@ impl Person {
 /// Instance number of PX4 on this computer, on which its ports depend.
 const PX4_INSTANCE: u8 = 7;
 
-/// Process that ends with the test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -231,7 +227,6 @@ fn start(command: &mut Command, directory: &Path) -> Running {
     Running(running.expect("the firmware's program starts"))
 }
 
-/// Three consecutive ports, of which the first and the third are free.
 fn ports() -> u16 {
     let free = |p: u16| TcpListener::bind(("127.0.0.1", p)).is_ok();
     (20_000..30_000)
@@ -303,7 +298,6 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     drop(running);
     let (errors, text) = (errors(&out), printed(&out));
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
-    // For --nocapture.
     println!("{outcome}");
     let success = outcome["outcome"] == "success";
     if !success {

@@ -1,5 +1,5 @@
-//! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time: `cargo test
-//! --release --workspace --test live -- --ignored --nocapture hundred_kills`.
+//! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time:
+//! `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -30,7 +30,6 @@ impl Drop for Vessel {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             let _left = std::fs::remove_dir_all(&self.directory);
-            // A killed process leaves its memory behind.
             let instance = Instance::new(&self.instance).expect("a name");
             let _left = instance.wipe();
             let _left = std::fs::remove_dir_all(instance.directory());
@@ -125,7 +124,6 @@ fn below(directory: &Path) -> Vec<PathBuf> {
     entries.map(|e| e.path()).collect()
 }
 
-/// Measurements of the vessel's sensors in a trial, by step.
 fn readings(directory: &Path) -> Vec<Readings> {
     let (recording, scenario) = (directory.join("trial.mcap"), directory.join("trial.toml"));
     std::fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
@@ -227,7 +225,6 @@ fn killed_recording() {
     const KILLS: usize = 3;
     let vessel = Vessel::prepare("killed");
     assert_eq!(kill(&vessel, KILLS as u64).len(), KILLS);
-    // A process that ends in order.
     let mut process = vessel.start();
     vessel.feed_until_synchronised(KILLS + 1);
     let running = &vessel.flights("--mend")[KILLS];

@@ -1,5 +1,5 @@
-//! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial lines, the
-//! camera by its images, and a vessel's service that is killed while the drone follows.
+//! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial
+//! lines, the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
 
@@ -37,7 +37,6 @@ fn rehearsal_of_the_shipped_files() {
     let pid = child.id();
     let out = child.wait_with_output().expect("it ends");
     let autopilot = firmware.end();
-    // For --nocapture.
     println!("{}", errors(&out));
     let report: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
     assert_eq!(

@@ -1,5 +1,5 @@
-//! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that starts after
-//! the node, as rmw_zenohd may.
+//! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that
+//! starts after the node, as rmw_zenohd may.
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
@@ -16,7 +16,6 @@ use zenoh::sample::Sample;
 use crate::common::{alight, instance, scratch, signal};
 use crate::landing::{land, status_when};
 
-/// Stamp and frame.
 type Header = ((i32, u32), String);
 /// Position and quaternion (x, y, z, w), with covariance.
 type Pose = ([f64; 7], [[f64; 6]; 6]);
@@ -59,7 +58,6 @@ impl Node {
         std::thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| to.send(line)));
         Node(child, printed)
     }
-    /// Asserts that the next line contains `what`.
     fn prints(&self, what: &str) {
         let line = self.1.recv_timeout(TIMEOUT).expect("a line");
         assert!(line.contains(what), "{line}");
@@ -147,7 +145,7 @@ fn tokens(session: &zenoh::Session, all: usize) -> Vec<String> {
     panic!("not {all} entities");
 }
 
-/// Asserts that poses of drone and deck, and findings, bear about the same time.
+/// Asserts that poses of drone and deck, and findings, carry about the same time.
 fn assert_published(client: &zenoh::Session, name: &str) {
     let topic = |topic: &str| {
         received(
@@ -178,8 +176,8 @@ fn attachment(age: Duration) -> Vec<u8> {
     all
 }
 
-/// Asserts that a client's request is answered by the mission's state, and that an invalid request is rejected with the
-/// reason.
+/// Asserts that a client's request is answered by the mission's state, and that an invalid request is
+/// rejected with the reason.
 fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let abort = format!("{name}/abort/{TRIGGER}");
     assert!(call(client, &abort, &[1, 2, 3]).is_err());
@@ -187,7 +185,6 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let new = attachment(Duration::ZERO);
     assert!(call(client, &every, &new).is_err_and(|why| why.contains("wildcard")));
     let land = format!("{name}/land/{TRIGGER}");
-    // The network delayed it for a minute.
     let old = attachment(Duration::from_secs(60));
     let ((success, text), _) = call(client, &land, &old).expect("answered");
     assert!(!success && text.contains("by its own stamp"), "{text}");
@@ -223,7 +220,7 @@ fn ros2_node_of_a_landing() {
     assert_published(&client, name);
     assert_orders(&client, name, &instance);
 
-    // Nothing runs any more, and then there is no router: the node reports that, and ends when asked to.
+    // Without a landing, and then without a router, the node reports that, and ends when asked to.
     drop(landing);
     let land = format!("{name}/land/{TRIGGER}");
     let ((success, text), _) = call(&client, &land, &attachment(Duration::ZERO)).expect("answered");

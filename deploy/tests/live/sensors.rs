@@ -1,5 +1,5 @@
-//! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process at the
-//! other; links and decoders have their own tests. No test asserts a time; timeouts only end hanging tests.
+//! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process
+//! at the other; links and decoders have their own tests.
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -168,7 +168,7 @@ fn vessel_process_with_its_sensors() {
     );
     end.send(()).unwrap();
     mast.join().unwrap();
-    // Both starts of the sensors, the killed one too, compute the same measurements again.
+    // Both starts of the sensors, including the killed one, compute the same measurements again.
     let flight = std::fs::read_dir(&flights).unwrap().flatten().next().unwrap();
     let replay = run(format!("replay {} --json", flight.path().display()));
     assert!(replay.status.success(), "{}", errors(&replay));

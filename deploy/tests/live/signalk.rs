@@ -1,5 +1,4 @@
-//! `alight signalk` with a Signal K server, and its deltas as a vessel's sensor. No test asserts a time; timeouts only
-//! end hanging tests.
+//! `alight signalk` with a Signal K server, and its deltas as a vessel's sensor.
 
 use std::net::{TcpListener, TcpStream};
 use std::process::Stdio;
@@ -13,7 +12,6 @@ use tungstenite::{Message, WebSocket};
 use crate::common::{Running, alight, instance, signal};
 use crate::sensors::Sensors;
 
-/// Server on a free loopback port, and its address.
 fn server() -> (TcpListener, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("ws://{}", listener.local_addr().unwrap());

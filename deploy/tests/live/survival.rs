@@ -1,5 +1,5 @@
-//! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the deck's state.
-//! No test asserts a time; timeouts only end hanging tests.
+//! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the
+//! deck's state.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -48,7 +48,6 @@ impl Vessel {
     fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
-    /// Gives the crew's order for the deck.
     fn command_deck(&self, order: &str) {
         let config = self.config.display().to_string();
         let out = alight(format!("command deck {order} --json --config {config}"))
@@ -112,7 +111,6 @@ fn flight_with_a_camera_that_cannot_be_started() {
     let permit = |mode| {
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(mode)).expect("permitted");
     };
-    // The camera's device is missing, too.
     let text = format!(
         "instance = {name:?}\n[camera]\nsource = \"/nonexistent/video0\"\n[autopilot]\nconnect = \"udpin://{}\"\n",
         free_udp()
@@ -172,13 +170,12 @@ fn vessel_with_a_deck_switch_and_a_full_recorder() {
     assert!(running.poll(), "it has ended");
     let log_text = std::fs::read_to_string(vessel.directory.join("vessel.err")).expect("read");
     assert!(
-        log_text.contains("goes on without its recorder: writing")
+        log_text.contains("continues without its recorder: writing")
             && log_text.contains(&log.display().to_string()),
         "{log_text}"
     );
 }
 
-/// Whether a drone stands on the deck.
 fn stands(kept: &VesselCheckpoint) -> bool {
     kept.deck.claims.iter().any(|c| c.claim == Claim::OnDeck)
 }

@@ -1,5 +1,3 @@
-//! Server for viewers next to a landing of all processes.
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;

@@ -1,5 +1,4 @@
-//! Radio for other programs, late peers, and a router between vessel and drone. No test asserts a time; timeouts only
-//! end hanging tests.
+//! Radio for other programs, late peers, and a router between vessel and drone.
 
 use std::path::Path;
 use std::time::Duration;
@@ -73,7 +72,6 @@ fn through(endpoint: &str, tls: TlsConfig) -> RadioConfig {
         ..RadioConfig::dialling(endpoint, tls)
     }
 }
-/// Replies to a query of this key.
 fn answers(session: &zenoh::Session, key: &str) -> Vec<Sample> {
     let replies = session.get(key).wait().expect("asks");
     replies.into_iter().filter_map(|r| r.into_result().ok()).collect()
@@ -120,7 +118,7 @@ fn foreign_program_on_the_radio() {
     let schema: serde_json::Value = serde_json::from_str(&text(&schemas[0])).expect("JSON");
     assert_eq!(schema, topics::WAVE.described());
     assert!(answers(&unauthorised, "alight/vessel-1/@schema/estimate").is_empty());
-    // The client queries the newest message, which was published before it came.
+    // The client queries the newest message, which was published before the client connected.
     let encoding = format!("application/octet-stream;{}", Topic::encoding_schema());
     let newest_for = |bytes: usize| -> Vec<Sample> {
         let replies = unauthorised.get(WAVE).payload(vec![0_u8; bytes]).wait();
@@ -293,7 +291,7 @@ fn router_with_certificates() {
     assert_exchange(&mut vessel, &mut drone, 1);
     vessel.hold(0, vec![2; 10]);
     assert!(asked(&mut drone, TRIES).is_some());
-    // A certificate of the authority without a rule in the router, and one on another's key.
+    // A certificate of the authority without a rule in the router, which also publishes on another's key.
     let mut unauthorised = Radio::open(
         &of("drone-2", "vessel-1"),
         vec![

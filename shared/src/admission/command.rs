@@ -1,27 +1,25 @@
 //! Admission rules for operator commands. The mission uses all of them, the vessel's relay and the drone's bridge some.
 //!
-//! - A command is accepted once. Its repetitions carry the time at which it was given and are recognised by it within
-//!   the clocks' error, even with another sequence number or from a restarted relay.
+//! - A command is accepted once. Its repetitions carry its original time and are recognised by it within the
+//!   clocks' error, even with another sequence number or from a restarted relay.
 //! - Commands are accepted in the order of their times while they are fresh.
-//! - An abort overrides all others: it is accepted at any age, also after newer commands, but not repeatedly after
-//!   them.
-//! - A landing ordered by another sender within [`UNAWARE_OF_ABORT`] of an abort is rejected: its sender cannot know
-//!   of it.
+//! - An abort overrides all others: it is accepted at any age, even after newer commands, but only once.
+//! - A landing that another sender orders within [`UNAWARE_OF_ABORT`] of an abort is rejected.
 
 use super::{RejectionReason, Rejections};
 use crate::msg::{CommandKind, Header, MESSAGE_VERSION, OperatorCommand};
 use crate::time::{Clock, Span, Time};
 use crate::topics;
 
-/// Time after an abort within which a landing order of another sender cannot take it into account.
+/// Time after an abort within which another sender cannot know of it.
 pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
-/// Maximum time difference between repetitions of one command: the clocks' error.
+/// Maximum time difference of a command's repetitions: the clocks' error.
 const SAME_COMMAND: Span = Span::from_millis(100);
-/// Maximum lead of a command over the present time: the clocks' error before synchronisation.
+/// Maximum time of a command ahead of now: the clocks' error before synchronisation.
 const LEAD: Span = Span::from_millis(500);
 
 impl<C: Clock> OperatorCommand<C> {
-    /// Whether this is a landing or take-off order by another sender who cannot know of `abort` yet.
+    /// Whether this is a landing or take-off order of another sender that cannot know of `abort` yet.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
         let begins = matches!(
@@ -32,8 +30,7 @@ impl<C: Clock> OperatorCommand<C> {
     }
 }
 
-/// Whether a command of this kind is accepted despite this reason for rejection. An abort is accepted at any age and
-/// clock offset.
+/// Whether a command is accepted despite this reason: an abort at any age and clock offset.
 pub fn counts_despite(kind: CommandKind, reason: RejectionReason) -> bool {
     let time = matches!(
         reason,
@@ -75,8 +72,7 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn newest(&self) -> Option<OperatorCommand<C>> {
         self.newest
     }
-    /// Newest accepted abort, with boot and sequence of its newest repetition, so that every sender of a repetition is
-    /// acknowledged.
+    /// Newest accepted abort, with boot and sequence of its newest repetition, so that all are acknowledged.
     pub fn abort(&self) -> Option<Header<C>> {
         self.abort
     }
@@ -88,7 +84,7 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }
-    /// Discards all commands given before `now`, except an abort, because somebody has taken over the drone.
+    /// Discards all commands before `now` except an abort, because somebody has taken over the drone.
     pub fn supersede(&mut self, now: Time<C>) {
         self.newest = Some(OperatorCommand {
             header: Header::new(0, 0, 0, 0, now),
@@ -132,8 +128,7 @@ impl<C: Clock> CommandAdmission<C> {
         if self.abort.is_some_and(|a| command.is_unaware_of(&a)) {
             return Err(RejectionReason::Unaware);
         }
-        // A corrupt time far ahead must not block later commands, and a late abort must not admit commands given before
-        // it.
+        // A corrupt time ahead must not block later commands, nor a late abort admit earlier ones.
         let at = if late.is_none() { h.at } else { now };
         let header = Header { at, ..*h };
         self.newest = Some(OperatorCommand { header, ..*command });
@@ -144,7 +139,7 @@ impl<C: Clock> CommandAdmission<C> {
         }
         Ok(())
     }
-    /// Acknowledges a command. An abort has a separate acknowledgement that later commands do not hide.
+    /// Acknowledges a command. Later commands do not hide the acknowledgement of an abort.
     fn answer(&mut self, command: &OperatorCommand<C>) {
         if command.kind != CommandKind::Abort {
             self.order = Some([command.header.boot, command.header.sequence]);
@@ -186,7 +181,6 @@ mod tests {
     use CommandKind::{Abort, Hold, Land};
     use RejectionReason::{Duplicate, Future, OutOfOrder, Stale, Unaware};
 
-    /// Boot, sequence, time given (s) and kind.
     type TestCommand = (u32, u32, f64, CommandKind);
 
     fn command((boot, sequence, given_s, kind): TestCommand) -> OperatorCommand<DroneClock> {
@@ -206,14 +200,12 @@ mod tests {
             (&[][..], 10.0, (9, 1, 10.0, Land), Ok(())),
             (&[], 16.0, (9, 1, 10.0, Land), Err(Stale)),
             (&[], 9.0, (9, 1, 10.0, Hold), Err(Future)),
-            // An abort is accepted at any time.
             (&[], 60.0, (9, 1, 10.0, Abort), Ok(())),
             (&[], 9.0, (9, 1, 10.0, Abort), Ok(())),
             // The relay's repetition has another sequence number and the clocks' error.
             (before_landing, 10.5, (9, 2, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.04, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 9.96, Land), Err(Duplicate)),
-            // A restarted relay also uses another boot id.
             (before_landing, 12.0, (10, 1, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 1, 10.4, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.4, Land), Ok(())),

@@ -7,15 +7,14 @@ use crate::time::{Clock, Span, Time};
 /// Age limits of a kind of message.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Maximum lead of the time of validity over now.
+    /// Maximum time of validity ahead of now.
     pub lead: Span,
     /// Maximum age.
     pub max_age: Span,
 }
 
 impl Rule {
-    /// Accepts newer messages at any age. Messages inside one computer share a clock: a lead beyond one tick and
-    /// rounding is corrupt.
+    /// Accepts newer messages at any age. Within one computer, a time beyond one tick ahead is corrupt.
     pub const NEWER: Rule = Rule {
         lead: Span::from_millis(50),
         max_age: Span::MAX,

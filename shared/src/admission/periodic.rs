@@ -25,8 +25,8 @@ impl<C: Clock> Periodic<C> {
         }
         ready
     }
-    /// Whether the task is due; the first call returns true. The next time is one `period` later on the grid, or one
-    /// `period` from now if that has passed.
+    /// Whether the task is due; the first call returns true. The next time is one `period` later, on the grid
+    /// unless that has passed.
     pub fn is_due(&mut self, now: Time<C>, period: Span) -> bool {
         let next = match self.next {
             Some(t) if now < t => return false,

@@ -60,7 +60,7 @@ reasons! {
     Flood: "more than a step takes",
     /// Own output that failed its check.
     Withheld: "withheld outputs",
-    /// Author differs from the owner of the key it was published on.
+    /// The author does not own the key on which it published.
     Sender: "under a foreign key",
     /// Landing ordered without knowledge of an abort.
     Unaware: "unaware of an abort",

@@ -4,8 +4,7 @@ use crate::msg::{Command, MissionState};
 use crate::time::{Clock, Time};
 use crate::topics::Retries;
 
-/// Order under way, on the sender's clock `S`. Repetitions carry the original time, by which the receiver recognises
-/// them.
+/// Order under way on the sender's clock `S`. Its repetitions are recognised by their original time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Retransmission<S: Clock, M> {
     /// The order.

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::RejectionReason;
 use crate::time::{Clock, Time};
 
-/// Publisher of a message by its key `alight/NAME/TOPIC`. The sender stated in the message must match it, so that a
-/// certificate permits messages under its own name only.
+/// Publisher of a message by its key `alight/NAME/TOPIC`. The sender stated in the message must match it, so
+/// that a certificate permits only messages under its own name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Sender {
     /// `vessel-N`.
@@ -26,7 +26,7 @@ impl Sender {
         let mut chunks = key.split('/');
         let (root, name) = (chunks.next(), chunks.next().unwrap_or_default());
         let (kind, digits) = name.split_once('-').unwrap_or_default();
-        // Each number has one spelling: no sign and no leading zeros.
+        // Each number has one spelling, without sign or leading zeros.
         let number = digits.parse().ok().filter(|n: &u32| n.to_string() == digits);
         match (root, kind, number) {
             (Some("alight"), "vessel", Some(n)) => Sender::Vessel(n),

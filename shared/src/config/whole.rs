@@ -1,5 +1,4 @@
-//! TOML reader that rejects surplus list items. A type such as `[f64; 3]` reads three numbers and ignores a fourth, as
-//! does TOML's own reader.
+//! TOML reader that rejects surplus list items: the type `[f64; 3]` itself ignores a fourth number.
 
 use core::fmt::Display;
 
@@ -37,7 +36,7 @@ pub(super) fn read<T: DeserializeOwned>(
         origin: origin.into(),
         message,
     };
-    // The first reading reports errors with line and column; the second knows keys and lengths.
+    // The first reading gives errors with line and column, the second knows keys and lengths.
     let read: T = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let table: Table = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let again = T::deserialize(Whole {
@@ -61,7 +60,7 @@ pub(super) fn read<T: DeserializeOwned>(
     }
 }
 
-/// `keep_out_deg` from `keep_out_deg[0]`; a key inside a list of tables stays unchanged.
+/// `keep_out_deg` from `keep_out_deg[0]`; a key in a list of tables stays.
 fn without_index(key: &str) -> &str {
     match key.split_once('[') {
         Some((name, index)) if !index.contains('.') => name,
@@ -69,7 +68,7 @@ fn without_index(key: &str) -> &str {
     }
 }
 
-/// Joins the lines of a meaning and removes its last full stop.
+/// Meaning in one line without its last full stop.
 fn in_one_line(meaning: &str) -> String {
     let lines: Vec<&str> = meaning.lines().map(str::trim).collect();
     lines.join(" ").trim().trim_end_matches('.').to_owned()
@@ -236,7 +235,6 @@ mod tests {
             let expected = format!("`{key}` is a list of {found}: allowed is a list of {taken}");
             assert!(message.contains(&expected), "{text}: {message}");
         }
-        // The error includes the key's meaning.
         let message = error("size_m = [1, 2, 3, 4]");
         assert!(
             message.contains("(Length, width and height, m. Chosen: some)"),
@@ -244,7 +242,6 @@ mod tests {
         );
         let message = error("corners = [[0, 1, 2]]");
         assert!(message.contains("a list of 2 (Corners)"), "{message}");
-        // A list that is too short is an error with its line.
         assert!(error("size_m = [1, 2]").contains("invalid length 2"));
     }
 
@@ -261,7 +258,6 @@ mod tests {
             parse::<Parcel>("way = \"nowhere\"", "test").unwrap().way,
             LidDirection::Nowhere
         );
-        // Without a table declaration there are no meanings.
         let message = read::<Lid>("hinges_m = [0, 1, 2]", "test")
             .unwrap_err()
             .to_string();

@@ -1,10 +1,9 @@
-//! Record of one measurement source of a filter, modelled on the aid sources of PX4's EKF2. The filter uses it to
-//! decide whether to use the source, to stop using it, or to accept it again after rejections.
+//! Record of one measurement source of a filter, like the aid sources of PX4's EKF2. By it the filter decides
+//! whether to use the source, stop using it, or accept it again.
 
 use crate::time::{Clock, Time};
 
-/// Maximum ratio between the innovations of one run of rejections. The innovations of a jump are roughly constant;
-/// those of noise are not.
+/// Maximum ratio of innovations in a run of rejections: those of a jump are alike, those of noise not.
 const CONSISTENT: f64 = 2.0;
 
 /// Newest measurement of a source and its innovation in a filter.
@@ -18,7 +17,7 @@ pub struct AidSource<C: Clock> {
     pub innovation: f64,
     /// Consecutive rejections.
     pub rejections: u32,
-    /// Time and innovation of the first rejection in the current run of consistent innovations.
+    /// Time and innovation of the first rejection in the present run of consistent innovations.
     run: Option<(Time<C>, f64)>,
 }
 
@@ -39,8 +38,7 @@ impl<C: Clock> AidSource<C> {
         };
         self.run = self.run.filter(continues).or(Some((at, innovation)));
     }
-    /// Gate to apply: `closed`, or an open gate after `limit` consecutive rejections, since the filter is then assumed
-    /// wrong.
+    /// Gate to apply: `closed`, or an open one after `limit` rejections, when the filter is assumed wrong.
     pub fn gate(&self, closed: f64, limit: u32) -> f64 {
         if self.rejections < limit {
             closed
@@ -48,7 +46,7 @@ impl<C: Clock> AidSource<C> {
             f64::INFINITY
         }
     }
-    /// Duration of the current run of consistent rejections, s, and the change of the innovation over it.
+    /// Duration of the present run of consistent rejections, s, and the change of the innovation in it.
     pub fn contradiction(&self) -> (f64, f64) {
         self.run
             .zip(self.measured_at)

@@ -2,9 +2,9 @@
 
 use crate::time::{Clock, Span, Time};
 
-/// Bounds on the offset of the local clock `C` minus the remote clock, whose times are in ns since its own epoch. No
-/// message arrives before it is sent: `t1 - t2 <= o <= t4 - t3` for a request sent at `t1` and received at `t2`, and
-/// its reply sent at `t3` and received at `t4` (Mills' on-wire protocol, RFC 5905, section 8).
+/// Bounds on the local clock `C` minus a remote clock with times in ns. No message arrives before it is sent:
+/// `t1 - t2 <= o <= t4 - t3` for a request sent at `t1` and received at `t2`, with a reply sent at `t3` and
+/// received at `t4` (Mills' on-wire protocol, RFC 5905, section 8).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffsetBounds<C: Clock> {
     /// Time at which the bounds hold.

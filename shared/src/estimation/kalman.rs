@@ -1,5 +1,4 @@
-//! Kalman filter for systems with a sparse transition: prediction uses the non-zero entries, updates are scalar and
-//! sequential.
+//! Kalman filter with a sparse transition; updates are scalar and sequential.
 //!
 //! Notation (Bar-Shalom, Li, Kirubarajan 2001): state `x` (n), covariance `P` (n x n), transition
 //! `A`, process noise `Q`, measurement `z = h x + v`, `v ~ (0, r)`, innovation `nu = z - h x`,
@@ -159,8 +158,8 @@ impl Gaussian {
             .sum()
     }
 
-    /// Fuses a measurement with the row that was last passed to [`Gaussian::project`]: `x += P h' nu / S`, and
-    /// [`reduce_covariance`]. `s` may exceed `h P h' + r` if the innovation contains other independent errors.
+    /// Fuses a measurement with the row last passed to [`Gaussian::project`]: `x += P h' nu / S`, and
+    /// [`reduce_covariance`]. `s` exceeds `h P h' + r` if the innovation has other independent errors.
     pub fn fuse_projected(&mut self, innovation: f64, s: f64) {
         self.x.axpy(innovation * (1.0 / s), &self.column, 1.0);
         let n = self.len();
@@ -169,9 +168,9 @@ impl Gaussian {
     }
 }
 
-/// Covariance after a scalar measurement, `P -= P h' h P / S`, in `n²` operations. `columns` are the columns (or rows)
-/// of `P` and `projected` is `P h'`, each of length n. With the optimal gain this equals the Joseph form and is
-/// symmetric by construction (Bar-Shalom, Li, Kirubarajan 2001, section 5.2).
+/// Covariance after a scalar measurement, `P -= P h' h P / S`, in `n²` operations. `columns` are those (or
+/// the rows) of `P` and `projected` is `P h'`, of length n. With the optimal gain this equals the Joseph form
+/// and stays symmetric (Bar-Shalom, Li, Kirubarajan 2001, section 5.2).
 pub fn reduce_covariance<'a>(columns: impl Iterator<Item = &'a mut [f64]>, projected: &[f64], s: f64) {
     let k = 1.0 / s;
     for (i, (column, c)) in columns.zip(projected).enumerate() {
@@ -202,7 +201,7 @@ fn multiply_rows(a: &LinearTransition, p: &DMatrix<f64>, out: &mut DMatrix<f64>)
     }
 }
 
-/// `to += f column`, on slices so that the compiler vectorises the loop.
+/// `to += f column`, on slices for vectorisation.
 #[inline]
 fn add_scaled(to: &mut [f64], f: f64, column: &[f64]) {
     to.iter_mut().zip(column).for_each(|(t, c)| *t += f * c);
@@ -244,7 +243,7 @@ mod tests {
         &l * l.transpose() + DMatrix::identity(n, n)
     }
 
-    /// Fuses `z` measured by row `h` with variance `r`. Returns the normalised innovation squared.
+    /// Fuses `z` with row `h` and variance `r`. Returns the normalised innovation squared.
     fn fuse(g: &mut Gaussian, h: &[(usize, f64)], z: f64, r: f64) -> f64 {
         let innovation = z - h.iter().map(|&(j, gain)| gain * g.x[j]).sum::<f64>();
         let s = g.project(h) + r;

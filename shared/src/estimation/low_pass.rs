@@ -2,9 +2,9 @@
 
 use core::ops::{Add, Mul, Sub};
 
-/// First-order low-pass filter `x' = (u - x) / T` with time constant `time_s` (s). Returns the output `dt` (s) after
-/// `before`: `x + (u - x)` [`low_pass_gain`]`(dt, T)` for the sample `u`, a number or a vector. Without `before` the
-/// output is `u`.
+/// First-order low-pass filter `x' = (u - x) / T` with time constant `time_s` (s): output `dt` (s) after
+/// `before` for the sample `u`, a number or a vector: `x + (u - x)` [`low_pass_gain`]`(dt, T)`; without
+/// `before` it is `u`.
 pub fn low_pass<T>(before: impl Into<Option<T>>, u: T, dt: f64, time_s: f64) -> T
 where
     T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
@@ -14,8 +14,8 @@ where
         .map_or(u, |x| x + (u - x) * low_pass_gain(dt, time_s))
 }
 
-/// Gain on a new sample of a first-order low-pass filter with time constant `time_s` after `dt` (s), discretised
-/// exactly: `1 - exp(-dt / T)`. It is 1 without a time constant and 0 for negative `dt`.
+/// Gain of a first-order low-pass filter with time constant `time_s` on a sample after `dt` (s), discretised
+/// exactly: `1 - exp(-dt / T)`; 1 without a time constant, 0 for negative `dt`.
 pub fn low_pass_gain(dt: f64, time_s: f64) -> f64 {
     if time_s > 0.0 {
         1.0 - (-dt.max(0.0) / time_s).exp()

@@ -1,37 +1,33 @@
 //! Offset between a sensor's clock and the local clock.
 //!
-//! A sensor answers no time requests, so the only constraint is that no measurement arrives before it is made. The
-//! smallest difference between arrival time and source time is the clock offset plus the minimum delay. The configured
-//! latency of the sensor may be subtracted from it. Measurements keep the intervals given by their source, however long
-//! each of them was delayed.
+//! A sensor answers no time requests, but no measurement arrives before it is made. The smallest difference
+//! between arrival and source time is the clock offset plus the minimum delay, from which the configured
+//! latency may be subtracted. Measurements keep their source's intervals, however long each was delayed.
 //!
-//! A wrong time stamp that lies in the future also produces a small difference. No other measurement confirms it, so it
-//! is discarded after a timeout.
+//! A wrong time stamp in the future also gives a small difference. No other measurement confirms it, so it is
+//! discarded after a timeout.
 
 use super::OffsetBounds;
 use crate::time::{Clock, Span, Time};
 
-/// Drift between two crystals, s/s.
+/// Drift between two quartz clocks, s/s.
 pub const CLOCK_DRIFT: f64 = 1e-4;
-/// Maximum deviation from the offset that counts as delay, s. Beyond it, the time stamp is wrong or the source has
-/// restarted.
+/// Maximum deviation from the offset by delay, s; beyond it, the stamp is wrong or the source restarted.
 const MAX_DELAY_S: f64 = 2.0;
-/// Number of consecutive times that are all later by the same amount, which exceeds any delay, after which the source
-/// is assumed to have restarted.
+/// Consecutive times, later by one amount beyond any delay, that show a restart of the source.
 const AGREEING: u32 = 10;
-/// Maximum arrival jitter, s. It is also roughly the maximum age of an admitted fix or heading.
+/// Maximum arrival jitter, s; also about the maximum age of an admitted fix or heading.
 pub const JITTER_S: f64 = 0.3;
-/// Time over which consecutive time stamps must deviate from the offset by the same amount before the source's clock is
-/// assumed to have been set, s. It applies to deviations that no delay explains. Either a time stamp was repeated while
-/// messages kept arriving (set back, as at a leap second), or the measurement would arrive before it was made (set
-/// forward). Two time stamps at 1 Hz with arrival jitter are sufficient.
+/// Time for which consecutive stamps must deviate by one amount, which no delay explains, to show that the
+/// clock was set, s. Set back (as at a leap second), a stamp repeats while messages arrive; set forward, a
+/// measurement would arrive before it was made. Two stamps at 1 Hz with jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// This time for deviations that a delay may explain, s. A backlog is cleared within this time.
+/// This time for a deviation that a delay explains, s: a backlog is cleared by then.
 pub const HELD_UP_S: f64 = 10.0;
 /// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;
-/// Time without confirmation after which an offset is discarded, s. This also requires [`AGREEING`] other offsets, and
-/// the offset is kept for at least as long as it was confirmed, because a line may be congested.
+/// Time without confirmation after which an offset is discarded, s, but not before [`AGREEING`] other
+/// offsets, and not earlier than it was confirmed for, because a line may be congested.
 const UNSUPPORTED_S: f64 = 3.0;
 
 /// Estimate of a source's clock offset.
@@ -55,7 +51,7 @@ struct Smallest<C: Clock> {
     /// Times of the first and the newest offset that confirm it.
     since: Time<C>,
     supported: Time<C>,
-    /// Smallest of the later offsets that do not confirm this one, and number of these offsets.
+    /// Smallest later offset that does not confirm this one, and number of these.
     later: (Span, u32),
 }
 
@@ -68,13 +64,12 @@ impl<C: Clock> Smallest<C> {
             later: (Span::MAX, 0),
         }
     }
-    /// Minimum of this offset, propagated as `drifted`, and `measured`. Falls back to the later offsets if this one is
-    /// no longer confirmed.
+    /// Minimum of this offset, propagated as `drifted`, and `measured`; the later ones if not confirmed.
     fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
         let now = measured.at;
         let excess_s = (measured.high - drifted.high).secs();
         if excess_s <= SUPPORT_S {
-            // The new offset is smaller, so it inherits only part of the confirmation.
+            // A smaller offset inherits only part of the confirmation.
             let lost = (-excess_s / SUPPORT_S).clamp(0.0, 1.0);
             return Smallest {
                 since: self.since + Span::from_secs(lost * (now - self.since).secs()),
@@ -98,7 +93,7 @@ impl<C: Clock> Smallest<C> {
     }
 }
 
-/// Consecutive offsets that agree with each other but not with the one in use.
+/// Consecutive offsets that agree with each other, but not with the one in use.
 #[derive(Clone, Copy, Debug)]
 struct Other<C: Clock> {
     /// Range of the offsets.
@@ -134,8 +129,8 @@ impl<const PERIOD_NS: i64> Rollover<PERIOD_NS> {
 }
 
 impl<C: Clock> SourceClock<C> {
-    /// Local time of a measurement with source time `at_ns` that arrives at `now`, at least `latency` after it was
-    /// made. None if that time is implausible.
+    /// Local time of a measurement stamped `at_ns`, which arrives at `now`, at least `latency` after it was
+    /// made; None if implausible.
     pub fn local_time(&mut self, now: Time<C>, at_ns: i64, latency: Span) -> Option<Time<C>> {
         let measured = OffsetBounds::of_message(at_ns, now);
         let max_delay = Span::from_secs(MAX_DELAY_S);
@@ -146,7 +141,7 @@ impl<C: Clock> SourceClock<C> {
         // Smallest offset so far, plus the maximum drift since then.
         let drifted = known.bounds.drifted(now, CLOCK_DRIFT);
         let excess = measured.high - drifted.high;
-        // After it is set back, a clock repeats a time while messages keep arriving.
+        // A clock that was set back repeats a time while messages keep arriving.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
         if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
             self.other = None;
@@ -161,8 +156,7 @@ impl<C: Clock> SourceClock<C> {
         }
         Some(Time::from_nanos(at_ns) + self.offset?.bounds.high - latency)
     }
-    /// Counts an offset that deviates by `excess`. `again`: its time stamp was repeated. Returns the new offset once it
-    /// is confirmed.
+    /// Counts an offset off by `excess`; `again`: its stamp was repeated. Returns it once confirmed.
     fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
         let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
         let own = Other {
@@ -170,7 +164,7 @@ impl<C: Clock> SourceClock<C> {
             max: measured,
             count: 1,
             since: now,
-            // Two delayed messages with the same time do not indicate a clock that was set back.
+            // Two delayed messages with one time do not show a clock that was set back.
             stepped: excess < Span::ZERO || self.other.map_or(again, |o| o.stepped),
         };
         let other = self.other.map_or(own, |o| Other {
@@ -179,8 +173,7 @@ impl<C: Clock> SourceClock<C> {
             count: o.count.saturating_add(1),
             ..o
         });
-        // If the source's clock runs, its offset is constant. The offset drifts if the clock stands still or a backlog
-        // is being cleared.
+        // A running clock has a constant offset; it drifts if the clock stands still or a backlog is cleared.
         let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
         let other = if agrees { other } else { own };
         self.other = Some(other);
@@ -248,8 +241,7 @@ mod tests {
         assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
     }
 
-    /// Decodes time stamps at 5 Hz with 50 ms arrival jitter. Returns the errors of the local times from `from` s on;
-    /// None for a rejected time.
+    /// Errors of the local times from `from` s on, at 5 Hz with 50 ms jitter; None for a rejected time.
     fn dated(
         step_at_s: f64,
         step_s: f64,
@@ -261,7 +253,6 @@ mod tests {
         for k in 0..(5.0 * until_s) as i64 {
             let made_s = 0.2 * k as f64;
             let jitter = 0.05 * ((k * 37) % 10) as f64 / 10.0;
-            // Delayed messages arrive at the end of the delay, in order.
             let arrives_s = match held_up {
                 Some((from, to)) if (from..to).contains(&made_s) => to + 0.001 * made_s,
                 _ => made_s + jitter,
@@ -276,7 +267,7 @@ mod tests {
 
     #[test]
     fn source_clock_across_a_step_of_utc() {
-        // A leap second, a receiver's first almanac, one hour after midnight in a wrong time zone.
+        // Leap second, a receiver's first almanac, an hour after midnight in a wrong time zone.
         for step_s in [-1.0, 1.0, -2.0, -3.0, -40.0, 2.5, 3600.0, -3600.0] {
             let (errors, c) = dated(60.0, step_s, None, 90.0);
             let late = errors.iter().filter(|(at, _)| *at >= 61.1);
@@ -312,7 +303,7 @@ mod tests {
 
     #[test]
     fn source_clock_while_the_line_is_held_up() {
-        // Messages are delayed for 1.5 or 5 s and then delivered: the local times stay correct.
+        // Messages are held up for 1.5 or 5 s: their local times stay correct.
         for held_up_s in [1.5, 5.0] {
             let (errors, c) = dated(1e9, 0.0, Some((60.0, 60.0 + held_up_s)), 120.0);
             assert_eq!(c.restarts(), 0);
@@ -332,8 +323,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
-        /// After a run of time stamps in the future, local times are correct again within the duration of the run plus
-        /// 4 s.
+        /// After stamps in the future, local times are correct again within the length of their run plus 4 s.
         #[test]
         fn source_clock_after_runs_of_stamps_ahead(
             hz in 5_i64..50,

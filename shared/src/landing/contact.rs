@@ -1,5 +1,5 @@
-//! Probabilities of a safe contact: each quantity is normal about its prediction, with the variance that control can no
-//! longer reduce.
+//! Probabilities of a safe contact, with each quantity normal about its prediction and the variance that
+//! control cannot reduce any more.
 //!
 //! | quantity | mean | standard deviations |
 //! |---|---|---|
@@ -23,35 +23,33 @@ use super::wind::{
 use super::{MAX_MPS, MAX_TILT_RAD};
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
-/// Reaction time to unforeseen motion of the deck, s: 0.1 s from measurement to thrust and 0.2 s until the sink rate
-/// has changed.
+/// Reaction time to unforeseen deck motion, s: 0.1 s to the thrust, 0.2 s to a change of the sink rate.
 pub const REACTION_S: f64 = 0.3;
 /// Usual contact speed, m/s.
 pub const CONTACT_MPS: f64 = 0.33;
 /// Standard deviation of the contact speed from drone and pilot alone, m/s.
 const CONTACT_SD_MPS: f64 = 0.12;
-/// Residual errors of pilot and drone: speed along the deck, m/s, angle, rad, and position, m. From landings in still
-/// air on a deck at rest.
+/// Residual errors of pilot and drone in still air: speed along the deck, m/s, angle, rad, position, m.
 const ALONG_SD_MPS: f64 = 0.07;
 const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
 const PLACE_SD_M: f64 = 0.03;
-/// Duration of an alignment, s. Deck motion that an aligned drone does not follow separates the two during this time.
+/// Duration of an alignment, s, during which unfollowed deck motion separates drone and deck.
 const ALIGNMENT_S: f64 = 0.1;
-/// Factor by which the deck's uncertainty increases between decision and contact, caused by wave groups.
+/// Increase of the deck's uncertainty between decision and contact by wave groups, as a factor.
 const CHANGES: f64 = 1.3;
-/// Fraction of the planned bank that remains at the contact, and standard deviation on one axis of the unfinished part
-/// of a turn of `w_s / g`. Maximum-likelihood fit to the angles of 48 landings begun at random moments in 12 m/s
-/// (acceleration 2 to 4.4 m/s²).
+/// Fraction of the planned bank that remains at the contact, and standard deviation per axis of the
+/// unfinished part of a turn of `w_s / g`: maximum-likelihood fit to 48 landings begun at random moments in
+/// 12 m/s (acceleration 2 to 4.4 m/s²).
 const BANK_LEFT: f64 = 0.5;
 const UNFINISHED: f64 = 0.25;
-/// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle when the lowest one
-/// touches, per `w_s`: 0.45 of half a span of 0.28 m over g; same landings as [`BANK_LEFT`].
+/// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle at first
+/// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; landings of [`BANK_LEFT`].
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
 /// Drift of the odometry without vision of the deck, m/s.
 const DRIFT_MPS: f64 = 0.05;
 /// Time without vision before the contact, s.
 pub const BLIND_S: f64 = 0.5;
-/// Separation speed of an aligned drone and a deck, m/s, whose horizontal accelerations differ by `apart`, m/s².
+/// Separation speed, m/s, of an aligned drone and a deck whose accelerations differ by `apart`, m/s².
 pub fn alignment_mps(apart: f64) -> f64 {
     ALIGNMENT_S * apart
 }
@@ -79,8 +77,7 @@ pub struct Contact {
     pub turn_mps: f64,
     /// Remainder of the present speed along the deck, m/s.
     pub left_mps: f64,
-    /// Standard deviation of the unforeseen speed that the deck gains within the reaction time: one horizontal axis,
-    /// and vertical, m/s.
+    /// Standard deviation of unforeseen deck speed within the reaction time: horizontal axis, vertical, m/s.
     pub unforeseen_mps: [f64; 2],
     /// Separation speed of deck and aligned drone, m/s.
     pub parted_mps: f64,
@@ -104,7 +101,6 @@ impl Contact {
         let (wind, gust) = (self.wind.mean, self.wind.gust_sd);
         let slips = ALONG_PER_GUST_S * gust;
         let [horizontal, vertical] = self.unforeseen_mps;
-        // The forecast's lag behind a turn is known only to within a half.
         let turns = 0.5 * self.turn_mps;
         let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, self.parted_mps, turns]);
         let strong = beyond_aligned(&wind);
@@ -115,7 +111,7 @@ impl Contact {
             TILT_PER_GUST * gust / GRAVITY,
             unfinished,
         ]);
-        // The drone banks against the part of a strong wind that would blow an aligned drone along too fast.
+        // The drone banks against the wind that would move an aligned drone too fast.
         let bank = BANK_LEFT * (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
         let speed = (self.speed_mps.powi(2) + FIRST_FOOT_M * strong).sqrt();
         Odds {
@@ -170,7 +166,7 @@ mod tests {
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
         assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
-        // A foot that touches while the drone brakes makes the contact harder, but rarely too hard.
+        // A foot in contact while the drone brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
     }
 

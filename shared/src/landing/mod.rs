@@ -1,8 +1,7 @@
-//! Probability that a landing succeeds, defined once for the drone, which judges its next contact by the forecast, and
+//! Probability that a landing succeeds, defined once: for the drone, by its forecast of the next contact, and
 //! for the vessel, which compares courses in the measured sea.
 //!
-//! A good landing meets every [`Limit`]: speed onto the deck and along it, angle between drone and deck, four feet
-//! inside the edges, and staying at rest.
+//! A good landing meets every [`Limit`]: speed onto and along the deck, angle, four feet inside, rest.
 
 mod contact;
 pub mod normal;
@@ -21,5 +20,5 @@ pub const MAX_MPS: f64 = 1.0;
 pub const MAX_TILT_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// Coefficient of friction between feet and deck, wet.
 pub const FRICTION: f64 = 0.4;
-/// Cost of one minute of waiting in battery and crew time, as a probability of landing.
+/// Cost of a minute of waiting in battery and crew time, as a probability of landing.
 pub const WAITING_COST_PER_MIN: f64 = 0.1;

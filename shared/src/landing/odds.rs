@@ -2,7 +2,7 @@
 
 use crate::msg::{Reason, ReasonCode};
 
-/// Maximum probability of a landing: 1 in 100 fails for reasons outside all models.
+/// Maximum probability of a landing: 1 in 100 fails for unmodelled reasons.
 pub const MAX_ODDS: f64 = 0.99;
 
 /// Limit of a good landing.
@@ -25,7 +25,7 @@ pub enum Limit {
 pub struct Odds {
     /// Probability for the speed onto the deck.
     pub hard: f64,
-    /// Probability for the speed along it.
+    /// Probability for the speed along the deck.
     pub fast: f64,
     /// Probability for the angle.
     pub tilted: f64,
@@ -52,8 +52,8 @@ impl Odds {
         let p: f64 = self.each().iter().map(|(_, p)| *p).product();
         if p.is_finite() { p.min(MAX_ODDS) } else { 0.0 }
     }
-    /// Probability of an unsafe contact: too hard, too fast along the deck, too tilted, or with a foot beyond an edge;
-    /// 1 if a value is not finite. A later slide is not part of the contact.
+    /// Probability of an unsafe contact: too hard, fast or tilted, or a foot beyond an edge; 1 if not finite.
+    /// A later slide is not part of it.
     pub fn harm(&self) -> f64 {
         let safe = self.hard * self.fast * self.tilted * self.outside;
         if safe.is_finite() { 1.0 - safe } else { 1.0 }
@@ -63,7 +63,7 @@ impl Odds {
         let harm = self.harm();
         (harm > max).then_some(Reason::new(ReasonCode::HarmLikely, harm, max))
     }
-    /// Reason if the probability of a landing is below `needed`: that probability, and the limit that reduces it most.
+    /// Reason if the probability of a landing is below `needed`: the probability, and its worst limit.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();
         let lower = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };

@@ -1,4 +1,4 @@
-//! Probability that a drone on the deck with stopped motors stays there, from friction, slope, motion and wind.
+//! Probability that a drone on the deck with stopped motors stays, by friction, slope, motion and wind.
 //!
 //! The feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the
 //! apparent slope `s = f_xy / |f_z|` and the wind's acceleration `w` of a standing drone, `|s - w / g| <= mu`. Any
@@ -13,8 +13,8 @@
 //! - until a descending drone is at rest, the waves, one per [`WAVE_S`], have the predicted slopes and directions. Each
 //!   slope is normally distributed; its variance is the sum of those of the predicted tilt, of a peak relative to its
 //!   mean, and of the gusts;
-//! - later there is no forecast. Waves like those of the last two minutes move the drone to and fro: on average by
-//!   `(d(b) - d(-b)) / 2` per window, with the variance `((d(b) + d(-b)) / 4)²`.
+//! - later there is no forecast. Waves like those of the last two minutes move the drone to and fro: per
+//!   window by `(d(b) - d(-b)) / 2` on average, with the variance `((d(b) + d(-b)) / 4)²`.
 //!
 //! In a strong wind a drone does not come to rest at the contact point. With the mean wind acceleration in flight `m`
 //! and a normally distributed gust `u`, it touches down `k_p u` further downwind at the speed `k_v u`. While its rotors
@@ -38,8 +38,8 @@ use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
-/// Wind acceleration of a standing drone with stopped rotors, as a fraction of that in flight: one half because
-/// rotating rotors have as much drag as the body, and less because of the wind profile above water and deck.
+/// Wind acceleration of a standing drone as a fraction of that in flight: half, because turning rotors have
+/// as much drag as the body, and less by the wind profile above water and deck.
 const STANDING: f64 = 0.4;
 /// Relative standard deviation of the friction: dry, wet and salty.
 const FRICTION_SD: f64 = 0.15;
@@ -49,24 +49,21 @@ const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1
 const PEAK_SD: f64 = 0.3;
 /// Averaging time of slopes, s.
 const MEAN_S: f64 = 1.0;
-/// Range of wave periods, s: a faster hull carries no drone, and slower waves act as a constant slope.
+/// Range of wave periods, s: no drone rides on a faster hull, and slower waves are a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
-/// Assumed period of waves without a prediction, s. Their slope peaks like that of the fastest waves, and moves a drone
-/// for as long as the roll of a small boat does.
+/// Assumed wave period without a prediction, s: peaks of the fastest waves, for as long as a boat's roll.
 const UNKNOWN_PERIOD_S: f64 = 2.3;
-/// Time from the start of a descent to rest on the deck, s: descent of 4 to 6 s, at rest 4 s later.
+/// Time from the start of a descent to rest on the deck, s: 4 to 6 s of descent, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
 /// Time between independent peaks of the slope, s: half a wave period.
 const WAVE_S: f64 = 2.0;
-/// Age below which a measured slope counts as predicted, s: a hull that leaves the water over a steep crest does so
-/// again.
+/// Age below which a measured slope counts as predicted, s: a hull that leaves a steep crest does so again.
 const JUST_NOW_S: f64 = 4.0;
-/// Standard deviation of the slope without a forecast: rms error of the prediction several seconds ahead.
+/// Standard deviation of the slope without a forecast: rms error of a prediction several seconds ahead.
 const UNKNOWN_SD: f64 = 0.08;
 /// Minimum standard deviation of any slope: resolution of the measurement, and roughness of the deck.
 const MIN_SD: f64 = 0.02;
-/// Time after the contact during which the rotors still carry the drone, s; the deck carries this fraction of its
-/// weight meanwhile.
+/// Time after the contact with rotors still lifting, s, and the fraction of weight on the deck meanwhile.
 const PRESS_S: f64 = 0.2;
 const PRESSED: f64 = 0.65;
 /// Relative standard deviation of a slide.
@@ -76,7 +73,7 @@ const GUSTS: i32 = 6;
 const GUST_STEP: f64 = 0.5;
 /// Duration of a slope that exceeds the friction, s: half a wave.
 const SLIDES_S: f64 = 1.0;
-/// Time for which a landed drone must stay before somebody secures it, s.
+/// Time until somebody secures a landed drone, s.
 const STAY_S: f64 = 60.0;
 
 /// Prediction of whether a drone that lands now stays on the deck.
@@ -84,7 +81,7 @@ const STAY_S: f64 = 60.0;
 pub struct Staying {
     /// Probability that it stays.
     pub probability: f64,
-    /// Touchdown target relative to the deck's centre from which the drone comes to rest about the centre, NED, m.
+    /// Touchdown target from which the drone comes to rest about the deck's centre, relative to it, NED, m.
     pub meets: Vector2<f64>,
 }
 
@@ -119,8 +116,7 @@ impl SupportPolygon {
 
 const MAX_HOLD_N: u32 = 1000;
 
-/// Smallest `hold_n` (whole newtons) for which a drone subject to these slopes stays with at least `probability`; None
-/// if 1 kN is not enough.
+/// Smallest `hold_n` (whole newtons) that gives at least `probability` on these slopes; None above 1 kN.
 pub fn needed_hold_n(
     slopes: &Slopes,
     (deck, drone): (&DeckGeometry, &DroneGeometry),
@@ -132,7 +128,7 @@ pub fn needed_hold_n(
         let support = SupportPolygon::on(&DeckGeometry { hold_n, ..*deck }, drone, friction);
         Staying::of(slopes, &support).probability >= probability
     };
-    // The probability increases with the force: bisect between an insufficient and a sufficient one.
+    // The probability increases with the force: bisect.
     let (mut small, mut enough) = (0, MAX_HOLD_N);
     if stays(small) {
         return Some(0.0);
@@ -173,15 +169,13 @@ impl Staying {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sines {
-    /// Angular frequency, rad/s.
     omega: f64,
     /// Amplitude of a sine whose mean over [`MEAN_S`] about its peak is 1.
     peak: f64,
 }
 
 impl Sines {
-    /// Waves with the mean frequency of these slopes, `omega² = <s'²> / <s²>`; without waves that of
-    /// [`UNKNOWN_PERIOD_S`].
+    /// Waves with the slopes' mean frequency, `omega² = <s'²> / <s²>`; without waves [`UNKNOWN_PERIOD_S`].
     fn of(slopes: &[Vector2<f64>], mean: &Vector2<f64>) -> Sines {
         let changes = slopes.windows(2).map(|w| match w {
             [before, after] => (after - before).norm_squared(),
@@ -209,7 +203,7 @@ impl Sines {
             peak: peak(omega),
         }
     }
-    /// Displacement of a drone by a wave of this slope (mean about its peak) with a bias along it, m.
+    /// Displacement of a drone by a wave of this slope (mean about its peak) and bias along it, m.
     fn moves(&self, slope: f64, push: f64, friction: f64) -> f64 {
         let amplitude = self.peak * slope;
         let over = amplitude + push - friction;
@@ -225,8 +219,7 @@ impl Sines {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slopes {
     waves: Sines,
-    /// Steepest slope of each predicted wave: slope about the mean, bias along it, its direction, and the standard
-    /// deviation of the prediction.
+    /// Steepest slope of each predicted wave: about the mean, bias along it, direction, standard deviation.
     predicted: Vec<(f64, f64, Vector2<f64>, f64)>,
     /// Steepest measured slope in each window, newest first.
     measured: Vec<f64>,
@@ -282,8 +275,7 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// Slopes in a sea without predicted waves: the steepest slope of each window of [`SLOPE_WINDOW_S`], newest first,
-    /// about the mean slope `mean` (NED).
+    /// Slopes without predicted waves: steepest per window of [`SLOPE_WINDOW_S`], newest first, about `mean`.
     pub fn in_sea(steepest: impl IntoIterator<Item = f64>, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
         Slopes {
@@ -297,13 +289,12 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// Probability of staying within the edge with a touchdown this far upwind: through the waves until rest, and those
-    /// of the following minute.
+    /// Probability of staying within the edge, touching down this far upwind, until rest and a minute later.
     fn stays(&self, friction: f64, edge_m: f64, upwind_m: f64) -> f64 {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
         let along = self.bias.try_normalize(0.0).unwrap_or_default();
-        // The slope points along the force on the drone's feet; the drone moves the other way.
+        // The slope is the force on the drone's feet; the drone moves the other way.
         let waves = -(first + along * after);
         let blown = |gust_sds: f64| {
             let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, 1.0, friction);
@@ -313,14 +304,13 @@ impl Slopes {
         };
         let within = over_gusts(blown);
         let again = self.holds_as_just_now(friction);
-        // NaN stays NaN.
         if again < within { again } else { within }
     }
     /// Displacement by the waves until rest, north and east, and its standard deviation, m.
     fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
         let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
         if self.predicted.is_empty() {
-            // Before waves are identified, the next wave group is assumed to be like the last.
+            // Without identified waves, the next wave group is assumed to be like the last.
             let (mean, sd) = match self.measured.as_slice() {
                 [] => (0.0, 0.0),
                 waves => moments(waves),
@@ -340,8 +330,7 @@ impl Slopes {
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }
-    /// Downwind distance at which a drone aimed at the centre comes to rest, averaged over gusts and over waves to
-    /// either side, m.
+    /// Downwind distance to rest of a drone aimed at the centre, averaged over gusts and waves, m.
     fn blown(&self, friction: f64) -> f64 {
         let to = |side: f64, sds: f64| {
             let blown = self.blown_in(sds * self.in_flight.gust_sd, side, friction);
@@ -349,8 +338,7 @@ impl Slopes {
         };
         over_gusts(|sds| 0.5 * (to(1.0, sds) + to(-1.0, sds)))
     }
-    /// Downwind distances in a gust of `gust` (m/s²): to the contact, and from there to rest, m; the waves slope to
-    /// leeward (`side` 1) or to windward (-1).
+    /// Distances downwind in a gust (m/s²): to contact, then to rest, m; waves to leeward: `side` = 1.
     fn blown_in(&self, gust: f64, side: f64, friction: f64) -> [f64; 2] {
         let mean = self.in_flight.mean.norm();
         if mean == 0.0 {
@@ -362,7 +350,6 @@ impl Slopes {
             [] => moments(&self.measured).0,
             waves => waves.iter().map(|(slope, ..)| slope).sum::<f64>() / waves.len() as f64,
         };
-        // Trim and heel to leeward.
         let slope = side * slope - (self.bias + self.push).dot(&self.downwind());
         let wind = mean + gust;
         let met_mps = ALONG_PER_GUST_S * gust;
@@ -371,7 +358,7 @@ impl Slopes {
         let braked = larger(GRAVITY * (friction - slope) - STANDING * wind, 0.0);
         let pressed = 0.5 * PRESS_S * (larger(met_mps, 0.0) + speed);
         let slid = (0.5 * speed * speed / braked).min(SLIDES_S * speed);
-        // No slide; the formula would give NaN if nothing brakes either.
+        // Without a slide; the formula would give NaN if nothing brakes.
         let slid = if speed == 0.0 { 0.0 } else { pressed + slid };
         [PLACE_PER_GUST_S2 * gust, slid]
     }
@@ -390,7 +377,7 @@ impl Slopes {
         }
         (mean, (square - mean * mean).max(0.0).sqrt())
     }
-    /// Probability that a recently measured slope does not exceed the friction when it recurs.
+    /// Probability that a recently measured slope stays below the friction when it recurs.
     fn holds_as_just_now(&self, friction: f64) -> f64 {
         let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
         let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
@@ -413,7 +400,6 @@ impl Slopes {
     }
 }
 
-/// The wind if it is strong, otherwise zero.
 fn strong(wind: &WindPush) -> WindPush {
     if beyond_aligned(&wind.mean) > 0.0 {
         *wind
@@ -434,7 +420,7 @@ fn over_gusts(value: impl Fn(f64) -> f64) -> f64 {
     sum / weights
 }
 
-/// Standard deviation of the tilt this far ahead, rad; without a forecast that of a prediction several seconds ahead.
+/// Standard deviation of the tilt this far ahead, rad; a fixed one without a forecast.
 fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
     let stage = forecast.and_then(|f| {
         let at = (ahead_s / f.step.secs().max(1e-3)) as usize;
@@ -482,7 +468,7 @@ mod tests {
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
     }
 
-    /// The final displacement by waves and wind adds to the slide, and a list to leeward increases it.
+    /// Displacements by waves and wind add up, and a list to leeward increases them.
     #[test]
     fn slide_and_drift_to_leeward() {
         let wind = WindPush {
@@ -502,7 +488,7 @@ mod tests {
         assert!(slopes(0.05).blown(0.4) < slopes(0.0).blown(0.4));
     }
 
-    /// On a level deck a strong wind moves a drone from its contact point, and further on a slippery deck and in gusts.
+    /// A strong wind moves a drone from its contact point, more so on a slippery deck and in gusts.
     #[test]
     fn slide_in_a_strong_wind() {
         let slopes = |wind: f64, gust_sd: f64| {

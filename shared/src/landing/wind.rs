@@ -12,16 +12,13 @@ pub const DRAG_PER_M: f64 = 0.03;
 pub const LINEAR_MPS: f64 = 1.0;
 /// Intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
 pub const TURBULENCE: f64 = 0.19;
-/// Maximum wind acceleration that an aligned drone accepts entirely as drift, m/s². An alignment lasts about 0.3 s, so
-/// each m/s² costs 0.3 m/s along the deck, or a tilt of 6 deg if compensated. At 5 m/s (0.7 m/s²) aligning costs
-/// little.
+/// Maximum wind acceleration that an aligned drone accepts entirely as drift, m/s²: each m/s² costs 0.3 m/s
+/// along the deck (0.3 s of alignment), or 6 deg of tilt. At 5 m/s (0.7 m/s²) aligning costs little.
 const ALIGNED_MPS2: f64 = 1.2;
-/// Fraction of the excess over [`ALIGNED_MPS2`] that the drone accepts as drift, e.g. at 8 m/s (1.8 m/s²); it
-/// compensates the rest by tilt.
+/// Fraction of the excess over [`ALIGNED_MPS2`] accepted as drift; tilt compensates the rest.
 const ALIGNED_FRACTION: f64 = 0.6;
 
-/// Speed along the deck at the contact, m/s, per gust of 1 m/s²: landings begun at random moments in 8 to 14 m/s of
-/// wind.
+/// Speed along the deck at the contact, m/s, per gust of 1 m/s² (landings at random moments in 8 to 14 m/s).
 pub const ALONG_PER_GUST_S: f64 = 0.15;
 /// Tilt at the contact as a fraction of the bank that compensates the gust; same landings.
 pub const TILT_PER_GUST: f64 = 0.25;
@@ -45,8 +42,8 @@ impl WindPush {
             gust_sd: drone.gust_sd,
         }
     }
-    /// Effect of the wind on a drone with usual drag above a moving vessel. `wind` is the velocity of the true wind and
-    /// `way` that of the vessel, NED, m/s. The vessel's speed contributes to the mean, but not to the gusts.
+    /// Effect of the wind on a drone with usual drag above a moving vessel: `wind` is the true wind's
+    /// velocity, `way` the vessel's, NED, m/s, which adds to the mean, but not to gusts.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {
         let (mean, slope) = drag(DRAG_PER_M, &(way - wind));
         WindPush {
@@ -56,8 +53,8 @@ impl WindPush {
     }
 }
 
-/// Drag acceleration at airspeed `u` (m/s²) and its derivative by the wind, 1/s: `-k s u` with `s = sqrt(|u|² + u0²)`,
-/// quadratic, and linear below `u0`, where rotor drag dominates (Faessler et al. 2018). `k` in 1/m.
+/// Drag acceleration at airspeed `u` (m/s²) and its derivative by the wind, 1/s: `-k s u`, `s = sqrt(|u|² +
+/// u0²)`: quadratic, but linear below `u0` by rotor drag (Faessler et al. 2018); `k` in 1/m.
 pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     let s = u.norm().hypot(LINEAR_MPS);
     (
@@ -66,7 +63,7 @@ pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     )
 }
 
-/// Part of the acceleration `wind` (m/s²) that an aligned drone accepts as drift; it compensates the rest by tilt.
+/// Part of the acceleration `wind` (m/s²) that an aligned drone accepts as drift; tilt compensates the rest.
 pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     let whole = wind.norm();
     if whole <= ALIGNED_MPS2 {
@@ -75,8 +72,8 @@ pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
-/// Excess of `wind` (m/s²) over the acceleration that an aligned drone accepts entirely as drift, m/s². In a wind with
-/// an excess, the tilted and aligned attitudes differ significantly.
+/// Excess of `wind` over the acceleration that an aligned drone accepts as drift, m/s². With an excess, the
+/// tilted and the aligned attitude differ significantly.
 pub fn beyond_aligned(wind: &Vector2<f64>) -> f64 {
     (wind.norm() - ALIGNED_MPS2).max(0.0)
 }
@@ -97,7 +94,7 @@ mod tests {
     #[test]
     fn wind_over_a_vessel_under_way() {
         let wind_over = |wind: [f64; 2], way: [f64; 2]| WindPush::over(wind.into(), way.into());
-        // The vessel's speed of 5 m/s causes a headwind without gusts; an equal following wind cancels it.
+        // The vessel's speed is a headwind without gusts; an equal following wind cancels it.
         let own = wind_over([0.0, 0.0], [5.0, 0.0]);
         assert!(
             own.mean.x < -0.7 && own.mean.x > -0.8 && own.gust_sd == 0.0,

@@ -14,9 +14,9 @@ const RADIO_STATUS: u32 = 109;
 /// Incompatibility flag of a signed frame.
 const SIGNED: u8 = 1;
 
-/// Maximum age of the first frame of a new stream relative to the latest time, in 10 us: one minute.
+/// Maximum age of a new stream's first frame before the latest time, in 10 us: one minute.
 const NEW_STREAM: u64 = 60 * 100_000;
-/// Maximum number of streams with stored times; the oldest is dropped for a new one.
+/// Maximum number of streams with stored times; a new one replaces the oldest.
 pub const MAX_STREAMS: usize = 16;
 
 /// Newest timestamp in a stream of signed frames.
@@ -29,8 +29,7 @@ pub struct StreamTime {
     pub newest: u64,
 }
 
-/// Timestamps of a signed link, saved for the next start of its process so that earlier frames are never accepted
-/// again.
+/// Timestamps of a signed link, saved for the next start so that earlier frames stay rejected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SigningTimes {
@@ -41,7 +40,7 @@ pub struct SigningTimes {
 }
 
 impl SigningTimes {
-    /// Whether a frame of this stream is newer than its predecessors; if so, its time is stored.
+    /// Whether a frame of this stream is newer than its predecessors; stores its time.
     fn admit(&mut self, from: [u32; 3], at: u64) -> bool {
         let known = self.streams.iter_mut().find(|s| s.from == from);
         let later = match &known {
@@ -65,9 +64,9 @@ impl SigningTimes {
     }
 }
 
-/// Signing of MAVLink 2 frames with one key. Our frames are signed; received ones are accepted if signed with the same
-/// key and newer than their predecessors. Timestamps are the later of this computer's time and the latest received, so
-/// that an autopilot with the right time accepts frames from a computer whose clock is behind.
+/// Signing of MAVLink 2 frames with one key. Our frames are signed; received ones must be signed with the key
+/// and newer than their predecessors. Timestamps are the later of this computer's time and the latest
+/// received, so that an autopilot accepts them even if this clock is behind.
 #[derive(Clone)]
 pub struct Signing {
     key: [u8; 32],
@@ -83,7 +82,7 @@ impl fmt::Debug for Signing {
 }
 
 impl Signing {
-    /// Signing with this key and without a clock other than the frames' timestamps.
+    /// Signing with this key, and the frames' timestamps as the only clock.
     pub fn new(key: [u8; 32]) -> Signing {
         Signing::with_clock(key, || 0)
     }
@@ -96,7 +95,7 @@ impl Signing {
             any_time: false,
         }
     }
-    /// This key for frames with any timestamp, for an autopilot that learns the time from our replies.
+    /// This key with any timestamp, for an autopilot that learns the time from our replies.
     #[must_use]
     pub fn at_any_time(&self) -> Signing {
         Signing {
@@ -160,7 +159,7 @@ pub struct Signatures {
     pub unsigned: u64,
     /// Frames rejected because of another key.
     pub other_key: u64,
-    /// Frames rejected because of a repeated timestamp, or one more than a minute before our time.
+    /// Frames rejected for a repeated timestamp, or one more than a minute before our time.
     pub old: u64,
     /// Frames accepted without a signature check because no key is set.
     pub unchecked: u64,
@@ -177,8 +176,8 @@ impl Signatures {
             unchecked: self.unchecked + other.unchecked,
         }
     }
-    /// Fault of a link's signatures and its remedy; None if all are as configured. On a link with `admitted` autopilot
-    /// frames, rejected ones came from others or from before the autopilot had the key.
+    /// Fault of a link's signatures and its remedy; None if as configured. With `admitted` frames, rejected
+    /// ones came from others or from before the autopilot had the key.
     pub fn finding(&self, admitted: bool) -> Option<(String, &'static str)> {
         let left_out = |count| if admitted { 0 } else { count };
         let [other_key, old, unsigned] = [self.other_key, self.old, self.unsigned].map(left_out);
@@ -198,7 +197,7 @@ impl Signatures {
             (
                 unsigned,
                 "rejected: not signed, as signing_key requires",
-                "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
+                "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or leave signing_key empty",
             )
         } else {
             (
@@ -254,7 +253,7 @@ mod tests {
             signing,
         )
     }
-    /// Number of frames accepted on a link with this key, and the counts of the others.
+    /// Frames accepted on a link with this key, and counts of the others.
     fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
         let mut reader = FrameReader::signed(signing);
         frames.iter().for_each(|bytes| reader.push(bytes));
@@ -267,7 +266,6 @@ mod tests {
         let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
         let [signed, later] = [(); 2].map(|()| heartbeat(Some(&ours)));
         let mut changed = heartbeat(Some(&ours));
-        // Changes only the signature, which the checksum does not cover.
         *changed.last_mut().unwrap() ^= 1;
         let frames = [
             signed.clone(),
@@ -315,7 +313,6 @@ mod tests {
     #[test]
     fn timestamp_after_the_latest_received() {
         let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
-        // This frame's timestamp is ahead of every clock.
         let mut ahead = MAVLinkV2MessageRaw::new();
         let message = Outgoing::new(0, 50, vec![3; 9]);
         ahead
@@ -349,7 +346,6 @@ mod tests {
         heartbeat(Some(&station))
     }
 
-    /// After a restart, frames sent before it are rejected and later ones accepted.
     #[test]
     fn times_of_a_signed_link_over_a_restart() {
         const AT: u64 = 1_000_000_000;
@@ -363,7 +359,7 @@ mod tests {
         assert_eq!((count, signatures.old), (1, 2));
     }
 
-    /// After the clock was set back, a message exempt from the time check is accepted if it is signed with the key.
+    /// After its clock was set back, a signed message that is exempt from the time check is accepted.
     #[test]
     fn message_that_no_clock_stops() {
         const AT: u64 = 1_000_000_000;

@@ -9,25 +9,23 @@ use super::{MotionSample, SAMPLE_S};
 
 /// Prediction horizons at which errors are measured, s.
 pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
-/// Memory of the mean squares, in comparisons: half a minute. At first it is a fifth of all comparisons so far, because
-/// the first models are the worst.
+/// Memory of the mean squares, in comparisons: half a minute, and at first a fifth of all comparisons,
+/// because the first models are the worst.
 const MEMORY: f64 = 300.0;
 const INITIAL_FRACTION: f64 = 0.2;
 /// Number of comparisons before measured errors replace the deviation of the motion itself.
 const FIRST: f64 = 15.0;
 /// Memory of the recent mean squares, in comparisons: two seconds.
 const RECENT: f64 = 20.0;
-/// Index in [`SPREAD_AT_S`] of the horizon (1 s) whose errors weight the two identifications.
+/// Index in [`SPREAD_AT_S`] of the horizon (1 s) whose errors weight the identifications.
 const WEIGHED_AT: usize = 2;
-/// Maximum number of pending predictions: those of all horizons.
+/// Maximum number of pending predictions, of all horizons.
 const MAX_WAITING: usize = 96;
 /// Number of the shortest horizons whose errors also widen the longer ones.
 const SOON: usize = 2;
-/// Number of compared quantities: the degrees of freedom, and acceleration north and east, which show a manoeuvre
-/// first.
+/// Compared quantities: degrees of freedom, and acceleration north and east, which shows a manoeuvre first.
 const COMPARED: usize = DOFS + 2;
-/// Ratio by which a mean square over a few waves exceeds the usual one by chance (95 % of chi squared / 8 with 8
-/// degrees of freedom).
+/// Ratio by which a mean square over some waves exceeds the usual by chance (95 % of chi squared / 8).
 const BY_CHANCE: f64 = 1.94;
 
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +57,7 @@ impl<const N: usize, C: Clock> Default for MeasuredErrors<N, C> {
 }
 
 impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
-    /// Stores the predictions made at `now` for each of [`SPREAD_AT_S`]; `predicted` maps seconds ahead to values.
+    /// Stores the predictions at `now` for each of [`SPREAD_AT_S`]; `predicted` maps seconds ahead to values.
     pub fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> [f64; N]) {
         for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
             if self.waiting.len() < MAX_WAITING {
@@ -99,14 +97,12 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             false
         });
     }
-    /// Mean square errors at one of [`SPREAD_AT_S`], the larger of the last half minute's and the last seconds'; None
-    /// until measured.
+    /// Mean square errors at a horizon: the larger of half a minute and of seconds; None until measured.
     fn mean_squares(&self, horizon: usize) -> Option<[f64; N]> {
         (self.count[horizon] >= FIRST)
             .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
     }
-    /// Standard deviations `ahead` seconds on: zero now, linear between [`SPREAD_AT_S`], constant after the last; None
-    /// until measured.
+    /// Standard deviations in `ahead` s: zero now, linear between [`SPREAD_AT_S`]; None until measured.
     pub fn deviation(&self, ahead: f64) -> Option<[f64; N]> {
         let mut knots = [[0.0; N]; SPREAD_AT_S.len()];
         for (horizon, knot) in knots.iter_mut().enumerate() {
@@ -116,7 +112,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
     }
 }
 
-/// Linear interpolation `ahead` seconds on: zero now, `knots` at [`SPREAD_AT_S`], constant after the last.
+/// Linear interpolation in `ahead` s: zero now, `knots` at [`SPREAD_AT_S`], then constant.
 fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) -> [f64; N] {
     let (mut before, mut from) = ([0.0; N], 0.0);
     for (&knot, to) in knots.iter().zip(SPREAD_AT_S) {
@@ -152,8 +148,7 @@ impl<C: Clock> ForecastErrors<C> {
         });
         self.0.compare(now.at, values);
     }
-    /// Inverse mean square errors one second ahead, 1 until measured. Degrees of freedom that a turn mixes have a
-    /// common weight.
+    /// Inverse mean square errors one second ahead, 1 until measured; common where a turn mixes them.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         let squares = &self.0.squares[WEIGHED_AT];
         core::array::from_fn(|d| match d {
@@ -163,9 +158,8 @@ impl<C: Clock> ForecastErrors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// Ratio of the recent mean squares to the usual ones at the shortest horizons, at least 1. A change is visible
-    /// there long before predictions at longer horizons are due. It also affects these, because an unforeseen
-    /// acceleration is part of the past from which all horizons are predicted.
+    /// Ratio of recent to usual mean squares at the shortest horizons, at least 1. A change shows there long
+    /// before longer predictions are due, and affects them too: unforeseen acceleration is in their past.
     fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);
@@ -178,9 +172,9 @@ impl<C: Clock> ForecastErrors<C> {
         let pushed = (DOFS..COMPARED).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
         core::array::from_fn(|d| (0..SOON).map(|h| ratio(h, d)).fold(pushed.max(1.0), f64::max))
     }
-    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] but at least `floor`, linear in
-    /// between, constant after the last. Until errors are measured, the `deviation` of the motion replaces them; a
-    /// recent increase widens them up to the deviation between two independent motions.
+    /// Standard deviations in `ahead` s: zero now, as measured at [`SPREAD_AT_S`] but at least `floor`,
+    /// linear in between, then constant; the `deviation` of the motion until measured. A recent increase
+    /// widens them up to the deviation of two independent motions.
     pub(super) fn spread(
         &self,
         deviation: [f64; DOFS],

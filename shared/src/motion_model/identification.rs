@@ -10,7 +10,7 @@ use super::errors::ForecastErrors;
 use super::regression::{self, PAST, REACH, Regression};
 use super::subspace::{Fit, FitProgress, Model};
 
-/// Gap between two samples that empties the record, s: the past of a regression must be continuous.
+/// Gap between samples that empties the record, s: a regression needs a continuous past.
 const MAX_GAP_S: f64 = 0.15;
 /// Samples between two identifications: five seconds, within which the sea does not change.
 const REFIT: u32 = 50;
@@ -94,8 +94,7 @@ impl<C: Clock> Identification<C> {
         }
     }
 
-    /// Performs one bounded part of a pending identification, or begins one that is due. Returns false if there was
-    /// none.
+    /// Performs one bounded part of an identification that is under way or due; false if there was none.
     pub(super) fn work(&mut self) -> bool {
         self.fit = match self.fit.take() {
             Some(fit) => match fit.advance() {
@@ -116,15 +115,15 @@ impl<C: Clock> Identification<C> {
         true
     }
 
-    /// Modes at the newest sample, strongest first; None before the first identification, and after a gap until the
-    /// past is complete again.
+    /// Modes at the newest sample, strongest first; None before the first identification, or after a gap
+    /// until the past is complete.
     pub(super) fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
-    /// Variance of the slow heave in the modes that is caused by the level's error, m².
+    /// Variance of the modes' slow heave caused by the level's error, m².
     pub(super) fn slow_variance(&self) -> f64 {
         self.model.as_ref().map_or(0.0, |m| m.slow_variance)
     }

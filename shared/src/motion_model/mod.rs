@@ -1,23 +1,23 @@
-//! Identification of the vessel's motion: frequencies, damping, mode shapes and the residual, found in the motion
-//! itself without parameters of the hull or the sea.
+//! Identification of the vessel's motion: frequencies, damping, mode shapes and residual, from the motion
+//! itself without parameters of hull or sea.
 //!
-//! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) at 10 Hz on heave,
-//! tilt, their rates and horizontal acceleration. The future of the six degrees of freedom over three seconds is
-//! regressed on their past of six seconds ([`regression`]). The best low-rank part of that regression is the state of a
-//! linear system. Its transition follows from the shift of the future by one step, and its eigenvectors are the modes
-//! ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles and
-//! `C_wave` the shapes. Both include the hull's response, because the measured motion has passed through it.
+//! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) at 10 Hz on
+//! heave, tilt, their rates and horizontal acceleration. The future of the six degrees of freedom over three
+//! seconds is regressed on six seconds of their past ([`regression`]). The best low-rank part is the state of
+//! a linear system. Its transition follows from shifting the future by a step; its eigenvectors are the modes
+//! ([`subspace`]). They are the wave forces of Procházka 2024, eq. 1 to 3: `A_wave` holds the poles and
+//! `C_wave` the shapes, both including the hull's response, through which the measured motion has passed.
 //!
-//! The motion is identified twice: in axes parallel to NED and in axes that turn with the vessel. A small hull follows
-//! the slope of the water, whose waves keep their direction when the vessel turns; a long hull swings in its own roll
-//! and pitch. Both predictions are weighted by the inverse of their recent mean square errors (Bates and Granger 1969),
-//! which suits hulls between the two, and turns.
+//! The motion is identified in axes parallel to NED and in axes that turn with the vessel. A small hull
+//! follows the water, whose waves keep their direction when the vessel turns; a long hull swings in its own
+//! roll and pitch. Both predictions are weighted by the inverse of their recent mean square errors (Bates and
+//! Granger 1969), which suits hulls in between, and turns.
 //!
-//! A prediction starts at the estimate and continues the present residual of the modes. In heave the residual fades,
-//! because its slow part is an error of the mean water level. In tilt it stays, because its slow part is heel and trim,
-//! which turn with the vessel and change within seconds with turn, speed, wind and load.
+//! A prediction starts at the estimate and continues the present residual of the modes. In heave the residual
+//! fades, because its slow part is an error of the mean water level. In tilt it stays, because its slow part
+//! is heel and trim, which turn with the vessel and change within seconds.
 //!
-//! The error of the predictions is measured, not assumed: each prediction is kept until it is due ([`errors`]).
+//! Errors of the predictions are measured: each prediction is kept until it is due ([`errors`]).
 
 mod errors;
 mod identification;
@@ -51,8 +51,8 @@ pub struct MotionSample<C: Clock> {
     /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about its
     /// mean (rad).
     pub value: [f64; DOFS],
-    /// Rates of heave (m/s) and of the tilt about north and about east (rad/s), and acceleration north and east caused
-    /// by the turn of the mean course (m/s²).
+    /// Rates of heave (m/s) and of tilt about north and east (rad/s); acceleration north and east by the turn
+    /// of the mean course (m/s²).
     pub rate: [f64; 5],
     /// Variance of the slow heave error, m²: the mean water level that heave refers to.
     pub level_variance: f64,
@@ -151,8 +151,7 @@ impl<C: Clock> MotionModel<C> {
         }
     }
 
-    /// Weights the modes of both identifications and stores their difference; before the first identification, a fading
-    /// motion.
+    /// Weights the modes of both identifications and stores their difference; before, a fading motion.
     fn mix(&mut self, newest: &MotionSample<C>) {
         let [earth, vessel] = &self.identified;
         self.apart = Default::default();
@@ -202,14 +201,13 @@ impl<C: Clock> MotionModel<C> {
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
-    /// Recent mean tilt about north and about east of a vessel on this mean heading, rad; it turns with the vessel.
+    /// Recent mean tilt about north and east of a vessel on this mean heading, rad; it turns with it.
     fn mean_tilt(&self, mean_heading: f64) -> [f64; 2] {
         let [_, vessel] = &self.identified;
         let mean = vessel.mean();
         turned([mean[ROLL], mean[PITCH]], -mean_heading)
     }
-    /// Present heel and trim as tilt about north and about east of a vessel on this mean heading, rad; they turn with
-    /// the vessel.
+    /// Present heel and trim as tilt about north and east on this mean heading, rad; they turn with it.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
         turned(self.heel, -mean_heading)
     }
@@ -235,12 +233,11 @@ impl<C: Clock> MotionModel<C> {
         let modes = self.modes().filter(|_| self.is_identified())?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
-    /// Whether the motion has been identified, including calm water, where no model predicts the motion.
+    /// Whether the motion has been identified, including calm water without predictable motion.
     pub fn is_identified(&self) -> bool {
         self.identified.iter().any(Identification::is_identified)
     }
-    /// Fraction of the variance of heave and tilt that is predicted one second ahead, 0 to 1; 0 before the first
-    /// identification.
+    /// Fraction of heave and tilt variance predicted one second ahead, 0 to 1; 0 before an identification.
     pub fn confidence(&self) -> f64 {
         if !self.is_identified() {
             return 0.0;
@@ -252,13 +249,13 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation per degree of freedom of the modes' prediction error `ahead` seconds on: as measured, but at
-    /// least the present difference between the two identifications.
+    /// Standard deviation of the modes' prediction error in `ahead` s by degree of freedom: as measured, but
+    /// at least the present difference of the two identifications.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)
     }
-    /// Variance of the modes' slow heave caused by the level's error, m². Comparison with the estimated motion does not
-    /// reveal it, because that contains the same error.
+    /// Variance of the modes' slow heave caused by the level's error, m². The estimated motion contains the
+    /// same error, so a comparison with it does not show it.
     pub fn slow_heave_variance(&self) -> f64 {
         let [earth, vessel] = &self.identified;
         earth.slow_variance().max(vessel.slow_variance())

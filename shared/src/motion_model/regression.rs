@@ -8,13 +8,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
 
-/// Number of channels of a past sample: heave, tilt, their rates, and horizontal acceleration. Velocity is left out
-/// because it depends mostly on the helm.
+/// Number of channels of a past sample: heave, tilt, their rates, and horizontal acceleration. Velocity is
+/// left out: it depends mostly on the helm.
 pub(super) const CHANNELS: usize = 8;
 /// Number of past samples used.
 pub(super) const LAGS: usize = 24;
-/// Lags, samples: dense over one second, then every fourth over six. Denser or longer lags gain less than 1 % on the
-/// three hulls.
+/// Lags, samples: dense over one second, then every fourth over six. More gain less than 1 % (3 hulls).
 pub(super) const LAG: [usize; LAGS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
@@ -84,7 +83,7 @@ pub(super) fn past<C: Clock>(record: &VecDeque<MotionSample<C>>, i: usize) -> Op
 }
 
 impl Regression {
-    /// Adds the row whose future has just become complete.
+    /// Adds the row whose future has just been completed.
     pub(super) fn push<C: Clock>(&mut self, record: &VecDeque<MotionSample<C>>) {
         let Some(now) = record.len().checked_sub(1 + REACH) else {
             return;
@@ -98,7 +97,6 @@ impl Regression {
                 row.rows_mut(INPUTS + DOFS * j, DOFS).copy_from_slice(&s.value);
             }
         }
-        // Slices allow vectorisation.
         let columns = self.products.as_mut_slice().chunks_exact_mut(INPUTS + OUTPUTS);
         for (j, (column, z)) in columns.zip(z.iter()).enumerate() {
             for (sum, value) in column[j..].iter_mut().zip(&row.as_slice()[j..]) {

@@ -82,7 +82,7 @@ struct ModeFit {
 }
 
 impl Model {
-    /// Modes with their present shapes from the past.
+    /// Modes whose present shapes follow from the past.
     pub(super) fn modes(&self, past: &DVector<f64>) -> Vec<Mode> {
         let z = past - &self.mean_in;
         let mode = |m: &ModeFit| {
@@ -103,7 +103,7 @@ impl Fit {
         let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
         let mean_out: DVector<f64> = mean.rows(INPUTS, OUTPUTS).into_owned();
         let variance_in = |i: usize| sums.products[(i, i)] / w - mean_in[i] * mean_in[i];
-        // A common scale for each channel and each degree of freedom preserves the shift of the future.
+        // A common scale for each channel and degree of freedom preserves the shift of the future.
         let channel: [f64; CHANNELS] = core::array::from_fn(|c| {
             let sum: f64 = (0..LAGS).map(|l| variance_in(CHANNELS * l + c)).sum();
             (sum / LAGS as f64).max(1e-12).sqrt()
@@ -166,8 +166,8 @@ impl Fit {
         }
     }
 
-    /// Best low-rank part of the regression: principal directions of the predicted future, with each output weighted by
-    /// its residual (Larimore 1990).
+    /// Best low-rank part of the regression: principal directions of the predicted future, weighted by each
+    /// output's residual (Larimore 1990).
     fn reduce(&self, b: &Mat<f64>) -> Option<Stage> {
         // Covariance of the prediction and variance of the residual; gram * b = cross - ridge * b.
         let with_past = Mat::from_fn(INPUTS, OUTPUTS, |i, j| {
@@ -184,7 +184,6 @@ impl Fit {
         let weighted = Mat::from_fn(OUTPUTS, OUTPUTS, |i, j| weight[i] * weight[j] * predicted[(i, j)]);
         let eigen = weighted.self_adjoint_eigen(Side::Lower).ok()?;
         let u = eigen.U();
-        // Eigenvalues are in ascending order.
         let v = Mat::from_fn(OUTPUTS, ORDER, |i, k| u[(i, OUTPUTS - 1 - k)]);
         let scaled = Mat::from_fn(OUTPUTS, ORDER, |i, k| weight[i] * v[(i, k)]);
         Some(Stage::Modes {
@@ -225,9 +224,8 @@ impl Fit {
         for k in 0..ORDER {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
-            // Keeps one of each conjugate pair. A negative real eigenvalue corresponds to half the sampling rate, not
-            // to a motion. A mode that decays within one step is noise: negligible in position, but of any size in
-            // velocity.
+            // Keeps one of each conjugate pair. A negative real eigenvalue is half the sampling rate, no
+            // motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }
@@ -272,7 +270,7 @@ impl Fit {
         self.strongest(modes)
     }
 
-    /// Shape of the mode with this pole, fitted to its responses in the present channels and in the future outputs.
+    /// Shape of the mode with this pole, fitted to its responses in present channels and future outputs.
     fn shape(
         &self,
         (pole, twice): (Complex<f64>, f64),
@@ -320,9 +318,9 @@ impl Fit {
         })
     }
 
-    /// Fraction of the slow heave that is not caused by the level's error (Wiener 1949): `1 - P / V` with the slow
-    /// heave's variance `V` and the level's variance `P`. A following sea, met slowly, keeps nearly all of it, a
-    /// drifting boat next to nothing. Returns the fraction `s`; the kept part has an error variance of `s P`.
+    /// Fraction of the slow heave not caused by the level's error (Wiener 1949): `s = 1 - P / V`, with the
+    /// variances `V` of slow heave and `P` of the level. A following sea, met slowly, keeps nearly all of it,
+    /// a drifting boat next to nothing. The kept part has an error variance of `s P`.
     fn keep_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
         let slow = |m: &&mut ModeFit| !wave(m.pole, m.shape);
         // Slow heave from the past: Re c (r + i s)' z.
@@ -339,8 +337,8 @@ impl Fit {
         fraction
     }
 
-    /// Mean square of a mode's motion relative to the total, summed over the degrees of freedom; excited by this row's
-    /// product with the state of this covariance.
+    /// Mean square of a mode relative to the total, summed over degrees of freedom; this row excites it from
+    /// a state of this covariance.
     fn strength(&self, covariance: &Mat<f64>, row: &[c64; ORDER], shape: &[Complex<f64>; DOFS]) -> f64 {
         let square = |i: usize, j: usize| row[i].re * row[j].re + row[i].im * row[j].im;
         let excitation: f64 = (0..ORDER)

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::time::VesselClock;
 
-/// Maximum number of real sensors on a vessel. One byte source can carry two measurement sources
+/// Maximum number of real sensors on a vessel; one source of bytes can be two of measurements
 /// ([`super::MAX_SOURCES`]).
 pub const MAX_DEVICES: usize = super::MAX_SOURCES / 2;
 /// Maximum number of drones named in one status.
@@ -20,10 +20,10 @@ pub const MAX_ORDERS: usize = 8;
 /// Text for the crew in a status.
 pub type Line = Text<240>;
 
-/// Validity of a take-off clearance, s. Covers the checks, the countdown and the wait for a good moment.
+/// Validity of a take-off clearance, s: checks, countdown, and the wait for a good moment.
 pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
-/// Validity of a standing clearance during each stay of its drone on the deck, s, if neither a switch nor a sensor
-/// shows that somebody comes near. Chosen: the crew still remembers the clearance.
+/// Validity of a standing clearance during each stay of its drone on the deck, s, without a switch or sensor
+/// that shows visitors. Chosen: the crew still remembers the clearance.
 pub const TAKE_OFF_STANDING_S: f64 = 600.0;
 /// Maximum validity of a standing clearance, s: one watch on board.
 pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
@@ -35,15 +35,15 @@ pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
 pub enum DeckOrder {
     /// No drone may descend.
     Closed,
-    /// The deck is clear and open, except for drones that report from it or may be descending in silence.
+    /// The deck is clear and open, but not for drones that report from it or may be descending in silence.
     Open,
     /// The deck is clear, and this drone is neither on it nor above it.
     Clear(u32),
-    /// The crew and all objects are clear of this drone on the deck, and it is not tied down: it may take off within
+    /// Crew and objects are clear of this drone on the deck, and it is not tied down: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// Clears every take-off of this drone until somebody steps on the deck, for at most [`TAKE_OFF_WATCH_S`]. The crew
-    /// keeps the deck clear during this time.
+    /// Clears every take-off of this drone until somebody steps on the deck, for at most
+    /// [`TAKE_OFF_WATCH_S`], while the crew keeps the deck clear.
     TakeOffStanding(u32),
     /// The vessel keeps course and speed for this number of seconds; 0 withdraws the statement.
     Steady(u32),
@@ -70,7 +70,7 @@ pub enum Closure {
     CheckpointUnwritable,
 }
 
-/// The owner has been silent for longer than a landing takes while another drone with a low battery waits for the deck.
+/// The owner has been silent for longer than a landing takes, while a drone with a low battery waits.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Starved {
@@ -129,7 +129,7 @@ pub struct FollowsAnother {
     pub boot: u32,
 }
 
-/// Crew order on its way to the vessel's process. All repetitions carry the boot id of the first.
+/// Crew order on its way to the vessel's process; repetitions carry the boot id of the first.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CrewOrder {
@@ -165,8 +165,7 @@ pub struct Decoded {
     pub corrupted: u64,
     /// Complete messages of other kinds.
     pub ignored: u64,
-    /// Complete messages of a supported kind without a usable measurement: no fix, simulated, empty, or of another
-    /// system.
+    /// Complete messages of a supported kind without a measurement: no fix, simulated, empty, other system.
     pub left_out: u64,
     /// Measurements without a time stamp from their source.
     pub undated: u64,
@@ -176,7 +175,7 @@ pub struct Decoded {
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Announced pulses whose time does not match that of their fix, because the two use different time bases.
+    /// Announced pulses that do not match the time of their fix: the two have different time bases.
     pub mismatched_pulses: u64,
 }
 
@@ -254,8 +253,7 @@ pub struct SourceUse {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct EstimatorStatus {
-    /// Age of the newest inertial or attitude sample, of the newest GNSS fix and of the newest heading, s; None before
-    /// the first.
+    /// Age of the newest inertial or attitude sample, GNSS fix and heading, s; None before the first.
     pub sensor_age_s: [Option<f64>; 3],
     /// Age of the newest published estimate, s; None before the first.
     pub estimate_age_s: Option<f64>,

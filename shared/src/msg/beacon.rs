@@ -1,5 +1,5 @@
-//! Position of a vessel from common equipment: a second MAVLink system, a phone or an operator. A beacon is not
-//! authenticated: it leads a drone to a search for the deck's tags and never permits a landing without them.
+//! Position of a vessel from common equipment: a second MAVLink system, a phone or an operator. A beacon is
+//! not authenticated: it starts a search for the deck's tags, and never permits a landing without them.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;

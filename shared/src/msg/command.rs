@@ -13,8 +13,8 @@ pub enum CommandKind {
     /// Land on the vessel.
     #[default]
     Land,
-    /// Abort the landing, climb and hold; overrides every other command. If a climb would meet the deck harder than the
-    /// landing, the landing is completed.
+    /// Abort the landing, climb and hold; overrides every other command. If a climb would meet the deck
+    /// harder than the landing, the drone completes the landing.
     Abort,
     /// Hold here, but not below the tracking height over the deck.
     Hold,
@@ -29,8 +29,7 @@ pub enum CommandKind {
 /// Command to the mission.
 pub type Command = OperatorCommand<DroneClock>;
 
-/// Command for the drone named in its header: from an operator to the vessel, from the vessel to the drone, and to the
-/// mission.
+/// Command for the drone in its header, from an operator to the vessel, to the drone, and to the mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]

@@ -110,8 +110,7 @@ pub struct VesselReport {
     pub certificate: CertificateState,
 }
 
-/// Report of a computer about itself, with the configuration its processes started with. Observers read it instead of
-/// files.
+/// Report of a computer about itself, with its configuration at the start, for observers instead of files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ComputerReport {
@@ -129,7 +128,7 @@ pub struct ComputerReport {
     pub processes: Seq<ProcessKind, MAX_PROCESSES>,
     /// Remark that the configuration was edited after the start.
     pub edited: Option<Line>,
-    /// Wind and vessel speed are displayed in knots.
+    /// Display wind and vessel speed in knots.
     pub knots: bool,
     /// Additional report of a vessel's computer.
     pub vessel: Option<VesselReport>,

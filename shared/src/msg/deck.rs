@@ -58,13 +58,12 @@ pub struct CameraLight {
     pub exposure_s: Option<f64>,
     /// The image is too dark to decode a tag. Exposure and gain are at their limits if the drone sets them.
     pub dark: bool,
-    /// Saturated fraction of the image, 0 to 1, when a light blinds the camera: no tag is decoded and the fraction
-    /// exceeds [`MIN_GLARE`]. Otherwise None.
+    /// Saturated fraction of the image, 0 to 1, if above [`MIN_GLARE`] without a decoded tag; otherwise None.
     pub glare: Option<f64>,
 }
 
-/// Saturated fraction of the image, 0 to 1, above which a light blinds the camera. Glints on water or a wet deck
-/// saturate 0.1 % by day in rendered images.
+/// Saturated fraction of the image, 0 to 1, above which a light blinds the camera. In rendered daylight,
+/// glints on water or a wet deck saturate 0.1 %.
 pub const MIN_GLARE: f64 = 0.003;
 
 impl CameraLight {
@@ -110,7 +109,7 @@ pub struct LinkState {
     pub latency_p99_s: f64,
     /// Vessel messages rejected since the start.
     pub rejected: u32,
-    /// Boot of a second computer with the vessel's identity that is received in addition to the one in use.
+    /// Boot of a second computer with the vessel's identity, received in addition to the one in use.
     pub second_sender: Option<u32>,
 }
 
@@ -216,13 +215,12 @@ pub struct DeckForecast {
     pub beacon: Option<[f64; 2]>,
     /// Relative position by moving base, if a receiver measures it.
     pub relative: Option<RelativeState>,
-    /// Number of decks in view with the tags of this one while the drone's own is not identified; otherwise 0.
+    /// Number of decks in view with these tags while the drone's own is not identified; otherwise 0.
     pub decks_in_sight: u32,
-    /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged over 3 s,
-    /// recent maximum. 1 if both match their stated errors; None if either is missing.
+    /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged
+    /// over 3 s, recent maximum. 1 if both match their stated errors; None without both.
     pub height_nis: Option<f64>,
-    /// Horizontal distance between the deck's position by vision and by radio, and its bound from both uncertainties,
-    /// m; None without a detection.
+    /// Horizontal distance of the deck by vision from that by radio, and its bound, m; None if not detected.
     pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or calm water) to 1.
     pub wave_confidence: f64,
@@ -230,23 +228,22 @@ pub struct DeckForecast {
     pub mean_heading: f64,
     /// Rate of the mean heading, rad/s.
     pub mean_heading_rate: f64,
-    /// Mean level of the deck, drone's NED z, m: low-pass of its mean height in each forecast; None before the first
-    /// stage.
+    /// Mean level of the deck, drone's NED z, m: low-pass of the mean height; None before the first stage.
     pub mean_z: Option<f64>,
     /// Stages at intervals of `step`.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
-    /// Apparent slopes of the deck over the last two minutes, reported by the vessel ([`super::WaveModel::slopes`]);
+    /// Apparent slopes of the deck over the last two minutes, from the vessel ([`super::WaveModel::slopes`]);
     /// empty without recent data.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// Obstacles around the deck, in the vessel's newest report.
     pub surroundings: Surroundings,
-    /// Predicted apparent slope for a drone on the deck, north and east, every [`PREDICTED_SLOPE_STEP_S`] from now on,
-    /// in steps of [`super::SLOPE_STEP`]. It points in the direction of the force that the deck exerts on the drone.
-    /// Empty until the vessel has identified its motion.
+    /// Predicted apparent slope for a drone on the deck, north and east, every [`PREDICTED_SLOPE_STEP_S`], in
+    /// steps of [`super::SLOPE_STEP`], along the force of the deck on the drone. Empty until the vessel has
+    /// identified its motion.
     pub predicted_slopes: Seq<[i8; 2], PREDICTED_SLOPES>,
 }
 
-/// Silence of the vessel after which it is known by its tags alone, s. Until then the broadcast modes are propagated.
+/// Silence after which the vessel is known by its tags alone, s. Until then its modes are propagated.
 pub const SILENT_S: f64 = 5.0;
 
 impl DeckForecast {
@@ -259,8 +256,7 @@ impl DeckForecast {
             Some(_) | None => VesselLevel::Tag,
         }
     }
-    /// State of the deck at time `t` by linear interpolation; None before the first stage, after the last, and in an
-    /// empty forecast.
+    /// State of the deck at time `t`, interpolated linearly; None outside the stages.
     pub fn at(&self, t: crate::time::Time<DroneClock>) -> Option<DeckStage> {
         let step = self.step.secs();
         if !(step > 0.0) {

@@ -21,14 +21,14 @@ pub const PLAN_STAGES: usize = 41;
 pub struct DroneState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
-    /// Number of the frame of `position`. It increases with another autopilot, its restart or a moved origin, and
-    /// invalidates data of the previous frame. A jump of the estimate alone does not change it (`datum_offset`).
+    /// Number of the frame of `position`. It increases with another autopilot, its restart or a moved origin,
+    /// which invalidates older data, but not with a jump of the estimate (`datum_offset`).
     pub frames: u8,
     /// Origin of the drone's NED: the autopilot's origin.
     pub datum: Datum,
-    /// Position of `datum` in the frame of `position`, NED, m; 0 until the first jump of the autopilot's position
-    /// estimate. `position` stays continuous across a jump, and this offset absorbs it: detections keep their
-    /// coordinates, and positions known by latitude and longitude (the vessel by radio) move with the offset.
+    /// Position of `datum` in the frame of `position`, NED, m; 0 until the autopilot's position estimate
+    /// jumps. `position` stays continuous: this offset absorbs the jump, so that detections keep their
+    /// coordinates, and positions by latitude and longitude (the vessel by radio) move.
     pub datum_offset: [f64; 3],
     /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad; included in `attitude`.
     pub heading_jumps: f64,
@@ -224,8 +224,8 @@ pub struct ShadowComparison {
     pub apart_mps: f64,
 }
 
-/// Checkpoint of the predictor: offset between the deck's pose by camera and by radio. A restarted process cannot
-/// measure it again when the deck is too close for the camera.
+/// Checkpoint of the predictor: offset between the deck's pose by camera and by radio, which a restarted
+/// process cannot measure too close to the deck.
 ///
 /// Published with every forecast once the camera has detected the deck. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -239,7 +239,7 @@ pub struct PredictorCheckpoint {
     pub vision_at: Time<DroneClock>,
     /// Newest fused tag detection.
     pub tag_at: Option<Time<DroneClock>>,
-    /// Slowly varying error of vision minus that of the radio: north, east, down (m), tilt about the vessel's pitch and
+    /// Slowly varying error of vision minus radio: north, east, down (m), tilt about the vessel's pitch and
     /// roll axes at heading north, heading (rad).
     pub offset: [f64; 6],
     /// Standard deviations of the offset.
@@ -310,8 +310,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// State of the plan at time `t`: position by cubic Hermite interpolation, the rest by linear interpolation. Beyond
-    /// the last stage it extrapolates at constant velocity. None before the first stage or with fewer than two stages.
+    /// State of the plan at time `t`: cubic Hermite interpolation of position, linear for the rest, constant
+    /// velocity beyond the last stage. None before the first stage, or with fewer than two.
     pub fn sample(&self, t: Time<DroneClock>) -> Option<PlanStage> {
         let h = self.step.secs();
         let n = self.stages.len();
@@ -431,8 +431,7 @@ pub struct SetPoint {
     pub thrust: f64,
     /// Attitude response that the pilot node assumes.
     pub response: AttitudeResponse,
-    /// Speed of the hardest contact since the motors were last stopped after a landing, along the deck's normal, m/s;
-    /// None: no hard contact.
+    /// Speed of the hardest contact since the last stop of the motors on the deck, along its normal, m/s.
     pub hard_contact_mps: Option<f64>,
 }
 

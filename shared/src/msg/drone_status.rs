@@ -5,8 +5,8 @@ use crate::time::{DroneClock, Time};
 use crate::topics;
 
 impl DroneStatus {
-    /// Status at the time of `header` from the newest mission and autopilot states. An autopilot report older than its
-    /// topic allows counts as unknown; then the motors of a landed drone count as armed
+    /// Status at the time of `header` from the newest states of mission and autopilot. An autopilot report
+    /// older than its topic allows is unknown, and the motors of a landed drone then count as armed
     /// ([`DroneStatus::still_armed_s`]).
     pub fn of(
         header: Header<DroneClock>,
@@ -37,24 +37,23 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// Text of the condition that the mission waits for, or briefly the reason why an order was rejected.
+    /// Condition that the mission waits for, or for a while the reason for rejecting an order.
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether the status carries a current mission state. A status with an older mission state shows the drone's
-    /// position but, like silence, does not show its actions.
+    /// Whether the mission state is current. An older one is like silence about the drone's actions, but the
+    /// status shows its position.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()
     }
 }
 
-/// Time within which a drone is disarmed after a stopped take-off, s: heartbeats that show the arming, decay of the
-/// thrust, and several commands with their answers.
+/// Time of a disarm after a stopped take-off, s: heartbeats, decay of the thrust, several commands.
 const STANDS_DOWN_S: f64 = 5.0;
 
-/// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a disarm
-/// takes (`disarm_s`), otherwise None. Possible causes: the commands were denied, their conditions are not met, or
-/// `disarm.on_deck` is off. A mission leaves `Landed` when the drone is armed again after a disarm.
+/// Time since the landing or the stopped take-off, s, of a drone armed on the deck for longer than a disarm
+/// (`disarm_s`), otherwise None. Causes: denied commands, unmet conditions, `disarm.on_deck` is off. A
+/// mission leaves `Landed` when the drone is armed again after a disarm.
 pub fn still_armed_s(
     now: Time<DroneClock>,
     mission: &MissionState,
@@ -90,7 +89,6 @@ mod tests {
         let fresh = sent(10.1);
         assert!(fresh.is_current() && fresh.armed && fresh.landed == LandedState::InAir);
         assert_eq!((fresh.state, fresh.battery), (State::Descent, Some(0.57)));
-        // Both processes have been silent since: a fresh header must not hide the age of the content.
         let old = sent(20.0);
         assert!(!old.is_current() && !old.armed);
         assert!((old.mission_age_s - 10.0).abs() < 1e-6);

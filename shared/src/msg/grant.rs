@@ -13,16 +13,15 @@ pub const DECK_CLOSED: u32 = u32::MAX;
 
 /// Number of waiting places.
 pub const PLACES: usize = 8;
-/// Horizontal distance of the waiting places from the deck's centre, m: the vessel's length plus the GNSS errors of
-/// both.
+/// Horizontal distance of the waiting places from the deck's centre, m: vessel's length and GNSS errors.
 pub const WAITING_DISTANCE_M: f64 = 25.0;
 /// Radius around the deck's centre in which only the owner may fly, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
-/// Minimum height difference between a station and another drone's waiting place or station, m: three times the
-/// difference of two GNSS heights, plus the height of a drone.
+/// Minimum height difference between a station and another place or station, m: three times the difference of
+/// two GNSS heights, plus a drone.
 pub const STATION_APART_M: f64 = 5.0;
-/// Height difference between successive waiting places, m. GNSS heights of two drones differ by 1.4 m rms if each has
-/// an error of 1 m rms. The layer is five times that difference plus the height of a drone.
+/// Height difference between successive waiting places, m: five times the difference of two GNSS heights (1.4
+/// m rms for 1 m each), plus a drone.
 const LAYER_M: f64 = 8.0;
 
 /// Waiting place of a drone, with a height and bearing of its own.
@@ -76,7 +75,7 @@ impl Course {
     }
 }
 
-/// Tolerance between deck dimensions in two files for the same deck, m: larger than the error of a tape measure.
+/// Tolerance of dimensions of one deck in two files, m: above the error of a tape measure.
 const SAME_DECK_M: f64 = 0.05;
 
 /// Dimensions of the vessel's deck from a configuration.
@@ -95,8 +94,7 @@ impl DeckDimensions {
         let ([x, y, z], [length, width]) = (self.centre, self.size);
         [x, y, z, length, width].map(|v| (f64::from(v) * 1e3).round() / 1e3)
     }
-    /// Reason why a drone configured with these dimensions must not descend to the deck of `vessel`: the pair that
-    /// differs most, m. None if they match.
+    /// Reason why a drone with these dimensions must not descend to `vessel`: the most different pair, m.
     pub fn differs_from(&self, vessel: &DeckDimensions) -> Option<Reason> {
         let apart = |(own, other): &(f64, f64)| (own - other).abs();
         let pairs = self.all_m().into_iter().zip(vessel.all_m());
@@ -109,8 +107,8 @@ impl DeckDimensions {
     }
 }
 
-/// Grant that states which drone may descend to the deck. It is repeated: a drone descends only with a fresh grant that
-/// names it, and breaks off when a grant names another.
+/// Grant that states which drone may descend. It is repeated: a drone descends only with a fresh grant for
+/// it, and breaks off when a grant names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
@@ -123,8 +121,8 @@ pub struct DeckGrant<C: Clock> {
     pub occupied: bool,
     /// Drones at the waiting places, lowest place first; 0: free.
     pub places: [u32; PLACES],
-    /// Heights above the deck's mean level of the stations of these drones, m; 0: none. A station requested later at
-    /// the height of another is left out.
+    /// Heights above the deck's mean level of the stations of these drones, m; 0: none, or requested later at
+    /// a taken height.
     pub stations: [u8; PLACES],
     /// Course that the helm intends.
     pub course: Course,

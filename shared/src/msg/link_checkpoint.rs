@@ -11,8 +11,7 @@ use crate::geodesy::Datum;
 use crate::mavlink::SigningTimes;
 use crate::time::DroneClock;
 
-/// Checkpoint of the link to the autopilot: a restarted process resumes commanding before the autopilot's failsafe
-/// begins.
+/// Checkpoint of the autopilot link: a restarted process commands before the autopilot's failsafe begins.
 ///
 /// Published at 50 Hz. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -46,8 +45,8 @@ pub struct LinkCheckpoint {
     pub datum_offset: [f64; 3],
     /// Sum of the heading jumps: [`DroneState::heading_jumps`](super::DroneState::heading_jumps), rad.
     pub heading_jumps: f64,
-    /// Smoothed minus reported odometry: position (m) and velocity (m/s), NED; bias of the acceleration, m/s²; and the
-    /// disturbance, m/s², with third component 0.
+    /// Smoothed minus reported odometry: position (m), velocity (m/s), NED; bias of the acceleration, m/s²;
+    /// disturbance, m/s², with a third component of 0.
     pub smoothing: [[f64; 3]; 4],
     /// Identified wind and drag.
     pub wind: WindCheckpoint,
@@ -55,8 +54,8 @@ pub struct LinkCheckpoint {
     pub hover_thrust: f64,
     /// Duration of the hover-thrust identification, s.
     pub hover_learned_s: f64,
-    /// Reasons for which this process has ended the autopilot's mission in this flight: battery, completion, order. If
-    /// a pilot selects the mission again, it is not ended for the same reason.
+    /// Reasons for which this process ended the autopilot's mission in this flight: battery, completion,
+    /// order. None ends it again if a pilot selects it.
     pub ended_missions: [bool; 3],
     /// Times of the signed frames.
     pub signing: SigningTimes,

@@ -84,8 +84,7 @@ pub struct SettingsOrder {
 pub enum VesselLevel {
     /// Tags on its deck only.
     Tag,
-    /// A beacon in addition, with position and velocity to metres ([`super::DeckBeacon`]): it starts a search for the
-    /// tags.
+    /// A beacon in addition, to metres ([`super::DeckBeacon`]): it starts a search for the tags.
     Beacon,
     /// Estimates and wave model broadcast by the vessel's computer.
     #[default]
@@ -138,8 +137,8 @@ pub struct MissionState {
     pub lowest_clearance_m: Option<f64>,
     /// Clearance below which only hard reasons break a landing off, m.
     pub commit_clearance_m: f64,
-    /// Effective remaining battery, 0 to 1: persistent minimum of the gauge, or an estimate if the gauge is silent or
-    /// stuck; None while unknown.
+    /// Effective remaining battery, 0 to 1: lasting minimum of the gauge, or an estimate for a silent or
+    /// stuck one; None: unknown.
     pub battery: Option<f64>,
     /// Battery reserve: charge for the way to the deck and one attempt, or the fixed minimum, 0 to 1.
     pub battery_reserve: f64,
@@ -162,8 +161,8 @@ pub struct MissionState {
 }
 
 impl MissionState {
-    /// Whether the crew must know why the state was entered: a mission that ended without a landing or with a hard one,
-    /// a hold without a command, a descent that was broken off.
+    /// Whether the crew must know why the state was entered: an end without a landing or with a hard one, a
+    /// hold without a command, a broken-off descent.
     pub fn was_entered_in_trouble(&self) -> bool {
         let broken_off = matches!(self.previous, State::Descent | State::Flare)
             && self.entered.code != ReasonCode::Matched;
@@ -291,11 +290,11 @@ pub struct MissionCheckpoint {
     pub landing: bool,
     /// Start of the landing.
     pub started: Time<DroneClock>,
-    /// The operator ordered a landing below the battery reserve: the deck has priority.
+    /// The operator ordered a landing below the battery reserve, so the deck has priority.
     pub deck_first: bool,
     /// Gauge history of the battery.
     pub battery: Option<KnownBattery>,
-    /// An operator has stopped a landing caused by the low battery: the deck is not chosen again.
+    /// An operator stopped a landing caused by low battery, so the deck is not chosen again.
     pub deck_declined: bool,
     /// An operator has stopped the mission and has not ordered a landing since.
     pub stopped: bool,
@@ -328,9 +327,8 @@ pub struct MissionCheckpoint {
 }
 
 impl MissionCheckpoint {
-    /// Part that stays valid across a reboot, which resets the computer's clock: the purpose of the flight. None if the
-    /// motors are disarmed. The vessel's position and the time on a station are rounded, so the file changes only every
-    /// few seconds.
+    /// Purpose of the flight, which outlives a reboot and its new clock; None if the motors are disarmed. The
+    /// vessel's position and the time on a station are rounded, so the file changes only every few seconds.
     pub fn lasting(&self) -> Option<MissionCheckpoint> {
         let header = self.header.outdated();
         let last_vessel = self.last_vessel.map(|v| LastVessel {
@@ -371,8 +369,7 @@ pub struct OrderEcho {
 }
 
 impl OrderEcho {
-    /// Whether an order of this kind, identified in the echo by `is_own`, is carried out; None: not received, or
-    /// superseded.
+    /// Whether the order that `is_own` finds in the echo is carried out; None: not received, or superseded.
     pub fn answers(&self, kind: CommandKind, is_own: impl Fn([u32; 2]) -> bool) -> Option<bool> {
         let (echo, rejected) = match kind {
             CommandKind::Abort => (self.abort, self.rejected && self.order.is_none()),
@@ -435,8 +432,7 @@ pub struct DroneStatus {
     pub order: Option<[u32; 2]>,
     /// The motors are armed according to the autopilot's newest report.
     pub armed: bool,
-    /// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a
-    /// disarm takes; otherwise None.
+    /// Time since landing or stopped take-off, s, of a drone armed on the deck for too long; otherwise None.
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state at sending, s: its process may have ended or hang.
     pub mission_age_s: f32,
@@ -446,7 +442,7 @@ pub struct DroneStatus {
     pub station: Option<Station>,
 }
 
-/// Message that a drone stands armed on the deck, with the remedy; it follows the drone's name.
+/// Text about a drone that stands armed on the deck, with the remedy; it follows the drone's name.
 pub fn still_armed(for_s: f32) -> String {
     format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }
@@ -493,8 +489,7 @@ impl fmt::Display for Charge {
 }
 
 impl DroneStatus {
-    /// Horizontal distance between odometry and the deck's centre in its forecast, m; None while one is missing or
-    /// older at `now` than its topic allows.
+    /// Horizontal distance between odometry and the forecast deck's centre, m; None if one is missing or old.
     pub fn deck_distance_m(
         now: Time<DroneClock>,
         own: Option<&DroneState>,

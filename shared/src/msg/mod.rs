@@ -1,8 +1,8 @@
-//! Messages: fixed-size plain data with one layout on the wire and in shared memory. The vessel's estimate and wave
-//! model travel over the radio in the compact forms of [`update`].
+//! Messages: plain data of fixed size with one layout on the wire and in shared memory. The vessel's estimate
+//! and wave model have compact forms for the radio ([`update`]).
 //!
-//! Every message begins with a [`Header`]: sender, boot, sequence number and time of validity. `C` is the clock of that
-//! time: messages of the vessel carry `VesselClock` until the bridge converts them to `DroneClock`.
+//! Every message begins with a [`Header`]: sender, boot, sequence number and time of validity on the clock
+//! `C`. The vessel's messages carry `VesselClock` until the bridge converts them to `DroneClock`.
 
 /// Implements [`Message`] from a clock, a header and ordered conditions, each with the name of the invalid field.
 macro_rules! message {

@@ -1,5 +1,4 @@
-//! Reason for a state transition of the mission or for staying in a state: a code with the deciding value, its limit
-//! and a text.
+//! Reason for a transition of the mission, or for staying: code, deciding value, its limit and text.
 
 use core::fmt;
 
@@ -194,8 +193,7 @@ reasons! {
     BatteryHome { "battery at {v_percent:.0} % (needs {l_percent:.0} %): the autopilot returns home" }
     /// Battery below the reserve, fraction: the autopilot lands at its present position.
     BatteryHere { "battery at {v_percent:.0} % (needs {l_percent:.0} %): the autopilot lands here" }
-    /// Aborted by an operator close to the deck, where a climb would meet it harder than the landing: the landing is
-    /// completed.
+    /// Aborted by an operator where a climb would meet the deck harder than the landing, which is completed.
     CompletesLanding { "stopped where a climb would hit the deck harder than the landing: completes the landing" }
     /// The autopilot has not reported the origin of its NED.
     NoOrigin { "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)" }
@@ -224,8 +222,8 @@ reasons! {
     /// Only the radio gives the deck's height: minimum height of the drone above it until confirmed, m.
     HeightUnconfirmed { "only the radio gives the deck's height: stays {v:.0} m above it until the camera, mean sea \
         level or a take-off from the deck agrees, or a pilot flies lower" }
-    /// Battery below the reserve, fraction, with the landing stopped: below the limit a place is chosen unless an
-    /// operator decides earlier.
+    /// Battery below the reserve, fraction, after a stopped landing; below the limit a place is chosen
+    /// without the operator.
     BatteryStopped { "battery at {v_percent:.0} %: below {l_percent:.0} % it lands on the deck, or at the next \
         place, unless it is commanded otherwise" }
     /// Deck height by another source above that of the forecast, m: the drone stays above both.
@@ -296,13 +294,13 @@ reasons! {
     ArmingRejected { "the autopilot did not arm within {l:.0} s: its own text has the reason" }
     /// The autopilot reports no turning rotors yet: time since arming, s, and the limit.
     SpinningUp { "the autopilot reports no turning rotors {v:.1} s after arming (limit {l:.1})" }
-    /// Probability of a take-off too low because the deck tilts or moves sideways.
+    /// Probability of a good take-off too low because the deck tilts or moves sideways.
     TakeOffTilted { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck tilts or slides away" }
-    /// Probability of a take-off too low because the deck may rise into the drone.
+    /// Probability of a good take-off too low because the deck may rise into the drone.
     TakeOffHit { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck may hit the drone" }
-    /// A better moment to take off comes soon: probability now and then.
+    /// A better moment to take off comes within seconds: probability now and then.
     BetterMoment { "a take-off is {likely:.0} % likely now, {:.0} % within seconds", l_percent.floor() }
-    /// Probability of a take-off at this moment.
+    /// Probability of success of a take-off at this moment.
     GoodMoment { "a take-off is {likely:.0} % likely now" }
     /// No suitable moment to take off: time waited, s, and the limit.
     NoMoment { "no good moment to take off in {v:.0} s (limit {l:.0})" }
@@ -322,8 +320,7 @@ reasons! {
     Disarmed { "disarmed on the deck" }
     /// Battery too low for a take-off, fraction.
     TakeOffBattery { "battery at {v_percent:.0} % (needs {l_percent:.0} %) for a take-off" }
-    /// End of a sortie: remaining battery, fraction, and the charge for the way back to the vessel and one missed
-    /// attempt.
+    /// End of a sortie: battery, fraction, and the charge for the way back and one missed attempt.
     TurnsBack { "battery at {v_percent:.0} % (needs {l_percent:.0} %): turns back to the vessel" }
     /// End of a sortie: the autopilot has completed its own mission.
     MissionDone { "the autopilot's mission is done: returns to the vessel" }
@@ -343,8 +340,7 @@ reasons! {
     SeeksVessel { "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m" }
     /// Handing over to the autopilot's own mission after a take-off: time waited, s, and the limit.
     HandsOver { "hands over to the autopilot's own mission" }
-    /// Too dark for the camera to detect a tag: mean grey level of its image; the limit is its longest exposure, s, 0
-    /// if the drone does not set it.
+    /// Too dark to detect a tag: mean grey level of the image, and longest exposure, s, 0 if not set.
     TooDark { "too dark to see the tags (image mean {v:.0} of 255, exposed by the camera itself): light the deck or \
         its tags";
         if l > 0.0 => "too dark to see the tags (image mean {v:.0} of 255, exposure of {:.1} ms and gain at their \
@@ -353,8 +349,7 @@ reasons! {
     SeveralAutopilots { "autopilots {v:.0} and {l:.0} received: set autopilot.vehicle" }
     /// The remote control's switch is in its abort position.
     SwitchAborts { "the remote control's switch is on abort" }
-    /// A light blinds the camera: saturated part of its image, %, while no tag is detected; the limit is the maximum of
-    /// a glint.
+    /// A light blinds the camera, no tag detected: saturated part of its image, %, and maximum of a glint.
     Glare { "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen \
         the lamp" }
     /// Keeping an ordered station next to the vessel, or on the way to it: remaining time, s, and distance to it, m.
@@ -364,8 +359,7 @@ reasons! {
     StationOver { "the time on the station is over" }
     /// Station below the approach height: its height, m, and the minimum.
     StationTooLow { "a station {v:.0} m up is too low: at least {l:.0} m, the approach height" }
-    /// Station above another drone's deck, or without a deck of its own: horizontal distance from the deck's centre, m,
-    /// and the minimum.
+    /// Station above another deck than its own, or without one: distance from the deck's centre, m; minimum.
     StationTooNear { "a station {v:.0} m from a deck that is not its own is too near: at least {l:.0} m" }
     /// Station at another drone's height: that height, m, and the minimum difference.
     StationTaken { "another drone waits {v:.0} m up: a station has to be {l:.0} m higher or lower" }
@@ -383,18 +377,16 @@ reasons! {
     /// The autopilot reports no battery.
     BatteryUnknown { "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated \
         power module" }
-    /// Fewer than two sources confirm that a drone with turning rotors stands on the deck: it may be in the air, and
-    /// climbs.
+    /// Fewer than two sources confirm that a drone with turning rotors stands on the deck: it climbs.
     MayFly { "not confirmed on the deck (by rangefinder, height gained and thrust): climbs out" }
     /// The mission was suspended for too long and restarts: height of the feet above the deck, m, and duration, s.
     StoodStill { "mission suspended for {l:.1} s, feet {v:.2} m above the deck: starts again" }
     /// Probability of an unsafe contact too high.
     HarmLikely { "an unsafe contact is {v_percent:.1} % likely (limit {l_percent:.1})" }
-    /// Deck dimensions in the drone's configuration differ from the vessel's: the pair that differs most, the drone's
-    /// and, as the limit, the vessel's, m.
+    /// Deck dimensions differ: the most different pair, the drone's and (as limit) the vessel's, m.
     DeckDiffers { "a dimension of the deck is {v:.2} m in the drone's configuration and {l:.2} m in the vessel's" }
-    /// Battery below the reserve, fraction, and the deck closed or reserved: waits for the deck down to this charge,
-    /// fraction; 0: no other place is in reach.
+    /// Battery below the reserve, fraction, and the deck not free: waits down to this charge, fraction; 0: no
+    /// other place is in reach.
     BatteryWaits { "battery at {v_percent:.0} %: waits for the deck, no other place is in reach";
         if l > 0.0 => "battery at {v_percent:.0} %: waits for the deck until {l_percent:.0} %, which the next place \
             needs" }

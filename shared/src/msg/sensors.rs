@@ -1,5 +1,4 @@
-//! Measurements of the vessel's sensors, on the vessel's clock, in the sensor's axes rotated to the vessel's FRD. Lever
-//! arms are configured.
+//! Measurements of the vessel's sensors, on its clock, in axes rotated to its FRD. Lever arms are configured.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -45,8 +44,8 @@ pub struct GnssFix {
     pub position_sd: [f64; 3],
     /// Standard deviation of each component of `velocity`, m/s.
     pub velocity_sd: [f64; 3],
-    /// Standard deviation of the height's reference surface, m: one error common to all fixes of a receiver, which does
-    /// not average out. Zero if the receiver states its height above the ellipsoid.
+    /// Standard deviation of the height's reference surface, m, common to all fixes of a receiver, so that it
+    /// does not average out; zero if the receiver states heights above the ellipsoid.
     pub height_spread: f64,
     /// Number of the receiver.
     pub source: u8,

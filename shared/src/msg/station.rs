@@ -15,13 +15,13 @@ pub const MAX_STATION_M: i8 = 60;
 /// Maximum time on a station, min.
 pub const MAX_STATION_MIN: u8 = 30;
 
-/// Position relative to the vessel. Whole metres and minutes make an order equal to its repetition and exclude NaN.
+/// Position relative to the vessel. In whole metres and minutes, an order equals its repetition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Station {
     /// Distance ahead of the deck's centre along the vessel's mean heading, m; negative: astern.
     pub ahead_m: i8,
-    /// Distance to starboard of it, m; negative: to port.
+    /// Distance to starboard of the deck's centre, m; negative: to port.
     pub right_m: i8,
     /// Height above the deck's mean level, m; 0 in an order: approach height.
     pub height_m: u8,
@@ -30,14 +30,14 @@ pub struct Station {
 }
 
 impl Station {
-    /// Default station: clear of the space reserved for the deck's owner, at approach height.
+    /// Default station: outside the space of the deck's owner, at approach height.
     pub const USUAL: Station = Station {
         ahead_m: 0,
         right_m: 20,
         height_m: 0,
         for_min: 10,
     };
-    /// Station of an order, with defaults for missing values; if only a distance ahead is given, 0 m to starboard.
+    /// Station of an order with defaults: 0 m to starboard if only a distance ahead is given.
     pub fn named([ahead_m, right_m]: [Option<i8>; 2], height_m: Option<u8>, for_min: Option<u8>) -> Station {
         let usual = Station::USUAL;
         let abeam_m = if ahead_m.is_some() { 0 } else { usual.right_m };
@@ -48,7 +48,7 @@ impl Station {
             for_min: for_min.unwrap_or(usual.for_min),
         }
     }
-    /// Whether it is within the bounds of every vessel.
+    /// Whether the station is within the bounds of every vessel.
     pub fn is_sane(&self) -> bool {
         self.distance_m() <= f64::from(MAX_STATION_M)
             && self.height_m <= MAX_STATION_HEIGHT_M
@@ -84,8 +84,7 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// Text of the condition that the mission waits for, with the position of a station. Shortly after a rejected
-    /// order, the reason for the rejection.
+    /// Condition that the mission waits for, with a station's position, or the reason for rejecting an order.
     pub fn waits(&self) -> String {
         if let Some(rejected) = self.rejected {
             return rejected.to_string();
@@ -111,7 +110,7 @@ pub struct KeptStation {
 }
 
 impl KeptStation {
-    /// This station with `until` replaced by the time left at `now` in whole minutes, counted from the clock's zero.
+    /// This station with `until` as the time left at `now` in whole minutes, counted from the clock's zero.
     pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
         let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
         KeptStation {

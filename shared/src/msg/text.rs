@@ -68,7 +68,6 @@ mod tests {
     #[test]
     fn text_longer_than_its_place() {
         assert_eq!(Text::<3>::from("deck").as_str(), "dec");
-        // A character that does not fit is dropped whole.
         assert_eq!(Text::<3>::from("5 µ").as_str(), "5 ");
         assert_eq!(Text::<4>::from("5 µ").as_str(), "5 µ");
     }

@@ -1,5 +1,4 @@
-//! Radio forms of the vessel's estimate and wave model: the fast-changing part in each message, the rest several times
-//! a second.
+//! Radio forms of the vessel's estimate and wave model: changes in each message, the rest less often.
 //!
 //! # Byte layout on the wire
 //!
@@ -52,17 +51,15 @@ use crate::wire::hash_record;
 
 /// One in `REST_EVERY` estimates carries the slowly changing part.
 const REST_EVERY: u32 = 3;
-/// Maximum age of the slowly changing part that completes an estimate. At the lowest rate of 4.5 Hz, two of them may be
-/// lost.
+/// Maximum age of the slowly changing part for an estimate: at 4.5 Hz, the lowest rate, two may be lost.
 const MAX_REST_AGE: Span = Span::from_millis(2000);
-/// Interval between whole wave models: a drone receives one within a second even if one is lost.
+/// Interval between whole wave models: a drone receives one within a second even after a loss.
 const WHOLE_PERIOD: Span = Span::from_millis(500);
-/// Maximum error of a continued wave model, relative to the root of the sum of its modes' squares in each degree of
-/// freedom.
+/// Maximum error of a continued wave model relative to the root sum square of its modes.
 const MAX_CONTINUED_ERROR: f64 = 0.01;
 const DOFS: usize = 6;
 
-/// The vessel's estimate on the radio. Velocities and accelerations are rounded to 0.05 %, positions to 6e-8 of the
+/// The vessel's estimate on the radio. Rounding: velocities and accelerations 0.05 %, positions 6e-8 of the
 /// distance from the datum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -79,7 +76,7 @@ pub struct EstimateUpdate<C: Clock> {
     /// Acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
     #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
-    /// Checksum of the datum: the slowly changing part completes only estimates with the same datum.
+    /// Checksum of the datum; the slowly changing part completes only estimates with the same one.
     pub datum_sum: u16,
     /// Slowly changing part, in every third estimate; it completes the following ones of the same boot and datum.
     pub rest: Option<EstimateRest>,
@@ -174,8 +171,8 @@ pub struct WaveUpdate<C: Clock> {
     pub factors: Seq<[f16; 2], MAX_MODES>,
     /// Modes, strongest first; empty in a continued model.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// Steepest apparent slope of the deck in each window of 2 s, present one first, in steps of 0.01, from the
-    /// specific force in the deck's axes; empty in a continued model.
+    /// Steepest apparent slope of the deck in each window of 2 s, present one first, in steps of 0.01, by the
+    /// force in the deck's axes; empty in a continued model.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// Advice for the helm; None in a continued model.
     pub advice: Option<CourseAdvice>,
@@ -195,8 +192,8 @@ impl<C: Clock> WaveUpdate<C> {
             advice: m.advice,
         }
     }
-    /// Form that continues `base`. None if the base is too old, has different modes, or if one factor per mode is not
-    /// accurate enough. The shapes of a mode change together, except those in the vessel's own axes during a turn.
+    /// Form that continues `base`; None if that is too old, has other modes, or one factor per mode is too
+    /// inaccurate. The shapes of a mode change together, except in the vessel's own axes during a turn.
     fn continued(m: &WaveModel<C>, base: &WaveModel<C>) -> Option<Self> {
         let same = m.header.boot == base.header.boot
             && m.advice.is_some() == base.advice.is_some()
@@ -248,8 +245,8 @@ fn complex([re, im]: [f16; 2]) -> Complex<f64> {
     Complex::new(f64::from(re), f64::from(im))
 }
 
-/// Factor of each mode from its shape in `base` to that in `now`, fitted over the degrees of freedom, each relative to
-/// the sum of all its modes; None if the error exceeds [`MAX_CONTINUED_ERROR`].
+/// Factors of the modes from their shapes in `base` to those in `now`, fitted over the degrees of freedom,
+/// each relative to its sum of all modes; None if the error exceeds [`MAX_CONTINUED_ERROR`].
 fn factors(base: &[WaveMode], now: &[WaveMode]) -> Option<Seq<[f16; 2], MAX_MODES>> {
     let square = |d: usize| -> f64 { now.iter().map(|m| complex(m.shape[d]).norm_sqr()).sum() };
     let squares: [f64; DOFS] = core::array::from_fn(square);
@@ -369,8 +366,7 @@ mod tests {
     }
 
     proptest! {
-        /// Rounding stays far below the estimator's stated errors (a centimetre, a tenth of a degree, 2 cm/s at 10
-        /// m/s), and valid estimates stay valid.
+        /// Rounding of a valid estimate stays below the estimator's errors (1 cm, 0.1 deg, 2 cm/s at 10 m/s).
         #[test]
         fn estimate_rounded_on_the_radio(
             horizontal in prop::array::uniform2(-2e4..2e4_f64), down in -50.0..50.0_f64,
@@ -409,7 +405,7 @@ mod tests {
                 let [variance, covariance, of_rate] = got.covariance(d);
                 prop_assert!(covariance * covariance <= variance * of_rate * (1.0 + 1e-9));
             }
-            // A message without the slowly changing part gives the same estimate with the earlier one.
+            // Without the slowly changing part, the earlier one gives the same estimate.
             let brief = on_air(&EstimateUpdate { rest: None, ..whole });
             prop_assert_eq!(receiver.estimate(&brief), Some(got));
         }
@@ -480,7 +476,7 @@ mod tests {
         assert_eq!(damaged.check(), Err("datum"));
     }
 
-    /// Three modes `t` seconds after their shapes were 1, rotated from north towards east by the angle `turned`.
+    /// Three modes, `t` seconds after their shapes were 1, rotated by `turned` from north towards east.
     fn waves(sequence: u32, t: f64, turned: f64) -> WaveModel<VesselClock> {
         let mode = |k: u32| {
             let pole = Complex::new(-0.1 * f64::from(k + 1), 0.7 + 0.4 * f64::from(k));
@@ -497,7 +493,7 @@ mod tests {
             advice: None,
         }
     }
-    /// Maximum difference of two models in a degree of freedom, relative to the second's modes.
+    /// Maximum difference of two models relative to the second's modes in a degree of freedom.
     fn off(a: &WaveModel<VesselClock>, b: &WaveModel<VesselClock>) -> f64 {
         let ratio = |d: usize| {
             let both = || {
@@ -533,8 +529,7 @@ mod tests {
                 (got.header, got.slopes, got.advice),
                 (sent.header, sent.slopes, sent.advice)
             );
-            // A receiver that misses a whole model cannot use its continuations. It has every model from the next whole
-            // one on.
+            // A receiver that misses a whole model has every model again from the next whole one on.
             let received = ![0, 6].contains(&k) && late.waves(&update).is_some();
             assert_eq!(received, (3..6).contains(&k) || k >= 9, "{k}");
         }
@@ -548,7 +543,6 @@ mod tests {
         assert!(sender.update(&waves(0, 0.0, 0.0)).is_whole());
         assert!(!sender.update(&waves(1, 0.1, 0.001)).is_whole());
         assert!(sender.update(&waves(2, 0.2, 0.1)).is_whole());
-        // After a restart the number of modes differs.
         let mut restarted = waves(0, 0.3, 0.1);
         restarted.header.boot = 8;
         assert!(sender.update(&restarted).is_whole());

@@ -79,21 +79,21 @@ pub struct VesselEstimate<C: Clock> {
     pub mean_heading: [f32; 2],
 }
 
-/// One mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator common to the six degrees of
+/// Mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator common to all degrees of
 /// freedom (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct WaveMode {
     /// Real part (not positive) and imaginary part of the pole, 1/s.
     pub pole: [f32; 2],
-    /// Real and imaginary part of the shape: velocity north and east (m/s), heave (m down), tilt about north and about
-    /// east (rad), heading (rad).
+    /// Real and imaginary part of the shape: velocity north and east (m/s), heave (m down), tilt about north
+    /// and east (rad), heading (rad).
     #[schemars(with = "[[F16; 2]; 6]")]
     pub shape: [[f16; 2]; 6],
 }
 
-/// Advice for the helm: the course with the highest probability of a landing. Each pair holds the value for the present
-/// course and for the advised one; they are equal if no other course is worth its cost.
+/// Advice for the helm: the course with the highest probability of a landing. Each pair is for the present
+/// and the advised course, equal if no other course is worth its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CourseAdvice {
@@ -139,16 +139,14 @@ pub struct WaveModel<C: Clock> {
     pub header: Header<C>,
     /// Significant wave height from the vessel's heave, m.
     pub significant_height_m: f32,
-    /// Fraction of the motion's variance that the modes predict one second ahead, 0 to 1. It is 0 in calm water, where
-    /// only noise remains.
+    /// Fraction of the motion's variance that the modes predict one second ahead, 0 to 1; 0 in calm water.
     pub confidence: f32,
-    /// Modes, strongest first; the motion about its mean is the sum of their real parts. Empty before the first
-    /// identification.
+    /// Modes, strongest first, whose real parts add up to the motion about its mean; empty until identified.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// Steepest apparent slope of the deck in each window of [`SLOPE_WINDOW_S`], present one first, in steps of
-    /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over one second. A landed drone
-    /// slides when it exceeds the coefficient of friction. Events that no sum of waves predicts, such as a hull that
-    /// leaves the water over a steep crest, recur as they did before.
+    /// Steepest apparent slope of the deck in each window of [`SLOPE_WINDOW_S`], present one first, in steps
+    /// of [`SLOPE_STEP`]: `|f_xy| / |f_z|` of the specific force in the deck's axes, averaged over one
+    /// second. A landed drone slides when it exceeds the coefficient of friction. Events beyond a sum of
+    /// waves, such as a hull that leaves the water over a steep crest, recur.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// Advice for the helm; None if no other course is worth its cost, or the wave directions are unknown.
     pub advice: Option<CourseAdvice>,
@@ -163,8 +161,8 @@ pub struct PredictedStage {
     /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
     #[schemars(with = "[F16; 6]")]
     pub eta_dot: [f16; 6],
-    /// Standard deviation that propagating the modes to this stage adds to the estimate's own, measured on past
-    /// predictions: velocity north and east (m/s), heave (m), tilt about north and about east (rad), heading (rad).
+    /// Standard deviation added by propagating the modes to this stage, measured on past predictions:
+    /// velocity north and east (m/s), heave (m), tilt about north and east (rad), heading (rad).
     #[schemars(with = "[F16; 6]")]
     pub sd: [f16; 6],
     /// Standard deviation of the whole course, mean and waves: position north and east (m), heading (rad).
@@ -270,8 +268,8 @@ impl<C: Clock> VesselEstimate<C> {
     }
 }
 impl<C: Clock> VesselPrediction<C> {
-    /// Predicted `eta` in the vessel's NED `ahead_s` after the first stage, and the standard deviations of its error;
-    /// cubic interpolation between stages by value and rate. None beyond the last stage.
+    /// Predicted `eta` in the vessel's NED `ahead_s` after the first stage, and standard deviations of its
+    /// error, by cubic interpolation of value and rate. None beyond the last stage.
     pub fn at(&self, ahead_s: f64) -> Option<([f64; 6], [f64; 6])> {
         let h = f64::from(self.step_s);
         let x = ahead_s / h;

@@ -320,9 +320,8 @@ impl Belief {
         row.iter().map(|t| t.gain * self.get(t.dof, t.slot)).sum()
     }
 
-    /// Fuses a scalar with the given innovation and variance `r`, unless its normalised innovation squared exceeds
-    /// `gate`. If a row spans blocks, each gets its exact marginal posterior, and the correlation between blocks is
-    /// dropped.
+    /// Fuses a scalar with this innovation and variance `r`, unless its normalised innovation squared exceeds
+    /// `gate`. If a row spans blocks, each gets its exact marginal posterior, without cross-correlation.
     pub fn update(&mut self, row: &[Term], innovation: f64, r: f64, gate: f64) -> Update {
         const MAX_TERMS: usize = 64;
         let mut entries = [(0usize, 0.0f64); MAX_TERMS];
@@ -330,7 +329,6 @@ impl Belief {
         if row.len() > MAX_TERMS || !innovation.is_finite() {
             return Update::Invalid;
         }
-        // Row sorted by block.
         let mut n = 0;
         for b in 0..self.blocks.len().min(DOFS) {
             for t in row {
@@ -364,9 +362,9 @@ impl Belief {
         Update::Fused { nis }
     }
 
-    /// Rotates the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with their waves and disturbances,
-    /// and the mean velocity, are expressed in the rotated frame. Trim (the slow state of roll and pitch), additional
-    /// states and yaw are fixed to the body and unchanged.
+    /// Rotates the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with waves and
+    /// disturbances, and the mean velocity. Trim (the slow state of roll and pitch), additional states and
+    /// yaw are fixed to the body and stay.
     pub fn turn(&mut self, delta: f64) {
         let (s, c) = delta.sin_cos();
         let before = self.clone();

@@ -22,9 +22,9 @@ config! {
     /// Parameters of the wave-augmented model. Arrays are in the order surge, sway, heave, roll, pitch, yaw.
     pub struct VesselModelConfig {
         /// Diagonal of M, rigid body and added mass: kg, kg m².
-        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in the proportions
-        /// of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7. Roll has the natural frequency of pitch,
-        /// since that of a catamaran (15.6 rad/s) is higher than any other hull's.
+        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in the
+        /// proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7. Roll has the
+        /// natural frequency of pitch: a catamaran's (15.6 rad/s) is above any other hull's.
         pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 700.0, 707.0, 1204.0], in 0.1..=1e9;
         /// Off-diagonal pairs of M.
         pub inertia_coupling: Vec<Coupling> = Vec::new();
@@ -46,20 +46,20 @@ config! {
         /// Chosen: periods of 7.9 to 1.8 s, log-spaced: from the swell to the roll of a light boat.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5, 3.4], in 0.1..=10.0;
         /// Standard deviation of the slope of each component in the bank.
-        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in six bands
-        /// corresponds to a significant wave height of 3 m with a slope of 5.6 deg.
+        /// Source: Phillips 1958: each octave has the same slope in the saturated range; 0.04 in six bands is
+        /// a significant wave height of 3 m with a slope of 5.6 deg.
         pub bank_slope_sd: f64 = 0.04, in 1e-3..=1.0;
         /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
-        /// Chosen: tuned on the simulated vessel. A floating hull has almost no disturbance in heave and tilt; the
-        /// estimator widens it if innovations show more.
+        /// Chosen: tuned on the simulated vessel. A floating hull has little disturbance in heave and tilt;
+        /// the estimator widens it if innovations show more.
         pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] =
             [0.25, 0.25, 0.004, 0.002, 0.002, 0.1], in 0.0..=10.0;
         /// Correlation time of the disturbance, s.
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
-        /// Chosen: Small for the stiff degrees of freedom: the hull responds at once, and accelerometers would have
-        /// measured it. Wander of a GNSS height is not part of this model: heave refers to the mean water level, to
-        /// which a hull with constant load returns.
+        /// Chosen: Small for stiff degrees of freedom: the hull responds at once, as accelerometers show.
+        /// Wander of a GNSS height is not included: heave refers to the mean water level, to which a hull
+        /// with constant load returns.
         pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
         /// Initial standard deviation of the slow state, in the same units.
         pub slow_sd_mps_m_rad_radps: [f64; 6] = [2.0, 2.0, 3.0, 0.03, 0.03, 0.1], in 0.0..=100.0;

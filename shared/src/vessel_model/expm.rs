@@ -4,8 +4,8 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::DMatrix;
 
-/// `exp(A)` by scaling and squaring with the diagonal Padé approximant of order 6 (Golub and Van Loan 2013, algorithm
-/// 9.3.1). The norm is scaled below 1/2, where the error is below 1e-15.
+/// `exp(A)` by scaling and squaring with the diagonal Padé approximant of order 6 (Golub and Van Loan 2013,
+/// algorithm 9.3.1); below a norm of 1/2 its error is below 1e-15.
 pub fn expm(a: &Mat<f64>) -> Mat<f64> {
     // Padé coefficients c_k = q! (2q - k)! / ((2q)! k! (q - k)!) for q = 6.
     const C: [f64; 7] = [
@@ -21,7 +21,7 @@ pub fn expm(a: &Mat<f64>) -> Mat<f64> {
     let norm = (0..n)
         .map(|i| (0..n).map(|j| a[(i, j)].abs()).sum::<f64>())
         .fold(0.0, f64::max);
-    // Limited: 2^60 is far beyond any model that passes the configuration check.
+    // 2^60 is far beyond any model that passes the configuration check.
     let squarings = if norm > 0.5 {
         ((norm / 0.5).log2().ceil() as i32).clamp(0, 60)
     } else {
@@ -47,8 +47,8 @@ pub fn expm(a: &Mat<f64>) -> Mat<f64> {
     e
 }
 
-/// Exact discretisation of `x_dot = F x + w` with spectral density `W` over `dt` seconds (Van Loan
-/// 1978): of `exp([[-F, W], [0, F']] dt) = [[., B], [0, C]]`, `A = C'` and `Q = A B`.
+/// Exact discretisation of `x_dot = F x + w` with spectral density `W` over `dt` seconds (Van Loan 1978): for
+/// `exp([[-F, W], [0, F']] dt) = [[., B], [0, C]]`, `A = C'` and `Q = A B`.
 pub fn van_loan(f: &DMatrix<f64>, w: &DMatrix<f64>, dt: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let n = f.nrows();
     let m = Mat::from_fn(2 * n, 2 * n, |i, j| {

@@ -1,31 +1,31 @@
-//! Wave-augmented linear vessel model of the vessel's estimator (Procházka et al. 2024, eq. 1-3; Fossen 2011, chapters
-//! 7 and 8), and the [`modes`] of its motion used by vessel and drone.
+//! Wave-augmented linear model for the vessel's estimator (Procházka et al. 2024, eq. 1-3; Fossen 2011,
+//! chapters 7 and 8), and the [`modes`] of its motion for vessel and drone.
 //!
 //! ```text
 //! M nu_dot + D (nu - nu_slow) + G (eta - eta_slow) = G_s (sum_j w_j + b) + M_f (sum_j w_j + b)
 //! w_j'' + 2 lambda_j omega_j w_j' + omega_j^2 w_j = white noise of density `drive`
 //! ```
 //!
-//! No actuator inputs. The degrees of freedom are surge, sway, heave, roll, pitch, yaw. `w_j` is the oscillator of
-//! component `j`, one per degree of freedom, all with the same frequency.
+//! No actuator inputs. Degrees of freedom: surge, sway, heave, roll, pitch, yaw. `w_j` is the oscillator of
+//! component `j`, one per degree of freedom, with a common frequency.
 //!
-//! **Normalisation.** The wave "forces" have a physical meaning. A degree of freedom with stiffness (`G_ii > 0`: heave,
-//! roll, pitch) is *stiff*: its `w_j` is an equilibrium position (m, rad), multiplied by G. For the others (surge,
-//! sway, yaw) `w_j` is an acceleration (m/s², rad/s²), multiplied by M. A small boat follows the water, so the
-//! oscillators of heave, roll and pitch nearly equal the motion.
+//! **Normalisation.** A degree of freedom with stiffness (`G_ii > 0`: heave, roll, pitch) is *stiff*: its
+//! `w_j` is an equilibrium position (m, rad), multiplied by G. For the others (surge, sway, yaw) `w_j` is an
+//! acceleration (m/s², rad/s²), multiplied by M. A small boat follows the water, so the oscillators of heave,
+//! roll and pitch nearly equal the motion.
 //!
 //! **State per degree of freedom** (`slot`): [`ETA`], [`NU`] (its rate), [`SLOW`] (stiff: mean level or trim; free:
 //! mean velocity, a random walk), [`DISTURBANCE`] (first-order Markov, in the units of `w`: residual of the
 //! components), then additional states (sensor biases), then `[value, rate]` per component ([`Layout::value`],
 //! [`Layout::rate`]).
 //!
-//! **Frame.** Vessel-parallel at a *reference heading*: the state is linear in a frame rotated from NED by a heading
-//! that the owner of the [`Belief`] stores. [`Belief::turn`] rotates the state when that reference changes. With a
-//! reference heading of zero the state is in NED, as are the [`Modes`]; roll and pitch are then those of a vessel with
-//! the same deck normal that heads north ([`turn_tilt`] converts).
+//! **Frame.** Vessel-parallel at a *reference heading*, stored by the owner of the [`Belief`]: the state is
+//! linear in a frame rotated by it from NED, and [`Belief::turn`] rotates the state when it changes. At zero
+//! the state is in NED, as are the [`Modes`]; roll and pitch are then those of a vessel with the same deck
+//! normal that heads north ([`turn_tilt`]).
 //!
-//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then [`Belief::propagate`] with a [`BeliefStep`] in each
-//! step and [`Belief::update`] for each scalar measurement.
+//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then [`Belief::propagate`] by a [`BeliefStep`]
+//! per step and [`Belief::update`] per scalar measurement.
 
 mod belief;
 mod config;

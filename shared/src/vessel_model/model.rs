@@ -29,16 +29,15 @@ impl Component {
     }
 }
 
-/// Roll and pitch (rad) of the same deck normal for a heading larger by `delta` (rad). Exact for any tilt: the normal
-/// `(sin theta cos phi, -sin phi, cos theta cos phi)` of a ZYX attitude is rotated by `-delta` about the vertical. For
-/// small angles this rotates (roll, pitch).
+/// Roll and pitch (rad) of the same deck normal for a heading larger by `delta` (rad), exact for any tilt:
+/// the normal `(sin theta cos phi, -sin phi, cos theta cos phi)` is rotated by `-delta` about the vertical.
 pub fn turn_tilt(roll: f64, pitch: f64, delta: f64) -> (f64, f64) {
     let n = Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos());
     let h = Rotation2::new(-delta) * Vector2::new(n.x, n.y);
     ((-h.y).clamp(-1.0, 1.0).asin(), h.x.atan2(n.z))
 }
 
-/// Completes a subproblem: drift matrix, noise density, index of the degree of freedom in the group, degree of freedom.
+/// Completes a subproblem: drift matrix, noise density, index of the degree in the group, degree of freedom.
 type Completion<'a> = dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize) + 'a;
 
 /// Continuous model: parameters and components.
@@ -53,8 +52,8 @@ pub struct VesselModel {
     gain: SMatrix<f64, DOFS, DOFS>,
 }
 
-/// Discrete transition and noise of one step, per group of coupled degrees of freedom. Order within a group: head (eta,
-/// nu, slow, disturbance) of each degree of freedom, then value and rate per component.
+/// Discrete transition and noise of one step, by group of coupled degrees of freedom. Order within a group:
+/// head (eta, nu, slow, disturbance) of each degree, then value and rate per component.
 #[derive(Clone, Debug)]
 pub struct Discrete {
     /// Duration of the step, s.
@@ -71,7 +70,7 @@ pub(crate) struct Group {
 }
 
 impl VesselModel {
-    /// Model of a vessel in a sea of `components`. A checked configuration has an invertible M.
+    /// Model of a vessel in a sea of `components`. A checked configuration makes M invertible.
     pub fn new(config: &VesselModelConfig, components: &[Component]) -> Self {
         let (m, d, g) = (config.inertia(), config.damping(), config.stiffness());
         let inverse = m.try_inverse().unwrap_or_else(SMatrix::zeros);
@@ -105,8 +104,8 @@ impl VesselModel {
             .bank_omega_radps
             .iter()
             .map(|&omega| {
-                // Deep water: slope k a, orbital acceleration omega² a = slope g. The slope is shared by two axes. A
-                // hull that does not follow the water is subject to the whole slope along either axis.
+                // Deep water: slope k a, orbital acceleration omega² a = slope g. Two axes share the slope,
+                // and a hull that does not follow the water has the whole slope along either.
                 let slope = config.bank_slope_sd;
                 let orbital = slope * GRAVITY;
                 let z = orbital / (omega * omega);
@@ -140,7 +139,7 @@ impl VesselModel {
     pub fn groups(&self) -> &[Vec<usize>] {
         &self.groups
     }
-    /// Whether the degree of freedom has stiffness, so that its waves are equilibria and not accelerations.
+    /// Whether the degree of freedom has stiffness: its waves are equilibria, not accelerations.
     pub fn is_stiff(&self, dof: usize) -> bool {
         self.config
             .stiffness_npm_nmprad
@@ -148,17 +147,16 @@ impl VesselModel {
             .is_some_and(|g| *g > 0.0)
     }
 
-    /// Coefficients of `nu_dot` of degree of freedom `i` with respect to the head of degree of freedom `k`: (eta, nu,
-    /// slow, disturbance); the last also applies to every wave value.
+    /// Coefficients of `nu_dot` of degree of freedom `i` by the head of `k`: (eta, nu, slow, disturbance);
+    /// the last also applies to wave values.
     pub fn acceleration_row(&self, i: usize, k: usize) -> [f64; HEAD] {
         let (drag, spring, gain) = (self.drag[(i, k)], self.spring[(i, k)], self.gain[(i, k)]);
         let slow = if self.is_stiff(k) { spring } else { drag };
         [-spring, -drag, slow, gain]
     }
 
-    /// Exact discretisation over `dt` seconds. The noise sources are independent, so the solution of a group is the
-    /// superposition of small exact subproblems: {eta, nu, slow, disturbance} with its noise, and {eta, nu, oscillator}
-    /// for each component.
+    /// Exact discretisation over `dt` seconds. Noise sources are independent, so a group is the superposition
+    /// of small subproblems: {eta, nu, slow, disturbance}, and {eta, nu, oscillator} for each component.
     pub fn discretise(&self, dt: f64) -> Discrete {
         let groups = self.groups.iter().map(|g| self.discretise_group(g, dt)).collect();
         Discrete {
@@ -174,7 +172,6 @@ impl VesselModel {
         let n = d * stride;
         let (mut a, mut q) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let c = &self.config;
-        // Subproblems with four states per degree of freedom.
         let core = |second: &Completion<'_>| {
             let mut f = DMatrix::zeros(HEAD * d, HEAD * d);
             let mut w = DMatrix::zeros(HEAD * d, HEAD * d);
@@ -250,7 +247,6 @@ impl VesselModel {
 /// Connected sets of a symmetric relation, each in ascending order.
 pub(crate) fn connected(related: &[[bool; DOFS]; DOFS]) -> Vec<Vec<usize>> {
     let mut label: [usize; DOFS] = core::array::from_fn(|i| i);
-    // DOFS rounds propagate the smallest label everywhere.
     for _ in 0..DOFS {
         for i in 0..DOFS {
             for j in 0..DOFS {

@@ -4,10 +4,10 @@
 //! y_d(t) = Re sum_k c_kd exp(p_k t),   p_k = -lambda_k omega_k + i omega_k sqrt(1 - lambda_k^2)
 //! ```
 //!
-//! A mode is a damped oscillator common to all six degrees of freedom. Its pole `p_k` gives the frequency of encounter
-//! and the damping. Its shape `c_kd` gives the present amplitude and phase in each degree of freedom (Fossen 2011,
-//! section 8.2.6; Procházka 2024, eq. 3: `A_wave` in modal form, `C_wave` times the wave state). A real pole is a
-//! decaying motion.
+//! A mode is a damped oscillator common to all degrees of freedom. Its pole `p_k` gives frequency of
+//! encounter and damping, its shape `c_kd` the present amplitude and phase in each degree of freedom (Fossen
+//! 2011, section 8.2.6; Procházka 2024, eq. 3: `A_wave` in modal form, `C_wave` times the wave state). A real
+//! pole is a decaying motion.
 
 use nalgebra::Complex;
 
@@ -28,8 +28,7 @@ pub struct Mode {
 const SLOW_RADPS: f64 = 0.35;
 
 impl Mode {
-    /// Whether it is a wave, i.e. oscillates at or above the slow limit. A motion that decays without oscillation is an
-    /// error of the level.
+    /// Whether the mode is a wave: it oscillates above the slow limit. Pure decay is an error of the level.
     pub fn is_wave(&self) -> bool {
         self.pole.im.abs() > SLOW_RADPS
     }
@@ -95,7 +94,7 @@ impl From<&WaveMode> for Mode {
 pub struct Modes<C: Clock> {
     /// Time of validity of the shapes.
     pub at: Time<C>,
-    /// The modes.
+    /// Modes, whose motions add up.
     pub modes: Vec<Mode>,
 }
 
@@ -112,8 +111,7 @@ impl<C: Clock> Modes<C> {
         }
         out
     }
-    /// `Re sum_k c_kd (exp(p_k t) - 1) / p_k`: displacement by the waves' velocity in degree of freedom `dof` within
-    /// `t` seconds.
+    /// `Re sum_k c_kd (exp(p_k t) - 1) / p_k`: displacement by the waves' velocity in `dof` within `t` s.
     pub fn path(&self, dof: usize, t: f64) -> f64 {
         let path = |m: &Mode| {
             let c = m.shape.get(dof).copied().unwrap_or_default();
@@ -121,8 +119,8 @@ impl<C: Clock> Modes<C> {
         };
         self.modes.iter().map(path).sum()
     }
-    /// Mean frequency of the waves, rad/s, weighted by the squared shapes of heave and of tilt, each relative to its
-    /// own sum, so that metres and radians are not added; None without waves.
+    /// Mean wave frequency, rad/s, weighted by the squared shapes of heave and of tilt, each relative to its
+    /// own sum, so that no metres are added to radians; None without waves.
     pub fn frequency(&self) -> Option<f64> {
         // Noise level of the motion: m, rad.
         let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);

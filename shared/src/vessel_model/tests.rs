@@ -49,7 +49,6 @@ fn spec() -> BeliefSpec {
         initial_sd: [[1.0, 0.5]; 6],
     }
 }
-/// Belief with nonzero values everywhere.
 fn filled(model: &VesselModel) -> Belief {
     let mut b = Belief::new(model, &spec());
     for dof in 0..DOFS {

@@ -1,19 +1,18 @@
 //! Access control of the radio: publishing rights by the name in a certificate, enforced by zenoh on both sides.
 //!
-//! Keys are `alight/NAME/TOPIC`, where NAME is the common name of the publisher's certificate. Only the following is
-//! permitted: we publish our own keys, a peer publishes and replies under its own name, and both may subscribe and
-//! query. zenoh does not report a rejection to the publisher.
+//! Keys are `alight/NAME/TOPIC`, where NAME is the common name of the publisher's certificate. We publish our
+//! own keys, a peer publishes and replies under its own name, and both may subscribe and query; all else is
+//! forbidden. zenoh does not report a rejection to the publisher.
 
 use alight_shared::msg::MAX_PEERS;
 use serde_json::{Value, json};
 
-/// Maximum size of a query with its payload, bytes; our queries have no payload.
+/// Maximum size of a query with payload, bytes; ours have none.
 const MAX_QUESTION_BYTES: usize = 256;
-/// Maximum query rate per key and link, Hz. A drone queries once when it connects. Ten links exhaust a key's total
-/// reply rate.
+/// Maximum query rate per key and link, Hz. A drone queries once on connection. Ten links exhaust a key.
 const MAX_QUESTION_HZ: f64 = 2.0;
 
-/// Key chunk below a name for the schemas of its messages; `**` of other programs does not match it.
+/// Key chunk under a name for the schemas of its messages; `**` of other programs does not match it.
 pub const SCHEMA: &str = "@schema";
 /// Subject of messages that come through a router, whose certificate name is configured.
 const ROUTER: &str = "router";
@@ -28,9 +27,9 @@ pub fn is_name(name: &str) -> bool {
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
 }
 
-/// zenoh's `access_control` for a node whose keys begin with `name`, which publishes `own` and listens to `peers`. With
-/// a router, all messages arrive over its link under the name in its certificate. The peers' keys are then permitted on
-/// that link, and the router must check which certificate may use which key.
+/// zenoh's `access_control` for a node whose keys begin with `name`, which publishes `own` and listens to
+/// `peers`. Behind a router, all messages arrive under the name in its certificate. The peers' keys are then
+/// permitted on its link, and the router must check which certificate may use which key.
 pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>) -> Value {
     let both = ["ingress", "egress"];
     let rule = |id: &str, flows: &[&str], messages: &[&str], keys: Value| {
@@ -57,7 +56,6 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
         granted.push("speak");
     }
     let subject = |peer: &str| router.map_or(peer, |_| ROUTER).to_owned();
-    // Subjects with the names in their certificates.
     let subjects: Vec<(&str, &str)> = match router {
         Some(router) => vec![(ROUTER, router)],
         None => peers.iter().map(|p| (p.as_str(), p.as_str())).collect(),
@@ -91,10 +89,9 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
 
 /// zenoh's `low_pass_filter`: oversized queries end without a reply before any of our code runs.
 ///
-/// It is not applied to messages, because dropped messages are neither counted nor logged (zenoh 1.10.2 without its
-/// feature `stats`, `interceptor/low_pass.rs`), while `packets dropped` reveals a peer that sends too much. A message
-/// far above the limit is never assembled (`transport/link/rx/max_message_size`); other messages are checked and
-/// counted by the receiver.
+/// Not applied to messages: dropped ones are neither counted nor logged (zenoh 1.10.2 without `stats`,
+/// `interceptor/low_pass.rs`), while `packets dropped` reveals a peer that sends too much. A message far
+/// above the limit is never assembled (`transport/link/rx/max_message_size`).
 pub fn question_sizes() -> Value {
     json!([{
         "flows": ["ingress"],
@@ -104,11 +101,11 @@ pub fn question_sizes() -> Value {
     }])
 }
 
-/// zenoh's `downsampling` for each link: a peer that queries without pause cannot block replies to the others. A
+/// zenoh's `downsampling` per link: a peer that queries without pause cannot block replies to others. A
 /// surplus query ends without a reply.
 ///
-/// It is not applied to messages, because it keeps the first message in a period and drops later ones
-/// (`interceptor/downsampling.rs`), such as the second of two orders, or the newest state after a retransmission.
+/// Not applied to messages: it keeps the first one of a period and drops later ones
+/// (`interceptor/downsampling.rs`), such as the second of two orders, or the newest state.
 pub fn question_rates(name: &str, own: &[String]) -> Value {
     let schemas = format!("{name}/{SCHEMA}/**");
     let keys = [&schemas].into_iter().chain(own);
@@ -158,7 +155,6 @@ mod tests {
         let rules = rules("alight/vessel-1", &[], &peers, Some("vessel-9"));
         let mut config = zenoh::Config::default();
         config.insert_json5("access_control", &rules.to_string()).unwrap();
-        // A link other than the router's has no permissions.
         assert_eq!(
             rules["subjects"],
             json!([{ "id": ROUTER, "cert_common_names": ["vessel-9"] }])

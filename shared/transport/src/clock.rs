@@ -1,25 +1,24 @@
-//! Clock of a process: the operating system's steady clock with configured deviations.
+//! Clock of a process: the operating system's steady clock with configured errors.
 
 use iceoryx2_bb_posix::clock::{ClockType, Time as OsTime};
 
 use alight_shared::config;
 use alight_shared::time::{Clock, Span, Time};
 
-/// The operating system's steady clock, ns: common to all processes of a computer, never set back, and slewed by the
-/// system's time service.
+/// The operating system's steady clock, ns: one for all processes of a computer, slewed but never set back.
 pub fn steady_ns() -> i64 {
-    // The call cannot fail on a system with this clock; without it the time is zero.
+    // The call cannot fail on a system with this clock.
     OsTime::now_with_clock(ClockType::Monotonic).map_or(0, |t| {
         (t.seconds() as i64).saturating_mul(1_000_000_000) + i64::from(t.nanoseconds())
     })
 }
 
 config! {
-    /// Reading of a computer's clock by its processes: `C = s + offset + drift s`, where `s` is the steady clock since
-    /// `epoch_ns`. On a vehicle all three are zero; they simulate clock errors of a simulated vehicle.
+    /// A computer's clock as its processes read it: `C = s + offset + drift s`, with `s` the steady clock
+    /// since `epoch_ns`. All three are zero, except on a simulated vehicle.
     #[derive(Copy)]
     pub struct ProcessClock {
-        /// The steady clock's reading at which this clock starts, ns.
+        /// Reading of the steady clock at which this clock starts, ns.
         pub epoch_ns: i64 = Default::default();
         /// Offset, s.
         pub offset_s: f64 = Default::default(), in -1e9..=1e9;

@@ -1,6 +1,6 @@
-//! Images between processes of one computer: a header and a bounded number of bytes in shared memory instead of a
-//! message. The writer produces the pixels in place, and the reader reads them in place. Only the newest few are
-//! buffered, and a slow reader loses the oldest. An image causes no wake-up: its reader polls.
+//! Images between processes of one computer: a header and bounded bytes in shared memory. The writer produces
+//! the pixels in place, and the reader reads them there. The newest few are buffered; a slow reader loses the
+//! oldest. An image causes no wake-up: its reader polls.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
@@ -14,7 +14,7 @@ use crate::instance::{Ipc, defined, required, service_name};
 use crate::{TransportContext, TransportError};
 
 const BUFFER: usize = 2;
-/// Number of images held by a reader: the present one, and the next that replaces it.
+/// Number of images held by a reader: the present one and its successor.
 const BORROWED: usize = 2;
 /// Maximum number of publishers and of readers; killed processes occupy theirs for a while.
 const PORTS: usize = 4;
@@ -30,7 +30,6 @@ pub enum ImageTopic {
 impl ImageTopic {
     const ALL: [ImageTopic; 2] = [ImageTopic::Simulated, ImageTopic::Marked];
 
-    /// Name of the service, in the style of [`alight_shared::topics`].
     fn name(self) -> &'static str {
         match self {
             ImageTopic::Simulated => "camera/image",
@@ -52,14 +51,13 @@ pub struct ImageHeader {
     pub marks: [u32; 2],
 }
 
-/// Image in shared memory; its place is released on drop.
+/// Image in shared memory, released on drop.
 pub struct SharedImage(Sample<Ipc, [u8], ImageHeader>);
 
 impl SharedImage {
     pub fn header(&self) -> &ImageHeader {
         self.0.user_header()
     }
-    /// Bytes of its pixels in shared memory.
     pub fn pixels(&self) -> &[u8] {
         self.0.payload()
     }
@@ -128,8 +126,8 @@ impl ImagePublisher {
             unsent: 0,
         })
     }
-    /// Sends an image of `bytes` bytes that `write` produces in place. An image above the maximum size is counted as
-    /// unsent, and `write` is not called.
+    /// Sends an image of `bytes` bytes that `write` produces in place. Above the maximum size it is counted
+    /// as unsent, without a call of `write`.
     pub fn send_with(&mut self, header: ImageHeader, bytes: usize, write: impl FnOnce(&mut [u8])) {
         let sent = self.port.loan_slice(bytes).is_ok_and(|mut slot| {
             *slot.user_header_mut() = header;
@@ -141,7 +139,7 @@ impl ImagePublisher {
     pub fn send(&mut self, header: ImageHeader, pixels: &[u8]) {
         self.send_with(header, pixels.len(), |place| place.copy_from_slice(pixels));
     }
-    /// Whether a reader exists; otherwise no image needs to be produced.
+    /// Whether a reader exists, so that an image is needed.
     pub fn is_read(&self) -> bool {
         self.service.dynamic_config().number_of_subscribers() > 0
     }
@@ -168,7 +166,7 @@ impl ImageSubscriber {
     }
     /// Next buffered image; None if the reader already holds two.
     pub fn next_image(&mut self) -> Option<SharedImage> {
-        // An error means that a publisher disappeared while sending: its image is lost.
+        // On an error, a publisher disappeared while sending: its image is lost.
         self.port.receive().ok()?.map(SharedImage)
     }
 }

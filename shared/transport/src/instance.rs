@@ -1,4 +1,4 @@
-//! Instance: a set of processes on one computer, with the names of its services.
+//! Instance: set of processes on one computer, with the names of its services.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use alight_shared::msg::MESSAGE_VERSION;
 /// iceoryx2 service type: inter-process, each port used by one thread.
 pub(super) type Ipc = ipc::Service;
 
-/// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
+/// Directory of installed services (RuntimeDirectory and TMPDIR of their units).
 const SERVICE: &str = "/run/alight";
 
 /// Maximum length of a socket path, bytes (`sun_path` of unix(7)).
@@ -23,8 +23,8 @@ pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
     ServiceName::new(name).doing(|| format!("naming the service {name}"))
 }
 
-/// Adds a service's attributes under their keys: versions of the message layout and of the program. Processes open a
-/// service only if both match, so only processes of one program share it.
+/// Adds a service's attributes: versions of message layout and program. Processes open a service only if both
+/// match, so only those of one program share it.
 fn attributes<A>(
     empty: A,
     add: impl Fn(A, &AttributeKey, &AttributeValue) -> Result<A, AttributeDefinitionError>,
@@ -51,7 +51,7 @@ pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
     })
 }
 
-/// Set of processes on one computer; several instances may run in parallel under different names.
+/// Set of processes on one computer; several may run in parallel under different names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Instance {
     name: String,
@@ -75,8 +75,8 @@ impl Instance {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// Directory of its files outside shared memory: the directory of the installed service if it has this name, so
-    /// that an operator's commands find it, otherwise a temporary directory.
+    /// Directory of its other files: the installed service's if it has this name, so that an operator's
+    /// commands find it; otherwise a temporary directory.
     pub fn directory(&self) -> PathBuf {
         let name = format!("alight-{}", self.name);
         let of_service = std::path::Path::new(SERVICE).join(&name);
@@ -89,8 +89,7 @@ impl Instance {
     pub fn prefix(&self) -> String {
         format!("alight_{}_", self.name)
     }
-    /// Removes all files of the instance from shared memory and from the middleware's directory. The caller must ensure
-    /// that no process of the instance is running.
+    /// Removes the instance's files from shared memory and the middleware. No process of it may be running.
     pub fn wipe(&self) -> std::io::Result<()> {
         let prefix = self.prefix();
         for directory in ["/dev/shm", "/tmp"] {
@@ -99,7 +98,6 @@ impl Instance {
             };
             for entry in entries.flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    // A file that vanished in the meantime also counts as removed.
                     let _gone = std::fs::remove_file(entry.path());
                 }
             }

@@ -1,5 +1,5 @@
-//! The two transports: [`memory`] between processes of one computer (iceoryx2), and [`radio`] between computers
-//! (zenoh). No other crate depends on either middleware.
+//! Transports [`memory`] (iceoryx2) between processes of one computer, and [`radio`] (zenoh) between
+//! computers. No other crate depends on either middleware.
 //!
 //! Suggested reading order: [`clock`], [`memory`], [`images`], [`wake`], [`radio`].
 

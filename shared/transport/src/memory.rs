@@ -1,9 +1,8 @@
-//! Shared memory between processes of one computer: one iceoryx2 service per topic. [`alight_shared::topics`] declares
-//! each with its quality of service.
+//! Shared memory between processes of one computer: one iceoryx2 service per topic of
+//! [`alight_shared::topics`].
 //!
-//! The creator of a service determines its settings, and a process that dies while creating one can leave it unusable.
-//! Therefore one process, the supervisor, creates all services ([`Services::create`]) before the others start, and the
-//! others only open them.
+//! The creator of a service determines its settings, and may leave it unusable if it dies. Therefore one
+//! process, the supervisor, creates all services ([`Services::create`]), and the others only open them.
 
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
 use std::time::Duration;
@@ -28,14 +27,14 @@ use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;
 use alight_shared::topics::{self, Topic};
 
-/// Maximum number of publishers per topic. Every process of a computer may publish its state, and a killed process
-/// occupies its own until it is cleaned up.
+/// Maximum number of publishers per topic: every process may publish its state, and a killed one occupies its
+/// own until it is cleaned up.
 const PUBLISHERS: usize = 16;
 /// Maximum number of subscribers per topic: all processes, and observers.
 const SUBSCRIBERS: usize = 24;
 /// Maximum number of processes that open a topic.
 const NODES: usize = 32;
-/// Maximum number of messages per read, so that a publisher out of control does not block its reader.
+/// Maximum number of messages per read, so that no publisher blocks its reader.
 const MAX_PER_READ: usize = 64;
 
 /// Message as transported by iceoryx2; listings show the topic's own type.
@@ -69,13 +68,11 @@ impl Memory {
             .doing(doing)?;
         Ok(Memory { node })
     }
-    /// Removes the remains of killed processes.
     pub fn reap(&self) {
         let _left = self.node.try_cleanup_dead_nodes();
     }
-    /// Waits for at most `span`. Returns false if the process was asked to end; other signals only shorten the wait.
+    /// Waits for at most `span`. Returns false if the process was asked to end; other signals shorten it.
     pub fn wait(&self, span: Duration) -> bool {
-        // The first call starts recording signals.
         let _asked = end_requested();
         let _early = self.node.wait(span);
         !end_requested()
@@ -151,7 +148,6 @@ impl Memory {
     pub fn image_subscriber(&self, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
         ImageSubscriber::open(&self.node, topic)
     }
-    /// Listener that wakes when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
         let events = self
@@ -165,10 +161,9 @@ impl Memory {
 
 type MessageBuilder<T> = iceoryx2::service::builder::publish_subscribe::Builder<Sample<T>, (), Ipc>;
 
-/// Handles that keep one service open.
 type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 
-/// All services of an instance, kept open by the process that creates them.
+/// All services of an instance, open as long as their creator runs.
 pub struct Services {
     #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
     held: Vec<Held>,
@@ -214,7 +209,7 @@ pub struct Publisher<T: Plain> {
 }
 
 impl<T: Plain> Publisher<T> {
-    /// Writes `message` to shared memory and wakes listeners. Never blocks: a slow subscriber loses its oldest message.
+    /// Writes `message` without blocking and wakes listeners; a slow subscriber loses its oldest message.
     pub fn send(&mut self, message: &T) {
         let sent = self
             .port
@@ -242,7 +237,7 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Consumes all wake-ups and returns whether there were any. A listener that is not drained wakes again at once.
+    /// Consumes all wake-ups and returns whether there were any; otherwise a listener wakes again at once.
     pub fn drain(&self) -> bool {
         let mut woke = false;
         let _drained = self.port.try_wait(|_| woke = true);
@@ -256,7 +251,7 @@ impl bus::Wake for Listener {
     }
 }
 
-/// The descriptor becomes readable when a message is published, and can be awaited together with others.
+/// Descriptor that becomes readable when a message is published, and can be awaited with others.
 impl AsFd for Listener {
     #[allow(unsafe_code)]
     fn as_fd(&self) -> BorrowedFd<'_> {
@@ -284,7 +279,7 @@ impl<T: Plain> Subscriber<T> {
     pub fn all(&mut self, now_ns: i64) -> Vec<T> {
         let mut messages = Vec::new();
         while messages.len() < MAX_PER_READ {
-            // An error means that a publisher disappeared while sending: its message is lost, and the next read tries
+            // On an error, a publisher disappeared while sending: its message is lost, the next read tries
             // again.
             let Ok(Some(sample)) = self.port.receive() else {
                 break;
@@ -384,7 +379,7 @@ mod tests {
         .unwrap();
         assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");
 
-        // The middleware leaves a small segment behind, which is wiped at the end of an instance.
+        // The middleware leaves a small segment, which is wiped at the end of an instance.
         drop((ranges, wake, services, memory));
         instance.wipe().unwrap();
         let prefix = instance.prefix();
@@ -439,11 +434,9 @@ mod tests {
         });
         assert_eq!(images.unsent(), 1);
         assert!(others.next_image().is_none());
-        // Two are buffered; older ones were dropped.
         let first = reader.next_image().unwrap();
         assert_eq!(*first.header(), header(4));
         assert_eq!(first.pixels(), pixels);
-        // The held image keeps its place while the next one is taken.
         let second = reader.next_image().unwrap();
         assert_eq!(second.header().at_ns, 5);
         for k in 7..=9 {

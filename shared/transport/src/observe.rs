@@ -1,4 +1,4 @@
-//! Observation and alteration of a process's received messages by a test bench. Processes in flight use none.
+//! Observation and alteration of received messages by a test bench; not used in flight.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -1,10 +1,10 @@
 //! Radio between the computers: a zenoh session with explicit endpoints and no scouting.
 //!
-//! The vessel listens and only drones dial, because two dialling sides can end up in a split session. zenoh repeats
-//! nothing, so every message is small and complete, and the newest replaces its predecessors. A message that does not
-//! fit into the local queue is dropped instead of waiting. A silent session is closed in a separate thread, because
-//! closing may hang, and reopened. If the process is too slow, the oldest states are dropped, while orders are read
-//! first ([`Subscription::order`]).
+//! The vessel listens and only drones dial, because two dialling sides can end up in a split session. zenoh
+//! repeats nothing, so every message is small and complete, and the newest replaces its predecessors. A
+//! message that does not fit into the local queue is dropped. A silent session is closed in a separate
+//! thread, because closing may hang, and reopened. If the process is slow, the oldest states are dropped and
+//! orders read first ([`Subscription::order`]).
 
 mod answers;
 mod attempts;
@@ -42,13 +42,12 @@ use alight_shared::config::{Check, Keys};
 pub use alight_shared::radio::Urgency;
 use alight_shared::wire::MAX_WIRE_BYTES;
 
-/// Timeout for a publisher's reply; its broadcasts arrive in the meantime.
+/// Timeout for a publisher's reply; broadcasts arrive in the meantime.
 const ASK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of consecutive messages without a pause: half of the capacity of a step record at maximum message
-/// length.
+/// Maximum number of consecutive messages without a pause: half a step record of the longest ones.
 const MAX_IN_A_ROW: usize = 128;
-/// Polling interval of a test bench for delayed messages that arrive without a wake-up.
+/// Polling interval for messages that a test bench delays, which arrive without a wake-up.
 const BENCH_WAIT: Duration = Duration::from_millis(5);
 
 #[derive(Clone, Debug)]
@@ -56,12 +55,11 @@ pub struct Subscription {
     key: String,
     /// The newest message is also queried ([`Radio::ask`]).
     asked: bool,
-    /// Messages on this key are read before all others.
     order: bool,
 }
 
 impl Subscription {
-    /// Subscription that queries the newest message as soon as a publisher is present.
+    /// Subscription that queries the newest message once a publisher is present.
     pub fn asked(key: impl Into<String>) -> Subscription {
         let key: String = key.into();
         Subscription {
@@ -69,7 +67,7 @@ impl Subscription {
             ..key.into()
         }
     }
-    /// Subscription to orders: they are read before all other messages, and never dropped in favour of them.
+    /// Subscription to orders, which are read first and never dropped in favour of other messages.
     pub fn order(key: impl Into<String>) -> Subscription {
         let key: String = key.into();
         Subscription {
@@ -93,7 +91,6 @@ impl From<&str> for Subscription {
 /// Header overhead of a message, bytes: UDP and IP 28, and about 20 for the middleware's framing.
 pub const HEADER_BYTES: u64 = 48;
 
-/// Traffic sent on one publication.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flow {
     pub messages: u64,
@@ -121,31 +118,27 @@ pub struct Radio {
     open: Option<Open>,
     opening: Option<Receiver<Result<Open, TransportError>>>,
     attempts: Attempts,
-    /// The process calls [`Radio::watch`].
     watched: bool,
-    /// Messages received since the last pause.
+    /// Messages received without a pause.
     in_a_row: usize,
     counts: RadioCounts,
     flows: Vec<Flow>,
     last_received_ns: Option<i64>,
     /// Time of the last fresh message or of the opening of the session.
     last_fresh_ns: i64,
-    /// Connection attempts without TLS.
     plaintext_attempts: Option<PlaintextAttempts>,
-    /// Channel of a test bench between session and process.
     channel: Option<Box<dyn ReceiveChannel>>,
 }
 
 #[derive(Clone)]
 struct Parts {
     config: RadioConfig,
-    /// Zenoh's own configuration as read at the start.
     file: Option<ZenohFile>,
     publications: Vec<Publication>,
     subscriptions: Vec<Subscription>,
     inbox: Arc<Inbox>,
     dropped: Arc<AtomicU64>,
-    /// A publisher of a queried message is present and has not been queried yet.
+    /// A publisher is present that has not been queried yet.
     due: Arc<AtomicBool>,
 }
 
@@ -200,7 +193,7 @@ impl Parts {
             if subscription.asked {
                 let querier = self.querier(&open.session, &subscription.key);
                 let querier = querier
-                    .map_err(|e| TransportError::because(format!("asking for {}", subscription.key), e))?;
+                    .map_err(|e| TransportError::because(format!("querying {}", subscription.key), e))?;
                 open.queriers.push((number, querier));
             }
         }
@@ -214,14 +207,14 @@ impl Parts {
                 .congestion_control(CongestionControl::Drop)
                 .priority(priority(publication.urgency))
                 .express(true)
-                // Retransmitted old messages would delay new ones; over TCP and UDP this setting has no effect.
+                // Retransmitted old messages would delay new ones; no effect over TCP and UDP.
                 .reliability(Reliability::BestEffort)
                 .wait()
                 .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))
         });
         declared.collect()
     }
-    /// Handler for messages of a subscription, broadcast or queried.
+    /// Handler for messages, broadcast or queried.
     fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
         let (inbox, dropped) = (Arc::clone(&self.inbox), Arc::clone(&self.dropped));
         let is_order = self.subscriptions.get(subscription).is_some_and(|s| s.order);
@@ -241,7 +234,7 @@ impl Parts {
             dropped.fetch_add(inbox.put(received, is_order), Ordering::Relaxed);
         }
     }
-    /// Querier on a key that notices when a publisher is present.
+    /// Querier that notices when a publisher is present.
     fn querier(&self, session: &zenoh::Session, key: &str) -> zenoh::Result<Querier<'static>> {
         let querier = session
             .declare_querier(key.to_owned())
@@ -260,14 +253,13 @@ impl Parts {
 }
 
 impl Radio {
-    /// Opens the session, publishes on `publications` and reads `subscriptions`. An absent router is awaited in the
-    /// background.
+    /// Opens the session with `publications` and `subscriptions`; an absent router is awaited in background.
     pub fn open(
         config: &RadioConfig,
         publications: Vec<Publication>,
         subscriptions: Vec<impl Into<Subscription>>,
     ) -> Result<Radio, TransportError> {
-        // Invalid configurations are reported before an attempt, also to operator commands.
+        // Invalid configurations are reported first, also to operator commands.
         config
             .check(&Keys::ROOT)
             .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
@@ -296,13 +288,13 @@ impl Radio {
         };
         radio.begin()?;
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
-        // A session that never receives anything also counts as silent. This closes a session that stalled while
-        // opening (observed once, over UDP on a loaded computer).
+        // A session that never receives counts as silent, such as one that stalled while opening (observed
+        // once, over UDP on a loaded computer).
         radio.last_received_ns = Some(steady_ns());
         Ok(radio)
     }
 
-    /// Opens the session. A client waits for its router while opening, so this runs in a separate thread.
+    /// Opens the session in a separate thread, because a client then waits for its router.
     fn begin(&mut self) -> Result<(), TransportError> {
         if !self.parts.config.router {
             let open = self.parts.open()?;
@@ -312,7 +304,6 @@ impl Radio {
         let (sender, opened) = sync_channel(1);
         let parts = self.parts.clone();
         let opening = move || {
-            // The receiver may be gone.
             let _gone = sender.send(parts.open());
         };
         std::thread::Builder::new()
@@ -328,7 +319,7 @@ impl Radio {
         self.last_fresh_ns = steady_ns();
         self.last_received_ns = Some(self.last_fresh_ns);
     }
-    /// Opens a new session. After a failure, another attempt follows later.
+    /// Opens a new session; after a failure, another attempt follows.
     fn reopen(&mut self) {
         if let Err(e) = self.begin() {
             self.failed(&e);
@@ -339,7 +330,7 @@ impl Radio {
             warn!("{error}");
         }
     }
-    /// Takes over a session opened by the thread, or tries again after a failure.
+    /// Takes over a session opened by the thread, or schedules another attempt.
     fn take_opened(&mut self) {
         let Some(opening) = &self.opening else {
             if self.open.is_none() && self.attempts.is_due(steady_ns()) {
@@ -362,8 +353,8 @@ impl Radio {
         }
     }
 
-    /// Queries the newest message of each queried subscription once a publisher is present. Replies are received and
-    /// checked like any other message.
+    /// Queries the newest message of each queried subscription once a publisher is present. Replies are
+    /// received like other messages.
     pub fn ask(&mut self) {
         let Some(open) = self.open.as_ref().filter(|o| !o.queriers.is_empty()) else {
             return;
@@ -384,13 +375,13 @@ impl Radio {
             }
         }
     }
-    /// Number of these peers with a session, by their liveliness tokens. A frozen process keeps its token, so decisions
-    /// must rely on its messages and their times.
+    /// Number of these peers with a session, by liveliness tokens. A frozen process keeps its token, so
+    /// decisions rely on messages and their times.
     pub fn count_present(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
         self.open.as_ref().map_or(0, |o| o.present.count(is_counted))
     }
 
-    /// Stores this message of publication `publication` for queries, if the publication is held.
+    /// Stores this message for queries, if publication `publication` is held.
     pub fn hold(&self, publication: usize, bytes: Vec<u8>) {
         let kept = self.parts.publications.get(publication);
         if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
@@ -423,8 +414,8 @@ impl Radio {
             arrival.await;
         }
     }
-    /// Next message, orders first; waits at most `timeout`. With a zero timeout it pauses after 128 consecutive
-    /// messages, so that the process also steps during a flood.
+    /// Next message, orders first; waits at most `timeout`. With a zero timeout it pauses after 128 in a row,
+    /// so that the process steps even in a flood.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {
             plaintext_attempts.poll();
@@ -453,11 +444,11 @@ impl Radio {
         self.channel.as_mut()?.ready(steady_ns())
     }
 
-    /// Watchdog of the dialling side, to be called periodically. Reopens the session when it went silent, or has
-    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The second case
-    /// occurs if a stream is far behind, or if declarations of a datagram session were lost or overtaken: then one side
-    /// publishes while the other has no subscriber (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
-    /// listening side keeps its socket, and silence carries no information for it; its watchdog is
+    /// Watchdog of the dialling side, to be called periodically. Reopens the session if it is silent, or has
+    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The
+    /// latter occurs if a stream is far behind, or if declarations of a datagram session were lost or
+    /// overtaken, so that one side publishes without a subscriber (30 ms of jitter: 2 of 8 sessions). The
+    /// listening side keeps its socket, and silence means nothing to it; its watchdog is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
         self.watched = true;
@@ -478,7 +469,7 @@ impl Radio {
             return;
         }
         if let Some(old) = self.open.take() {
-            // Closing may hang for ten seconds under loss, so it is detached.
+            // Detached, because closing may hang for ten seconds under loss.
             let _detached = std::thread::Builder::new().name("close".into()).spawn(move || {
                 let session = old.session.clone();
                 drop(old);
@@ -490,18 +481,18 @@ impl Radio {
         self.reopen();
     }
 
-    /// Whether the session is usable after its process was suspended for `gap_s`. After a suspension of about one
-    /// lease, the middleware's reader of a listener's datagram socket stays blocked permanently and keeps the port
-    /// (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not free it). Only a new process
-    /// receives again. The dialling side is restored by its watchdog, if it calls one ([`Radio::watch`]); a vessel
-    /// behind a router has none, because silence carries no information for it.
+    /// Whether the session is usable after its process was suspended for `gap_s`. After about one lease, the
+    /// middleware's reader of a listener's datagram socket stays blocked and keeps the port (SIGSTOP for 2 s:
+    /// 9 of 9 never read again, even with the session closed), so only a new process receives again. The
+    /// dialling side has its watchdog ([`Radio::watch`]); a vessel behind a router has none, because silence
+    /// means nothing to it.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         let config = &self.parts.config;
         let recovers = self.watched && !config.connect.is_empty();
         recovers || gap_s < 0.9 * config.link_lease_s()
     }
 
-    /// Leaks the session, for a process that ends now: closing a stuck session would block forever.
+    /// Leaks the session of a process that ends now: closing a stuck one would block forever.
     pub fn abandon(&mut self) {
         core::mem::forget((self.open.take(), self.opening.take()));
     }

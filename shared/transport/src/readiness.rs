@@ -1,4 +1,4 @@
-//! Descriptors awaited by tokio, to wait for shared-memory ports, sockets and serial lines together.
+//! Descriptors awaited by tokio: shared-memory ports, sockets and serial lines together.
 
 use std::fs::File;
 use std::io;
@@ -23,7 +23,7 @@ macro_rules! owners {
 }
 owners!(File, TcpListener, TcpStream, UdpSocket, Listener);
 
-/// Registers `inner` with tokio; call inside a runtime. Its descriptor must be non-blocking.
+/// Registers `inner` with tokio, inside a runtime. Its descriptor must be non-blocking.
 #[allow(unsafe_code)]
 pub fn watched<T: OwnsDescriptor>(inner: T, interest: Interest) -> io::Result<AsyncFd<T>> {
     // SAFETY: each owner has one descriptor, which stays open and unchanged until it is dropped with the result.

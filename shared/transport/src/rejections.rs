@@ -1,10 +1,10 @@
 //! Counts of rejected peers.
 //!
-//! Sessions with a name that is not admitted are recognised by their links ([`follow`]). Zenoh 1.10 reports the
-//! following only in its log (crate `tracing`), which a subscriber evaluates:
+//! Sessions with a name that is not admitted are recognised by their links ([`follow`]). Zenoh 1.10 reports
+//! other rejections only in its log (crate `tracing`), which a subscriber evaluates:
 //!
-//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, or expired. It has
-//!   neither transport nor link, so neither `transport_events_listener` nor `link_events_listener` reports it;
+//! - a session with a failed TLS handshake (QUIC's, RFC 9001): no certificate, another authority, or expired.
+//!   Without transport and link, neither `transport_events_listener` nor `link_events_listener` reports it;
 //! - a message of an admitted name on a key outside its rule, which the access control drops without any other trace.
 //!
 //! [`PlaintextAttempts`] detects streams without TLS.
@@ -29,7 +29,6 @@ use zenoh::session::LinkEvent;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AccessRejections {
-    /// Total number of sessions and messages.
     pub count: u64,
     pub last: Option<AccessRejection>,
     /// Number per reason in the order of [`AccessRejection::ALL`].
@@ -54,7 +53,7 @@ pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Counting layer for a process with its own log.
+/// Counting layer for a process with a log of its own.
 pub fn layer<S: Subscriber + for<'a> LookupSpan<'a>>() -> impl Layer<S> {
     let is_rejection = |metadata: &Metadata<'_>| {
         metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
@@ -69,8 +68,7 @@ pub fn listen() {
     });
 }
 
-/// Counts the links of sessions whose certificate has none of the `admitted` names; the access rules reject all their
-/// messages.
+/// Counts sessions whose certificate has none of the `admitted` names; access rules reject their messages.
 pub(super) fn follow(session: &zenoh::Session, admitted: Vec<String>) -> zenoh::Result<()> {
     let changed = move |event: LinkEvent| {
         let name = event.link().auth_identifier();
@@ -94,12 +92,11 @@ fn count(rejection: AccessRejection) {
     }
 }
 
-/// Log target of rejected handshakes.
 const HANDSHAKES: &str = "zenoh_link_commons::quic";
 const RULES: &str = "zenoh::net::routing::interceptor::access_control";
 
 thread_local! {
-    /// Set while the middleware precomputes permissions for a key, before anybody uses it.
+    /// Set while the middleware precomputes permissions for a key, before it is used.
     static BEFOREHAND: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -139,15 +136,15 @@ fn rejection_in(target: &str, text: &str) -> Option<AccessRejection> {
     (put && tried).then_some(AccessRejection::Key)
 }
 
-/// Connection attempts to the same port over TCP. QUIC runs over UDP, so no legitimate peer connects there; attempts
-/// are counted and closed.
+/// Connection attempts to the same port over TCP, which are counted and closed: QUIC runs over UDP, so no
+/// legitimate peer makes one.
 pub(super) struct PlaintextAttempts(TcpListener);
 
 impl PlaintextAttempts {
     /// Maximum number of attempts handled per poll.
     const AT_ONCE: usize = 16;
 
-    /// Listens at the endpoint with certificates, if there is one. A TCP port used by another program is left alone.
+    /// Listens at the endpoint with certificates, unless another program uses its TCP port.
     pub(super) fn at(listen: &[String]) -> Option<PlaintextAttempts> {
         let address = listen.iter().find_map(|e| e.strip_prefix("quic/"))?;
         let address = address.split(['?', '#']).next()?;
@@ -176,7 +173,6 @@ impl Visit for Text {
     }
 }
 
-/// Counts the rejections in the middleware's log.
 struct Counter;
 
 impl<S: Subscriber> Layer<S> for Counter {

@@ -1,4 +1,4 @@
-//! Termination signals, and signals sent to a process by fault tests.
+//! Termination signals, and signals of fault tests.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};
@@ -9,10 +9,10 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::TransportError;
 
-/// Set permanently by SIGTERM or SIGINT: systemd sends SIGCONT right after SIGTERM.
+/// Set permanently by SIGTERM or SIGINT, because systemd sends SIGCONT right after SIGTERM.
 static END: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
-    // When iceoryx2 0.10.0 creates shared memory, it replaces all signal handlers once per process in every node mode.
-    // If its handlers are installed first, the handlers registered here stay in place and call them.
+    // When iceoryx2 0.10.0 creates shared memory, it replaces all signal handlers once per process. If its
+    // handlers are installed first, those registered here stay and call them.
     let asked = SignalHandler::termination_requested();
     let end = Arc::new(AtomicBool::new(asked));
     for signal in [SIGTERM, SIGINT] {
@@ -60,7 +60,6 @@ mod tests {
     use std::process::Command;
     use std::time::Duration;
 
-    /// Environment variable of the process under test.
     const ASKED: &str = "ALIGHT_TEST_END";
 
     #[test]
@@ -76,7 +75,6 @@ mod tests {
         let instance = Instance::new(&format!("end-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
-        // iceoryx2 installs its handlers here.
         let services = Services::create(&memory).unwrap();
         let span = Duration::from_millis(1);
         assert!(memory.wait(span));

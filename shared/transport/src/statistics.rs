@@ -32,7 +32,6 @@ impl InputStatistics {
     }
 }
 
-/// Maximum distinguishable time, us.
 const MAX_US: u64 = 67_000_000;
 
 /// Quantiles of positive times to two digits, with bounded memory.
@@ -41,7 +40,6 @@ pub struct Quantiles(Option<Histogram<u32>>);
 
 impl Default for Quantiles {
     fn default() -> Self {
-        // The bounds are valid, so this always succeeds.
         Quantiles(Histogram::new_with_bounds(1, MAX_US, 2).ok())
     }
 }

@@ -11,8 +11,8 @@ pub use crate::signal::end_requested;
 use crate::{TransportContext, TransportError};
 use alight_shared::plain::Plain;
 
-/// Calls `step` whenever one of `listeners` wakes, and at the latest `timeout` after the last call, until `step`
-/// returns false or the process is asked to end.
+/// Calls `step` when one of `listeners` wakes, and at least every `timeout`, until it returns false or the
+/// process is asked to end.
 pub fn run(
     listeners: &[&Listener],
     timeout: Duration,
@@ -29,7 +29,6 @@ pub fn run(
         guards.push(waits.attach_notification(&listener.port).doing(doing)?);
     }
     loop {
-        // A message, the timeout or any signal ends the wait.
         waits
             .wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout)
             .doing(doing)?;
@@ -45,8 +44,8 @@ pub fn run(
     }
 }
 
-/// Joins the instance as `name` and calls `each` with new messages of one topic, at the latest `timeout` after the last
-/// call, until `each` returns false.
+/// Joins the instance as `name` and calls `each` with new messages of a topic, at least every `timeout`,
+/// until it returns false.
 pub fn follow<T: Plain>(
     instance: &Instance,
     name: &str,

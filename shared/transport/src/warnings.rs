@@ -1,5 +1,4 @@
-//! Warnings and errors of iceoryx2. All are counted but only few are logged, because a warning about a peer may occur
-//! with every message.
+//! Warnings and errors of iceoryx2: all are counted, few logged, because each message may cause one.
 
 use std::fmt::Arguments;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,7 +14,6 @@ pub fn counted() -> u64 {
 }
 
 pub(super) fn listen() {
-    // The logger can be set only once per process.
     let _again = set_logger(&Counter);
     set_log_level(LogLevel::Warn);
 }
@@ -25,7 +23,7 @@ struct Counter;
 impl Log for Counter {
     fn log(&self, _level: LogLevel, _origin: Arguments, text: Arguments) {
         let number = COUNTED.fetch_add(1, Ordering::Relaxed).saturating_add(1);
-        // Only counts that are powers of two are logged, so that any number of warnings fits into the journal.
+        // Only powers of two are logged, so that any number of warnings fits into the journal.
         if number.is_power_of_two() {
             warn!("shared memory: warning {number} of this process: {text}");
         }

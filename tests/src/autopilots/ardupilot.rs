@@ -6,12 +6,11 @@ use std::fmt::Write;
 use super::{FirmwareConfig, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Default UDP port of a simulator.
 pub const PORT: u16 = 9002;
 /// Exchange rate, Hz. ArduCopter arms only if its gyroscopes are read 1.8 times in each of its 400 loops per second,
 /// and it reads them once per exchange.
 pub const EXCHANGE_HZ: u32 = 800;
-/// Magic numbers of packets with 16 and 32 outputs.
+/// Magic numbers of a packet with 16 outputs, and of one with 32.
 const MAGIC: [(u16, usize); 2] = [(18458, 16), (29569, 32)];
 /// Offset of the outputs in a packet, bytes.
 const OUTPUTS_AT: usize = 8;
@@ -25,7 +24,7 @@ pub struct Servos {
     pub pwm_us: Vec<u16>,
 }
 
-/// Parses a packet; None for anything else.
+/// None for anything but a packet of servo outputs.
 pub fn servos(bytes: &[u8]) -> Option<Servos> {
     let u16_at = |at: usize| Some(u16::from_le_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));
     let magic = u16_at(0)?;

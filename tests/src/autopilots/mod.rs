@@ -1,9 +1,10 @@
-//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): it gives sensor readings and takes motor
-//! commands. This module only encodes and decodes bytes; the process around it has the sockets.
+//! The simulated drone as the plant of a real firmware (PX4, ArduPilot): it sends sensor readings and
+//! receives motor commands. This module only encodes and decodes bytes; the process around it has the
+//! sockets.
 //!
-//! [`px4`] implements PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend. [`simulated`]
-//! is our autopilot, which imitates either firmware and replaces it. Sea, deck, contact, wind, camera and rangefinder
-//! are the same as in every other landing.
+//! [`px4`] implements PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend.
+//! [`simulated`] is our autopilot, which imitates either firmware. Sea, deck, contact, wind, camera and
+//! rangefinder are the same with all three.
 
 pub mod ardupilot;
 mod config;
@@ -17,10 +18,10 @@ pub use sensors::FirmwareSensors;
 
 use crate::physics::drone::MAX_ROTORS;
 
-/// Fractions of a rotor's maximum thrust from a firmware's outputs, 0 to 1 each; None if all motors are off.
+/// Rotor thrusts from a firmware's outputs, as fractions of the maximum, 0 to 1; None if all motors are off.
 ///
-/// `T / T_max = f u² + (1 - f) u` with the fraction `f` of the quadratic term: thrust is proportional to the square of
-/// the rotor speed, and electronic speed controllers respond differently to `u`.
+/// `T / T_max = f u² + (1 - f) u` with the fraction `f` of the quadratic term: thrust is proportional to the
+/// square of the rotor speed, and the speed's dependence on the output `u` differs between speed controllers.
 pub fn motors(config: &FirmwareConfig, outputs: &[f64]) -> Option<[f64; MAX_ROTORS]> {
     let f = config.thrust_curve;
     let thrusts = config.outputs.map(|k| {

@@ -1,6 +1,6 @@
-//! PX4's simulator API. PX4 is the TCP client of port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4 answers
-//! with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). It answers the samples at which its rate
-//! loop runs: by its IMU_GYRO_RATEMAX, every one, every second or every third.
+//! PX4's simulator API. PX4 is the client of TCP port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4
+//! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). Depending on
+//! IMU_GYRO_RATEMAX its rate loop runs, and PX4 answers, at every sample, every second or every third.
 
 use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -8,16 +8,14 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 use super::{FirmwareConfig, FirmwareSensors, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Default port of a simulator.
 pub const PORT: u16 = 4560;
 pub const EXCHANGE_HZ: u32 = 400;
 /// Maximum number of samples per answer.
 const MAX_ANSWER_PERIOD: u64 = 4;
-/// MAVLink address of PX4's simulators.
+/// MAVLink address of the simulator.
 const US: Address = Address::new(1, 200);
 const ARMED: u8 = 128;
 
-/// The plant's end of the connection.
 pub struct Px4Plant {
     config: FirmwareConfig,
     sensors: FirmwareSensors,
@@ -48,7 +46,8 @@ impl Px4Plant {
             every_us: 0,
         }
     }
-    /// Sensor messages, `rate_hz` times per second. The GNSS fix is first, because PX4 continues at the sample.
+    /// Sensor messages of one sample. The GNSS fix precedes the inertial sample, at which PX4 starts its next
+    /// step.
     pub fn encode_sensors(&mut self, truth: &PlantState, rate_hz: f64) -> Vec<u8> {
         let fix = self.sensors.fix(truth).map(MavlinkMessage::HilGps);
         let sample = self.sensors.sample(truth, rate_hz);
@@ -85,20 +84,17 @@ impl Px4Plant {
         }
         self.answers > before
     }
-    /// Whether an answer to the newest sample is due, judged by the previous interval between answers.
+    /// Whether PX4 should answer the newest sample, judged by the interval between its last answers.
     pub fn due(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= self.every_us
     }
-    /// Whether the answer is later than PX4's longest interval, so that PX4 is busy and does not wait for the next
-    /// sample.
+    /// Whether the answer is later than PX4's longest interval: PX4 is busy, and does not wait for a sample.
     pub fn is_overdue(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }
-    /// Motor commands received last.
     pub fn motors(&self) -> Option<[f64; MAX_ROTORS]> {
         self.outputs.and_then(|o| motors(&self.config, &o))
     }
-    /// Handles the loss of PX4's connection.
     pub fn lost(&mut self) {
         self.outputs = None;
         self.decoder = Decoder::default();

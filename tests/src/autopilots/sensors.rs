@@ -11,7 +11,7 @@ use crate::physics::drone::noise::{GaussMarkov, normal};
 use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::{Stream, Streams};
 
-/// Sampling rate at which the configured inertial noise applies, Hz.
+/// Sampling rate to which the configured inertial noise refers, Hz.
 const PER_HZ: f64 = 100.0;
 /// Temperature (K) and pressure (hPa) of the standard atmosphere at sea level.
 const SEA_LEVEL_K: f64 = 288.15;
@@ -35,7 +35,7 @@ pub struct FirmwareSensors {
 }
 
 impl FirmwareSensors {
-    /// Sensors sampled `rate_hz` times per second; `datum` is the origin of NED.
+    /// `datum` is the origin of NED.
     pub fn new(
         config: &FirmwareConfig,
         navigation: &NavigationConfig,
@@ -63,7 +63,6 @@ impl FirmwareSensors {
         }
     }
 
-    /// Sample of inertial sensors, magnetometer and barometer at `rate_hz`.
     pub fn sample(&mut self, truth: &PlantState, rate_hz: f64) -> HilSensor {
         let n = &self.navigation;
         let denser = (rate_hz / PER_HZ).sqrt();
@@ -121,7 +120,7 @@ impl FirmwareSensors {
     }
 }
 
-/// Microseconds since the start, with an offset, since a firmware's clock does not start at zero.
+/// Microseconds since the start plus an offset, because a firmware's clock does not start at zero.
 fn micros(t: Time<TrueTime>) -> u64 {
     1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
 }
@@ -147,7 +146,6 @@ mod tests {
         for h in [-10.0, 0.0, 30.0, 500.0] {
             assert!((altitude_m(pressure_hpa(h)) - h).abs() < 1e-3);
         }
-        // The standard atmosphere at 1000 m.
         assert!((pressure_hpa(1000.0) - 898.75).abs() < 0.2);
     }
 }

@@ -10,7 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// ArduPilot's packet of servo outputs, each 0 to 1.
+/// Packet of servo outputs, each 0 to 1.
 pub fn servo_packet(frame: u32, outputs: [f64; MAX_ROTORS]) -> Vec<u8> {
     let mut pulses = [1000_u16; 16];
     for (pulse, u) in pulses.iter_mut().zip(outputs) {
@@ -57,7 +57,6 @@ pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Ve
         .unwrap_or_default()
 }
 
-/// Position of a fix, NED about `origin`, m.
 pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
     let at = Datum::new(
         fix.latitude.to_degrees(),

@@ -1,5 +1,4 @@
-//! A small stand-in for a firmware at the other end of both protocols, which takes off from the pad, hovers, and lands
-//! on the deck; and tests of the protocols' bytes.
+//! A stand-in for a firmware speaks both protocols: it takes off from the pad, hovers, and lands on the deck.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_uav::autopilot::message::MavlinkMessage;
@@ -14,7 +13,6 @@ use crate::harness::scenario::Scenario;
 use crate::physics::drone::{MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
 use crate::physics::sea::SeaConfig;
 
-/// Number of exchanges per tick, and per second.
 const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;
 
@@ -47,7 +45,8 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTO
     out
 }
 
-/// Takes off, flies above the deck, hovers and lands. Returns destination and descent speed, or None with motors off.
+/// Take-off, flight to above the deck, hover, landing. Returns destination and descent speed; None with
+/// motors off.
 fn plan(t_s: f64, start: &Vector3<f64>, deck: &Vector3<f64>, grounded: bool) -> Option<(Vector3<f64>, f64)> {
     let above = deck - Vector3::z() * 4.0;
     match t_s {
@@ -73,7 +72,7 @@ fn calm() -> Scenario {
     s
 }
 
-/// Flies the plan; `exchange` is one exchange of the protocol with the firmware.
+/// Flies the plan; `exchange` is one exchange with the firmware.
 fn fly(
     mut physics: Physics,
     mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; MAX_ROTORS]>,
@@ -130,7 +129,7 @@ fn ardupilot_plant_take_off_hover_and_landing() {
 fn px4_plant_take_off_hover_and_landing() {
     let scenario = calm();
     let streams = crate::physics::streams::Streams::new(3);
-    // Good sensors, since the stand-in's estimator is simple.
+    // The stand-in's estimator is simple and needs good sensors.
     let navigation = NavigationConfig {
         gnss_bias_m: 0.0,
         gnss_noise_m: 0.02,
@@ -213,8 +212,8 @@ fn px4_plant_with_every_second_sample_answered() {
             ));
         }
     }
-    // PX4 answers each sample; then misses one, which only causes a short delay; then answers every second sample; then
-    // is silent, and its answer is due after four.
+    // PX4 answers each sample, misses one (a short delay), answers every second sample, then stops; its
+    // answer is overdue after four.
     assert_eq!(wanted[7], (true, false));
     assert_eq!(wanted[8], (true, false));
     assert_eq!(
@@ -238,7 +237,7 @@ fn drone_without_a_firmware_on_its_pad() {
         });
     }
     assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
-    // An idle mission does not imply that the motors were stopped above the deck.
+    // An idle mission does not imply that the motors are off.
     let mission = alight_shared::msg::MissionState::default();
     assert!(physics.observation(0, &mission).motors_on);
     assert!((physics.drone(0).unwrap_or_default().position.0 - before).norm() < 1e-9);
@@ -251,7 +250,7 @@ fn exchange_rates_of_the_firmwares() {
         exchange_hz,
         ..FirmwareConfig::default()
     };
-    // ArduCopter does not arm with fewer than 1.8 gyroscope readings in each of 400 loops per second.
+    // ArduCopter arms only with 1.8 gyroscope readings in each of 400 loops per second.
     assert!(f64::from(hz(0).exchanges(ardupilot::EXCHANGE_HZ)) / TICK.secs() > 1.8 * 400.0);
     assert_eq!(hz(0).exchanges(400), EXCHANGES_PER_TICK);
     assert_eq!(hz(1000).exchanges(400), 10);

@@ -12,8 +12,9 @@ pub(super) struct Peak {
     pub amplitude: f64,
 }
 
-/// Spectral lines of `record` (evenly spaced, `rate` per second) between two frequencies, strongest first: local
-/// maxima, located between bins by a parabola through the logarithms of three of them. Uses at most [`POINTS`] values.
+/// Spectral lines of `record` (`rate` samples per second) between two frequencies, strongest first. A line is
+/// a local maximum, located between bins by a parabola through three logarithms. Uses at most [`POINTS`]
+/// samples.
 pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Peak> {
     let n = record.len().min(POINTS);
     if n < 8 {

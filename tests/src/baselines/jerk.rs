@@ -12,7 +12,6 @@ const LIMIT_WEIGHT: f64 = 5000.0;
 
 pub type PerStage = [f64; STAGES];
 
-/// Optimisation problem of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisProblem {
     /// Initial position, velocity and acceleration: m, m/s, m/s².
@@ -21,7 +20,7 @@ pub struct AxisProblem {
     pub previous: f64,
     /// Wanted positions, m.
     pub position: PerStage,
-    /// Wanted velocities, m/s, to which the velocity limit is relative.
+    /// Wanted velocities, m/s; the velocity limit is relative to them.
     pub velocity: PerStage,
     /// S: weights of position and velocity error.
     pub weight: [f64; 2],
@@ -42,8 +41,8 @@ pub struct Barrier {
     pub height_m: f64,
 }
 
-/// `f(z)` of Gupta et al. and its first two derivatives: 1 from h_d down to just above the deck, 0 far above it and on
-/// it.
+/// `f(z)` of Gupta et al. and its first two derivatives: 1 from h_d to just above the deck; 0 far above and
+/// on the deck.
 pub fn shape(height: f64, stands_at: f64) -> (f64, f64, f64) {
     let (x, width) = if height >= 0.16 {
         ((height - stands_at) / 0.15, -0.15)
@@ -56,7 +55,8 @@ pub fn shape(height: f64, stands_at: f64) -> (f64, f64, f64) {
     (f, slope, slope * (1.0 - 2.0 * f) / width)
 }
 
-/// Responses of position, velocity and acceleration to a unit jerk held over one step, by the number of stages since.
+/// Responses of position, velocity and acceleration to a unit jerk over one step, by the number of stages
+/// since.
 #[derive(Clone, Copy, Debug)]
 pub struct JerkAxis {
     step: f64,
@@ -111,8 +111,8 @@ impl JerkAxis {
         sum
     }
 
-    /// Jerks of minimum cost, by Newton's method from `guess` with the convex part of the Hessian and a halving line
-    /// search, so that the cost never rises. Also returns the number of steps.
+    /// Jerks of minimum cost, and the number of steps. Newton's method from `guess` with the convex part of
+    /// the Hessian and a halving line search, so that the cost never rises.
     pub fn solve(
         &self,
         problem: &AxisProblem,
@@ -268,7 +268,7 @@ mod tests {
         }
     }
 
-    /// Flies the first step of each solution for `seconds`.
+    /// Flies for `seconds`, each time by the first step of a new solution.
     fn fly(weight: f64, seconds: usize) -> f64 {
         let axis = JerkAxis::new(0.1);
         let (mut problem, barrier) = falling(weight, 3.0);

@@ -5,8 +5,8 @@
 //! | `mpc` | tag, radio, wave model | the predictor | at the mission's speed, no attitude alignment |
 //! | `mpc-ne` ([`mpc_ne`]) | tag | Fourier modes and a Kalman filter ([`modes`]), 1 s | when the predicted tilt permits it |
 //!
-//! Each is a [`Law`] of the flight planner. [`settings`] has the sources that the predictor may use, and the mission's
-//! parameters that differ.
+//! Each is a [`Law`] of the flight planner. [`settings`] has the baseline's inputs to the predictor, and its
+//! mission parameters.
 
 mod fourier;
 pub mod jerk;
@@ -27,13 +27,12 @@ use mpc_ne::MpcNe;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Baseline {
-    /// The paper's MPC without attitude alignment: the weights do not depend on clearance.
+    /// The paper's MPC without attitude alignment: weights do not depend on clearance.
     Mpc,
     /// Gupta et al. 2023: lands when its prediction of the tilt permits it.
     MpcNe,
 }
 
-/// Law of `mpc`, which changes nothing.
 #[derive(Debug)]
 struct Mpc;
 impl Law for Mpc {}
@@ -41,7 +40,6 @@ impl Law for Mpc {}
 impl Baseline {
     pub const ALL: [Baseline; 2] = [Baseline::Mpc, Baseline::MpcNe];
 
-    /// Name of the planner on the command line and in tables.
     pub const fn name(&self) -> &'static str {
         match self {
             Baseline::Mpc => "mpc",

@@ -1,6 +1,6 @@
-//! Deck motion model of MPC-NE (Gupta et al. 2023, section III): each of heave, roll and pitch is a constant plus
-//! undamped oscillators at the frequencies of a Fourier transform of the tag's pose, tracked by a linear Kalman filter.
-//! Surge and sway have no modes: the position drifts.
+//! Deck motion model of MPC-NE (Gupta et al. 2023, section III). Heave, roll and pitch are each a constant
+//! plus undamped oscillators, at the frequencies of a Fourier transform of the tag's pose, tracked by a
+//! linear Kalman filter. Surge and sway have no modes: the position drifts.
 
 use alight_shared::msg::DeckStage;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -18,27 +18,24 @@ const WAVY: usize = 3;
 /// Amplitude below which a mode counts as noise: m, rad, rad.
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
-/// Gap after which a new record begins, s.
 const GAP_S: f64 = 2.0;
 const KEPT: usize = POINTS;
-/// Length of the record for the transform, and minimum length, s.
+/// Length of the record for the transform, and its minimum, s.
 const WINDOW_S: f64 = 20.0;
 const MIN_S: f64 = 10.0;
 const REFRESH_S: f64 = 1.0;
 /// Amplitude relative to the largest mode below which modes are dropped.
 const GATE: f64 = 0.15;
-/// Time constant of the filter for position and drift, s. Surge and sway have no modes, so that this velocity alone
-/// predicts them a second ahead.
+/// Time constant of the filter for position and drift, s. Without modes, this velocity alone predicts surge
+/// and sway 1 s ahead.
 const PLACE_S: f64 = 0.15;
 
-/// Standard deviations of a filter, m or rad.
 #[derive(Clone, Copy, Debug)]
 struct Noise {
     sd: f64,
-    /// Random walk of a mode's states after 1 s.
     walk: f64,
-    /// Random walk of the offset after 1 s. The authors' offset is constant; here the offset of heave must follow the
-    /// drift of the odometry.
+    /// Random walk of the offset after 1 s. The authors' offset is constant; this one follows the odometry's
+    /// drift in heave.
     offset_walk: f64,
 }
 const TILT: Noise = Noise {
@@ -56,7 +53,6 @@ const NOISE: [Noise; WAVY] = [
     TILT,
 ];
 
-/// A degree of freedom, with an offset and oscillators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wavy {
     omega: [f64; MODES],
@@ -127,7 +123,6 @@ struct Sample {
     value: [f64; WAVY],
 }
 
-/// Deck as predicted by MPC-NE.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Predicted {
     /// Position of the centre: north, east, down, m.
@@ -138,18 +133,17 @@ pub struct Predicted {
     pub tilt_squared: f64,
 }
 
-/// Record, modes and filters.
 #[derive(Clone, Debug, Default)]
 pub struct SpectralModes {
     record: VecDeque<Sample>,
     wavy: Option<[Wavy; WAVY]>,
-    /// North and east: position and drift.
+    /// Position and drift, north and east, m and m/s.
     place: Option<[[f64; 2]; 2]>,
     analysed: Option<Time<DroneClock>>,
 }
 
 impl SpectralModes {
-    /// Whether the modes are known, which requires a record of the minimum length.
+    /// Whether the record has the minimum length for modes.
     pub fn ready(&self) -> bool {
         self.analysed.is_some()
     }
@@ -192,7 +186,7 @@ impl SpectralModes {
         self.analyse(at);
     }
 
-    /// Estimates the frequencies once per [`REFRESH_S`], and runs the filters over the record.
+    /// Estimates the frequencies every [`REFRESH_S`], and filters the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;

@@ -1,25 +1,25 @@
-//! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and turbulent open
-//! waters", RA-L 8(2), 2023 (arXiv 2301.00255), which is the paper's baseline.
+//! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and turbulent
+//! open waters", RA-L 8(2), 2023 (arXiv 2301.00255), the baseline of the paper.
 //!
 //! - The drone is a point mass with heading, 11 states `[x x' x'' y y' y'' z z' z'' eta eta']`, inputs
 //!   jerk and heading acceleration; the axes are independent ([`super::jerk`]).
 //! - `J = sum e' S e + du' T du + alpha_L f(z~) (roll² + pitch²)`, with the predicted roll and
 //!   pitch of the deck and the height `z~` above it, 1 s ahead.
-//! - There is no descent rule: the reference is the deck itself, and the cost of tilt is a barrier
-//!   above it, which opens while the predicted tilt is near zero.
+//! - There is no descent rule: the reference is the deck itself. The cost of tilt is a barrier
+//!   above it that opens while the predicted tilt is near zero.
 //! - The deck's motion comes from the tag alone ([`super::modes`]). Its pose is the present stage of the
 //!   forecast, at 30 Hz while the tag is detected, from a predictor that uses neither radio nor wave
 //!   model meanwhile ([`super::settings`]). That is at least as accurate as the tag itself.
 //! - It does not align its heading: the heading rate decays (the minimiser of
 //!   `S eta'² + T du²` for a double integrator without a target angle).
 //!
-//! Published are the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak of about 610, and
-//! a waiting height of about 1.8 m. S, T, alpha_L, the limits and the parameters of [`super::modes`] are not published.
-//! They are tuned by hand at Moderate (0.5 m, 5 s; published 95 %, 0.5 m, 34.5 s, 0.7 m/s) on seeds 100 to 111 and 300
-//! to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On seeds that were not used for tuning (500 to 511): 2 of 12, 0.56
-//! m, 35 s, 0.61 m/s. Position, time and speed match the publication, success does not: vision is lost for the last 0.7
-//! to 1.5 s, and the predicted position continues at the velocity that sway had then, up to 1 m/s from the deck's. The
-//! common planner flies on the way to the vessel.
+//! The authors publish the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak
+//! of about 610, and a waiting height of about 1.8 m; not S, T, alpha_L, the limits, and the parameters of
+//! [`super::modes`]. We tuned these by hand at Moderate (0.5 m, 5 s; published: 95 %, 0.5 m, 34.5 s, 0.7 m/s)
+//! on seeds 100 to 111 and 300 to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On other seeds (500 to 511):
+//! 2 of 12, 0.56 m, 35 s, 0.61 m/s. Position, time and speed match the publication; success does not, because
+//! the camera loses the tag for the last 0.7 to 1.5 s, and the predicted position continues at the last
+//! velocity of sway, up to 1 m/s from the deck's. The common planner flies to the vessel.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -36,8 +36,8 @@ use nalgebra::Vector3;
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
 use super::modes::{Predicted, SpectralModes};
 
-/// S, horizontal: position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the deck), acceleration and
-/// jerk.
+/// S, horizontal: position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the deck),
+/// acceleration, jerk.
 const HORIZONTAL: ([f64; 2], [f64; 3]) = ([100.0, 30.0], [3.0, 5.0, 40.0]);
 /// S, vertical: weights and soft limits.
 const VERTICAL: ([f64; 2], [f64; 3]) = ([10.0, 6.0], [0.6, 4.0, 30.0]);
@@ -53,12 +53,11 @@ const PRESS_M: f64 = 0.3;
 const FRESH_S: f64 = 0.1;
 /// Time between stages, s: a horizon of 1 s.
 const STEP_S: f64 = 0.1;
-/// Maximum acceleration of a plan along an axis, whatever the initial state, m/s².
+/// Maximum acceleration along an axis, whatever the initial state, m/s².
 const LARGEST_MPS2: f64 = 8.0;
 /// Time constant with which the heading's rate decays, s.
 const TURNING_S: f64 = 0.5;
 
-/// Position, velocity and acceleration of the three axes; heading and its rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Body {
     axes: [[f64; 3]; 3],
@@ -66,7 +65,6 @@ struct Body {
     yaw_rate: f64,
 }
 
-/// A trajectory, exact at any time.
 #[derive(Clone, Copy, Debug)]
 struct SolvedPlan {
     at: Time<DroneClock>,
@@ -75,7 +73,7 @@ struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// Body and jerk at a time; constant velocity after the end.
+    /// Body and jerk at `t`; constant velocity after the end.
     fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
         let since = (t - self.at).secs().max(0.0);
         let whole = ((since / STEP_S + 1e-6).floor() as usize).min(STAGES);
@@ -104,7 +102,6 @@ impl SolvedPlan {
     }
 }
 
-/// State of the planner in tracking and landing.
 #[derive(Clone, Debug)]
 pub struct MpcNe {
     reset: Reset,
@@ -112,12 +109,12 @@ pub struct MpcNe {
     feet: f64,
     modes: SpectralModes,
     solved: Option<SolvedPlan>,
-    /// Height above the deck that the planner keeps while no descent is permitted, m.
+    /// Height above the deck at which the planner waits for permission to descend, m.
     held_m: Option<f64>,
 }
 
 impl Law for MpcNe {
-    /// Takes the present stage as a detection while the tag is detected.
+    /// Takes the present stage as a detection if the tag is detected.
     fn observe(
         &mut self,
         _drone: Option<&DroneState>,
@@ -179,7 +176,7 @@ impl MpcNe {
         }
     }
 
-    /// Whether the last trajectory is fresh and the drone is close to it.
+    /// Whether the last trajectory is fresh and close to the drone.
     fn goes_on(&self, now: Time<DroneClock>, drone: Option<&DroneState>) -> bool {
         let (Some(solved), Some(drone)) = (&self.solved, drone) else {
             return false;
@@ -195,7 +192,7 @@ impl MpcNe {
             && wrap_angle(measured[5] - then.yaw).abs() <= r.yaw_deg.to_radians()
     }
 
-    /// Starts from a state of the common planner; `down` is its vertical acceleration, m/s².
+    /// `down`: vertical acceleration, m/s².
     pub fn begin(&mut self, now: Time<DroneClock>, s: &ModelState, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
         self.solved = Some(SolvedPlan {
@@ -212,7 +209,7 @@ impl MpcNe {
         });
     }
 
-    /// Next trajectory; None before [`Self::begin`] or a detection.
+    /// None before [`Self::begin`] or a detection.
     pub fn plan(
         &mut self,
         now: Time<DroneClock>,
@@ -224,11 +221,11 @@ impl MpcNe {
         let deck = self.deck(now, forecast)?;
         let landing = mission.state.phase() == Phase::Landing && self.modes.ready();
         let contact = deck.map(|d| d.position[2] - self.feet);
-        // The mean height of the deck is the constant of the filter; the mission's height is relative to it.
+        // The filter's constant is the mean height of the deck, to which the mission's height is relative.
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
-        // While no descent is permitted, the drone keeps the height at which this began. If the height were updated in
-        // each solution, the drone would follow every downward stroke of the deck.
+        // The height is fixed when the wait begins: if each solution updated it, the drone would follow every
+        // downward stroke of the deck.
         let waits = landing && !(mission.descent_mps > 0.0);
         let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
         self.held_m = held;
@@ -274,7 +271,7 @@ impl MpcNe {
         Some(plan)
     }
 
-    /// Deck at the stages; before the first detection, the position and heave of the forecast.
+    /// Deck at the stages; the forecast's position and heave before the first detection.
     fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {

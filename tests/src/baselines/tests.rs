@@ -1,5 +1,4 @@
 //! Tests of each baseline on decks with known motion.
-// Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use alight_shared::config::{Check, Keys};
@@ -96,7 +95,7 @@ fn deck_modes_prediction_from_the_tag_alone() {
     assert!(worst.0 < 0.06 && worst.1 < 0.015, "{worst:?}");
 }
 
-/// Flies MPC-NE's own plans over a rocking deck. Returns the final and the minimum height above the deck, m.
+/// Flies MPC-NE's plans over a rocking deck. Returns the final and the minimum height above it, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
     let mut ne = MpcNe::new(&config.reset, &drone);
@@ -135,10 +134,8 @@ fn mpc_ne_over_tilting_and_steep_decks() {
     // At 0.5 rad the deck is never level for long enough.
     let (_, min) = mpc_ne_over(0.5, State::Descent, 1.0);
     assert!(min > 0.8, "through the barrier: {min}");
-    // No descent is permitted.
     let (_, min) = mpc_ne_over(0.0, State::Descent, 0.0);
     assert!(min > 4.0, "sank without permission: {min}");
-    // Tracking at 7 m.
     let (end, _) = mpc_ne_over(0.0, State::TrackingStable, 0.0);
     assert!((end - 7.0).abs() < 1.2, "{end}");
 }

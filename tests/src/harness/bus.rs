@@ -1,7 +1,7 @@
-//! Bus in lock-step. Each topic has a ring with its newest messages, as many as shared memory holds, and each reader
-//! its own position in the ring.
+//! Bus in lock-step. Each topic has a ring of its newest messages, as long as that in shared memory; each
+//! reader has its own position in the ring.
 //!
-//! A [`Wrapper`] between a row and the bus changes messages: it injects a fault, or a defect that a storm must find.
+//! A [`Wrapper`] between a row and the bus changes messages: a fault, or a defect that a storm must find.
 
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
@@ -18,19 +18,18 @@ struct Ring<M> {
     newest: VecDeque<M>,
 }
 
-/// Changes messages on their way. Arguments: the reader's clock or the stamp of the written message (ns), and the
+/// Changes messages. Arguments: the reader's clock or the stamp of the written message (ns), and the
 /// messages.
 pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
 type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
-/// Direction of a row's messages that a wrapper changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum BusSide {
     Read,
     Written,
 }
 
-/// State shared by the ports of one computer; each entry is made on first use.
+/// State shared by the ports of one computer; entries are made on first use.
 #[derive(Default)]
 struct Shared {
     rings: BTreeMap<TypeId, Rc<dyn Any>>,
@@ -44,7 +43,6 @@ pub struct LockStep {
     row: Option<ProcessKind>,
 }
 
-/// The entry's value of type `T`, made on first use.
 fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
     Rc::clone(made)
         .downcast()
@@ -52,14 +50,14 @@ fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
 }
 
 impl LockStep {
-    /// The bus for this row.
     pub fn of(&self, row: ProcessKind) -> LockStep {
         LockStep {
             shared: Rc::clone(&self.shared),
             row: Some(row),
         }
     }
-    /// Installs a wrapper between a row and the bus, in place of an earlier one; it survives a restart of the row.
+    /// Installs a wrapper between a row and the bus; replaces an earlier one, and survives restarts of the
+    /// row.
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
@@ -91,14 +89,14 @@ impl LockStep {
         };
         typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
-    /// A sender; opening it cannot fail.
+    /// Opening a sender cannot fail.
     pub fn sender<M: Plain>(&self) -> LockStepSender<M> {
         LockStepSender {
             ring: self.ring(),
             place: self.place(BusSide::Written),
         }
     }
-    /// A receiver of the messages sent from now on; opening it cannot fail.
+    /// Receives messages sent from now on; opening it cannot fail.
     pub fn receiver<M: Plain>(&self) -> Receiver<M> {
         let ring = self.ring();
         let read = ring.borrow().sent;
@@ -155,7 +153,7 @@ impl<M: Plain> LockStepSender<M> {
     fn put(&self, message: M) {
         let mut ring = self.ring.borrow_mut();
         if ring.newest.len() == M::TOPIC.buffer {
-            // A reader that has not read this message misses it.
+            // A reader that is this far behind misses the message.
             ring.newest.pop_front();
         }
         ring.newest.push_back(message);
@@ -179,7 +177,7 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
 
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
-    /// Number of messages read, out of those sent.
+    /// Number of messages read.
     read: u64,
     received: ReadCounts,
     place: Place<M>,

@@ -1,5 +1,5 @@
-//! The drone's cameras in lock-step: images are rendered, and delivered after a delay. They are the edge of the drone's
-//! rows.
+//! The drone's cameras in lock-step, at the edge of its rows: images are rendered, and delivered after a
+//! delay.
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
@@ -50,10 +50,9 @@ impl ImageDelay {
     }
 }
 
-/// Exposure and gain at night, set by the drone's metering.
 struct NightExposure {
     metering: Metering,
-    /// Number of exposures that have begun; `metered` counts the metered images.
+    /// Number of begun exposures; `metered` counts metered images.
     begun: u64,
     metered: u64,
 }
@@ -61,7 +60,6 @@ struct NightExposure {
 impl NightExposure {
     fn new(night: &NightConfig, longest_s: f64) -> NightExposure {
         let [exposure_s, gain] = night.ranges(longest_s);
-        // The daytime setting.
         let start = Setting {
             exposure_s: exposure_s.low,
             gain: gain.low,
@@ -78,7 +76,7 @@ impl NightExposure {
             at_limit: self.metering.at_limit(),
         }
     }
-    /// Applies the present exposure and gain to `shots`.
+    /// Sets exposure and gain of `shots`.
     fn set(&mut self, shots: &[Shot]) -> Vec<Shot> {
         self.begun += shots.len() as u64;
         let Setting { exposure_s, gain } = self.metering.setting();
@@ -89,7 +87,6 @@ impl NightExposure {
         };
         shots.iter().map(set).collect()
     }
-    /// Meters the light of the newest of `images` processed images.
     fn meter(&mut self, images: usize, light: &Light) {
         if images > 0 {
             self.metered += images as u64;
@@ -104,14 +101,14 @@ struct Belly {
     night: Option<NightExposure>,
 }
 
-/// The belly and ultraviolet cameras with their links, when images replace the measurement models.
+/// The belly and ultraviolet cameras and their links; images replace the measurement models.
 pub struct SimulatedCameras {
     belly: Option<Belly>,
     ultraviolet: Option<(Ultraviolet, ImageDelay)>,
 }
 
 impl SimulatedCameras {
-    /// The cameras of a seed; None when measurement models replace both.
+    /// None when measurement models replace both cameras.
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
@@ -139,7 +136,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// Images of the belly camera that have arrived by `t`; the exposures of `shots` begin now.
+    /// Images of the belly camera that have arrived by `t`; the exposures `shots` begin now.
     pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();
@@ -152,7 +149,6 @@ impl SimulatedCameras {
         let exposed = belly.night.as_ref().map(NightExposure::exposed);
         CameraIn { exposed, ..input }
     }
-    /// Meters the light of the newest of `images` processed images.
     pub fn metered(&mut self, images: usize, light: &Light) {
         if let Some(night) = self.belly.as_mut().and_then(|b| b.night.as_mut()) {
             night.meter(images, light);

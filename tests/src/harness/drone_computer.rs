@@ -1,6 +1,5 @@
-//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once per tick in a
-//! fixed order. The other ends of the rows' edges are simulated here, too: the radio, the wire to the autopilot,
-//! cameras and sensors.
+//! A drone's computer in lock-step: the rows of [`DroneRows`], stepped once per tick in a fixed order. The
+//! far ends of their edges are simulated: radio, autopilot wire, cameras and sensors.
 
 mod steps;
 
@@ -38,21 +37,19 @@ use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
 use alight_uav::mission::MissionConfig;
 
-/// Maximum number of plans in the delay line.
 const MAX_PLANS: usize = 64;
 /// Maximum number of packets that wait for a frozen bridge.
 const MAX_WAITING: usize = 4096;
 /// First boot id of a second vessel with the same identity.
 const TWIN_BOOT: u32 = 1000;
 
-/// Message from a drone to the vessel.
 #[derive(Clone, Debug)]
 pub(super) enum Uplink {
     TimeRequest(TimeRequest<DroneClock>),
     Status(DroneStatus),
 }
 
-/// Senders outside the rows: operators, finished plans, and detections from measurement models.
+/// Senders outside the rows: operators, plans after their solve time, and detections of measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -76,7 +73,6 @@ impl Outside {
 }
 
 readers! {
-    /// Receivers outside the rows.
     struct Observer {
         odometry: DroneState,
         autopilot: AutopilotState,
@@ -86,55 +82,50 @@ readers! {
     }
 }
 
-/// A drone's radio, its computer and its autopilot.
+/// A drone's radio, computer and autopilot.
 pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
-    /// Boot id of the first processes, and of the newest start of each.
+    /// Boot ids: of the first processes, and of each process's last start.
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
-    /// Processes of the computer; None for a dead one.
+    /// None for a dead process.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
     frozen: Vec<ProcessKind>,
     /// Packets that wait for a frozen bridge.
     pub(super) waiting: Vec<Packet>,
     cameras: Option<SimulatedCameras>,
-    /// The autopilot and the wire to it; None before the drone has appeared.
+    /// None before the drone appears.
     pub(super) linked: Option<LinkedAutopilot>,
-    /// Decoder for the drone's own GNSS receiver, and bytes to send to the receiver.
+    /// Decoder of the drone's own GNSS receiver, and bytes for that receiver.
     receiver: ReceiverDecoder,
     corrections: Vec<u8>,
-    /// Range that a stuck rangefinder repeats, m.
     repeated_range_m: Option<f64>,
-    /// Lead of the computer's steady clock over its simulated clock model.
+    /// Difference of the computer's steady clock and its simulated clock model.
     pub(super) ahead: Span,
-    /// The pilot has switched the autopilot to our mode once.
+    /// The pilot has switched to our mode once.
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
-    /// All processes of the computer are dead.
+    /// All processes are dead.
     pub(super) is_dead: bool,
-    /// End of the newest freeze of the computer.
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
-    /// Additional solve time of a plan.
     pub(super) slower: Span,
     outside: Outside,
     observer: Observer<LockStep>,
-    /// Defect of the computer's nodes.
     mutant: Option<Mutant>,
-    /// Lead of the vessel's clock over this computer's clock since the start.
+    /// Change of the vessel's clock relative to this computer's since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// Faults of the drone's sensors; None if no fault ever occurs.
+    /// Sensor faults; None if none ever occurs.
     spoiled: Option<Spoiled>,
-    /// Offset of a second vessel with the same identity, m north of the first; 0: no second vessel.
+    /// Position of a second vessel with the same identity, m north of the first; 0: no second vessel.
     twin_m: f64,
-    /// The whole computer is frozen.
     stands_still: bool,
-    /// The newest odometry, as read by the bridge's process.
+    /// The newest odometry that the bridge's process has read.
     pub odometry: Option<DroneState>,
     pub mission_state: MissionState,
     pub forecast: Option<DeckForecast>,
@@ -142,7 +133,7 @@ pub struct SimulatedDroneComputer {
     pub last_set_point: Option<SetPoint>,
 }
 
-/// The packet as another vessel with the same identity would send it; None if it is not an estimate.
+/// The packet of another vessel with the same identity; None if it is not an estimate.
 fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<DroneClock, Packet>> {
     if packet.value.kind != RadioTopic::Estimate {
         return None;
@@ -158,10 +149,9 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
     Some(Stamped::new(packet.at, value))
 }
 
-/// Time from being steady within which a forced descent begins, s.
+/// Time within which a forced descent begins once the drone is steady, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
-/// Configurations of the nodes of drone `k` in this scenario.
 fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes {
     let mut drone = nodes.settings();
     let reserved = drone.mission.reservation_required || scenario.drones > 1;
@@ -179,12 +169,11 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
     }
 }
 
-/// A process that runs `node`.
 fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     Row::join(&bus.of(N::KIND), node).ok()
 }
 
-/// Starts a process as installed; the planner has the law under test.
+/// Starts a process; the planner has the law under test.
 fn start(
     rows: &mut DroneRows<LockStep>,
     process: ProcessKind,
@@ -197,7 +186,7 @@ fn start(
     }
 }
 
-/// The row, if its process is alive, is in `runs`, and has a step due at `now`.
+/// The row, if its process is alive, in `runs`, and has a step due.
 fn due<N: Wired>(
     row: &mut Option<Row<N, LockStep>>,
     runs: bool,
@@ -231,7 +220,7 @@ impl SimulatedDroneComputer {
         let Ok(kept) = Republisher::join(&bus, CheckpointStore::default());
         let Ok(observer) = Observer::join(&bus);
         let mut rows = DroneRows {
-            // The process was already running before this flight.
+            // The mission's process was running before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),
             ..DroneRows::default()
         };
@@ -283,7 +272,7 @@ impl SimulatedDroneComputer {
         }
     }
 
-    /// Applies these faults from now on.
+    /// Replaces the present faults.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.frozen.clone_from(&failing.frozen.processes);
         self.stands_still = failing.frozen.computer;
@@ -301,20 +290,18 @@ impl SimulatedDroneComputer {
             linked.fail(failing);
         }
     }
-    /// Gives the computer's nodes a defect from now on.
     pub(super) fn mutate(&mut self, mutant: Option<Mutant>) {
         if let Some(new) = mutant.filter(|_| self.mutant != mutant) {
             self.mutant = mutant;
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
     }
-    /// A test flies the drone: this set-point replaces the pilot node's.
+    /// Replaces the pilot node's set-point from now on.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
         self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
     }
 
-    /// Kills a process; the others continue.
     pub(super) fn kill(&mut self, process: ProcessKind) {
         self.rows.kill(process);
         if process == ProcessKind::Bridge {
@@ -322,7 +309,7 @@ impl SimulatedDroneComputer {
         }
         self.frozen.retain(|p| *p != process);
     }
-    /// Restarts the process, with or without its predecessor's checkpoint, unless its supervisor is dead.
+    /// Restarts the process with or without its checkpoint, unless the supervisor is dead.
     pub(super) fn start(
         &mut self,
         process: ProcessKind,
@@ -344,12 +331,11 @@ impl SimulatedDroneComputer {
             (&self.nodes, self.boot),
         );
     }
-    /// Kills the computer's supervisor, and with it all processes.
+    /// Kills the supervisor, and all processes with it.
     pub(super) fn kill_all(&mut self) {
         (self.is_dead, self.rows) = (true, DroneRows::default());
         self.frozen.clear();
     }
-    /// Restarts the supervisor and all processes.
     pub(super) fn start_all(
         &mut self,
         checkpoints: Checkpoints,
@@ -364,7 +350,7 @@ impl SimulatedDroneComputer {
         self.start_row(ProcessKind::Mission, nodes);
         self.start_row(ProcessKind::Autopilot, nodes);
     }
-    /// Draws a new boot id for the next starts, and publishes the checkpoints or discards them.
+    /// Draws the boot id of the next starts, and publishes or discards the checkpoints.
     fn begin_boot(&mut self, checkpoints: Checkpoints, physics: &Physics) {
         self.kept.take(physics.drone_now(self.k) + self.ahead);
         self.boot += 1;
@@ -372,7 +358,7 @@ impl SimulatedDroneComputer {
             *self.kept.store_mut() = CheckpointStore::default();
         }
     }
-    /// Replaces this computer by a new one on the same drone.
+    /// Installs a new computer on the same drone.
     fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
         *self.kept.store_mut() = before.kept.store().clone();
@@ -380,19 +366,18 @@ impl SimulatedDroneComputer {
         (self.ahead, self.apart) = (before.ahead, before.apart);
         (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
     }
-    /// Restarts the computer's steady clock, and keeps the checkpoints on the disk.
+    /// Restarts the steady clock; checkpoints on disk are kept.
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
         *self.kept.store_mut() = self.kept.store().lasting();
     }
-    /// Gives the drone's mission an operator's command.
     pub(super) fn command(&mut self, kind: CommandKind, physics: &mut Physics) {
         let header = self.header(physics);
         self.outside.commands.send(&Command { header, kind });
     }
 
-    /// The drone appears in the air in a pilot's mode.
+    /// The drone appears in the air, in a pilot's mode.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
         let streams = physics.streams().of_drone(self.k);
@@ -403,24 +388,23 @@ impl SimulatedDroneComputer {
         self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
             self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
-            // The pilot does not switch the mode again.
+            // Prevents a second switch by the pilot.
             self.handed_over = true;
         }
     }
 
-    /// Autopilot of the drone; None before it has appeared.
+    /// None before the drone has appeared.
     pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
         self.linked.as_ref().map(|l| &l.autopilot)
     }
-    /// Whether the drone's autopilot has aligned its heading.
     pub fn autopilot_is_aligned(&self) -> bool {
         self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
     }
-    /// Numbers of packets that the radio carried and lost: to the drone, to the vessel.
+    /// Packets that the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// Whether a process is alive, and the boot id of its start.
+    /// Whether the process is alive, and its boot id.
     fn process(&self, process: ProcessKind) -> (bool, u32) {
         let boot = self.boots.get(&process).copied().unwrap_or(self.first_boot);
         (self.runs(process), boot)
@@ -429,7 +413,7 @@ impl SimulatedDroneComputer {
         !self.frozen.contains(&process)
     }
 
-    /// Steps each row in order, and the link a second time with the pilot's set-point.
+    /// Steps each row in order; the link a second time, with the pilot's set-point.
     pub(super) fn tick(
         &mut self,
         physics: &mut Physics,
@@ -440,7 +424,7 @@ impl SimulatedDroneComputer {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
         if self.stands_still {
-            // Data from radio and wire wait, and are stamped when they are read.
+            // Data from radio and wire wait, and get their stamp when read.
             self.stood_still_until = t;
             let _lost = physics.drone_readings(self.k);
             return;
@@ -473,7 +457,7 @@ impl SimulatedDroneComputer {
         self.look(now);
     }
 
-    /// Packets that have arrived by radio, on the drone's clock.
+    /// Packets that have arrived, on the drone's clock.
     fn packets(&mut self, physics: &Physics) -> Vec<Stamped<DroneClock, Packet>> {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let read_from = self.stood_still_until;
@@ -486,10 +470,9 @@ impl SimulatedDroneComputer {
         }
         packets
     }
-    /// Stores the newest messages.
     fn look(&mut self, now: Time<DroneClock>) {
         let (t, o) = (now.nanos(), &mut self.observer);
-        // A message is copied only if it is new, because messages are large.
+        // Messages are large, and copied only if new.
         o.odometry
             .newest(t)
             .into_iter()
@@ -512,13 +495,12 @@ impl SimulatedDroneComputer {
             .for_each(|m| self.last_set_point = Some(m));
     }
 
-    /// Header of a message of this computer or its operator.
     pub(super) fn header(&self, physics: &mut Physics) -> Header<DroneClock> {
         let mut header = physics.header(self.k);
         header.at += self.ahead;
         header
     }
-    /// Time for which the drone was armed on the deck without an order, as the mission last reported it, s.
+    /// Last reported time armed on the deck without an order, s.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, armed) = (&self.mission_state, self.autopilot_state.armed);
         let disarm_s = self.nodes.autopilot.disarm.longest_s();
@@ -526,5 +508,4 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// World time and the computer's time.
 type Moment = (Time<TrueTime>, Time<DroneClock>);

@@ -1,9 +1,7 @@
-//! Simulated ends of the rows' edges.
-
 use alight_shared::bus::{Bus, Edge, Ports as _, Wired};
 
-/// An edge of two closures: one adds to the row's input; the other removes from the row's output, before it reaches the
-/// bus, what leaves the computer.
+/// Edge of two closures: the first adds to the row's input; the second removes from its output what leaves
+/// the computer, before the output reaches the bus.
 struct Ends<R, W>(R, W);
 
 impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for Ends<R, W> {
@@ -16,7 +14,6 @@ impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for 
     }
 }
 
-/// Edge of a row of `N` with these two closures.
 pub(super) fn edge<N: Wired>(
     read: impl FnMut(&mut N::In),
     write: impl FnMut(&N::In, &mut N::Out),

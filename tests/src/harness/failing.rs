@@ -1,5 +1,5 @@
 //! Lasting faults of the world: frozen processes, missing or wrong measurements, radio losses, weak rotors.
-//! Instantaneous events (a kill, a jump, an order) are calls of [`super::world::World`].
+//! Instantaneous events (kill, jump, order) are calls of [`super::world::World`].
 
 use core::cell::RefCell;
 use std::rc::Rc;
@@ -22,38 +22,36 @@ use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 use crate::sensors::moving_base::MovingBaseFaults;
 
-/// Present faults of the first drone, the vessel and the radio between them; none by default.
+/// Present faults of the first drone, the vessel and their radio; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Failing {
     pub frozen: Frozen,
-    /// Faults of the radio: to the drone, to the vessel.
+    /// Radio faults: to the drone, to the vessel.
     pub radio: [ChannelFault; 2],
     pub vessel: VesselSensorFaults,
     pub drone: DroneSensorFaults,
-    /// Faults of the drone's receiver with a moving base.
+    /// Faults of a drone's receiver with a moving base.
     pub moving_base: MovingBaseFaults,
     pub autopilot: AutopilotFaults,
     pub mutant: Option<Mutant>,
-    /// Fraction of thrust that the first rotor lacks, and that all rotors lack, 0 to 1.
+    /// Thrust loss of the first rotor, and of all rotors, 0 to 1.
     pub weak: [f64; 2],
-    /// Rate error of the steady clocks of vessel and drone, s/s; -1 stops the clock.
+    /// Rate errors of the steady clocks of vessel and drone, s/s; -1 stops a clock.
     pub clock_rates: [f64; 2],
     /// Force and moment on the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
     pub wake_nm: f64,
-    /// Additional solve time of a plan, s.
     pub solve_s: f64,
-    /// Offset of a second vessel with the same identity, m north of the first; 0: no second vessel.
+    /// Position of a second vessel with the same identity, m north of the first; 0: no second vessel.
     pub twin_m: f64,
 }
 
-/// Frozen processes and computers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// Processes of the drone; their input waits, up to the capacity of its topics.
+    /// The drone's processes; their input waits, up to the capacity of its topics.
     pub processes: Vec<ProcessKind>,
-    /// The drone's whole computer: packets and bytes wait, measurements are lost.
+    /// The drone's computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
     /// The vessel's computer: orders wait, measurements are lost.
     pub vessel: bool,
@@ -64,26 +62,24 @@ pub struct VesselSensorFaults {
     pub imu_lost: bool,
     pub gnss_lost: bool,
     pub heading_lost: bool,
-    /// Error of headings, rad.
     pub heading_off_rad: f64,
     /// Error of every second heading, rad: two devices on one bus.
     pub heading_mixed_rad: f64,
     /// Error of fixes, north and up, m.
     pub gnss_off_m: [f64; 2],
-    /// Inertial samples, fixes and headings repeat their first value.
+    /// IMU, GNSS, heading: the sensor repeats its first value.
     pub stuck: [bool; 3],
-    /// Error of the angular rate about the vessel's x axis, rad/s.
     pub gyro_off_radps: f64,
     /// Clipping limit of the measured specific force, m/s2; 0: no limit.
     pub clip_mps2: f64,
     /// Delay of measurements, s; the vessel stamps them on arrival.
     pub late_s: f64,
-    /// Rotation of the inertial sensor about the vessel's x axis, rad.
+    /// Rotation of the IMU about the vessel's x axis, rad.
     pub mounting_rad: f64,
 }
 
 impl VesselSensorFaults {
-    /// Applies the faults to readings; `held` stores the first value of each stuck sensor.
+    /// Applies the faults; `held` stores the first value of each stuck sensor.
     pub fn spoil(&self, readings: &mut Readings, held: &mut HeldReadings) {
         if self.imu_lost {
             readings.imu.clear();
@@ -136,7 +132,6 @@ impl VesselSensorFaults {
     }
 }
 
-/// Adds `by` to the stamps of the vessel's readings.
 pub fn shift(readings: &mut Readings, by: Span) {
     readings.imu.iter_mut().for_each(|m| m.header.at += by);
     readings.gnss.iter_mut().for_each(|m| m.header.at += by);
@@ -144,7 +139,6 @@ pub fn shift(readings: &mut Readings, by: Span) {
     readings.attitude.iter_mut().for_each(|m| m.header.at += by);
 }
 
-/// Readings that stuck sensors repeat.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HeldReadings {
     imu: Option<ImuSample>,
@@ -154,25 +148,22 @@ pub struct HeldReadings {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DroneSensorFaults {
-    /// No detections.
     pub blind: bool,
-    /// No ranges.
     pub range_lost: bool,
-    /// Ranges repeat their first value.
     pub range_stuck: bool,
-    /// Error of ranges, m; positive if ranges are too long.
+    /// Error, m; positive if ranges are too long.
     pub range_off_m: f64,
-    /// Ranges are 0, as from a device that has no echo and does not report that.
+    /// Ranges are 0, as from a device that reports a missing echo as 0.
     pub range_zero: bool,
-    /// Fraction of detections that is lost.
+    /// Lost fraction of detections.
     pub lost: f64,
-    /// Additional standard deviation of detections, m: images are smeared.
+    /// Additional standard deviation of detections by smeared images, m.
     pub scatter_m: f64,
-    /// Offset of the tag in every third detection, m to the right in the image.
+    /// Error of every third detection, m to the right in the image.
     pub false_tag_m: f64,
     /// Delay of the image stamps, s.
     pub images_late_s: f64,
-    /// Offset of another vessel, NED, m, whose deck the cameras detect instead of this vessel's.
+    /// Position of another vessel, whose deck the cameras detect instead, relative to ours, NED, m.
     pub neighbour_offset_m: [f64; 3],
 }
 
@@ -190,11 +181,10 @@ impl DroneSensorFaults {
             }
         }
     }
-    /// Applies the faults to fixes from markers.
     fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
         fixes.retain(|_| !self.blind);
     }
-    /// Applies the faults to ranges; `repeated_m` is the range that a stuck rangefinder repeats, m.
+    /// `repeated_m`: the first range, which a stuck rangefinder repeats.
     pub(super) fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
@@ -214,10 +204,9 @@ impl DroneSensorFaults {
     }
 }
 
-/// Present faults of a drone's sensors, read by wrappers between the cameras and the bus.
+/// Present sensor faults, which wrappers between cameras and bus read.
 pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
-/// Installs wrappers that apply the present `faults` to the cameras' messages.
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     let tag = |m: &mut TagPose, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
     spoil_detections(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
@@ -244,7 +233,6 @@ fn spoil_detections<M: Plain>(
     });
 }
 
-/// Delay and offset of detections.
 struct DetectionShift {
     late: Span,
     /// Offset in camera axes, m.
@@ -252,7 +240,7 @@ struct DetectionShift {
 }
 
 impl DetectionShift {
-    /// Delay and offset for a drone with this attitude, as its autopilot estimates it.
+    /// `attitude`: the autopilot's estimate.
     fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> DetectionShift {
         let offset = attitude.inverse() * Vector3::from(faults.neighbour_offset_m);
         DetectionShift {
@@ -269,8 +257,8 @@ impl DetectionShift {
     }
 }
 
-/// Pseudo-random number from 0 to 1 that depends only on the message's number, so that it is equal in every flight of a
-/// list.
+/// Pseudo-random number from 0 to 1 that depends only on the message's number, so that flights are
+/// repeatable.
 fn by_chance(sequence: u32, axis: u32) -> f64 {
     let mixed = sequence
         .wrapping_mul(4)
@@ -279,32 +267,28 @@ fn by_chance(sequence: u32, axis: u32) -> f64 {
     f64::from((mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b) >> 8) / f64::from(1_u32 << 24)
 }
 
-/// Faults of the autopilot and the wire to it.
+/// Faults of the autopilot and its wire.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotFaults {
     pub silent: bool,
-    /// The cable passes no bytes.
     pub cut: bool,
     /// Ids of messages that are not sent.
     pub muted: Vec<u32>,
-    /// Result with which the autopilot answers every command instead of executing it.
+    /// Answer to every command, which is not executed.
     pub answer: Option<CommandResult>,
     pub no_battery: bool,
-    /// The reported charge is frozen, or toggles by this amount above the frozen value.
+    /// Charge freezes (0), or toggles by this amount above the frozen value.
     pub battery_stuck: Option<f64>,
-    /// Additional drain of the battery, 1/s.
+    /// Additional battery drain, 1/s.
     pub drain_per_s: f64,
-    /// Landed state that the autopilot reports.
     pub landed_report: Option<LandedState>,
-    /// Drift of the autopilot's position to the north, m/s, as under a slow spoofing attack.
+    /// Drift of the autopilot's position to the north, m/s, as under slow spoofing.
     pub drift_mps: f64,
-    /// The remote control's signal is lost.
     pub remote_control_lost: bool,
-    /// The ground station's heartbeats have ceased.
     pub data_link_lost: bool,
 }
 
-/// Thrust fractions of weakened rotors; `[first, all]` are the fractions that the first rotor lacks, and that all lack.
+/// `[first, all]`: thrust loss of the first rotor, and of all rotors.
 pub(super) fn weakened([first, all]: [f64; 2], motors: [f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
     let mut weak = motors.map(|m| m * (1.0 - all));
     if let Some(motor) = weak.first_mut() {

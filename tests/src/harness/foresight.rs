@@ -1,8 +1,7 @@
-//! Forecasts in which the truth replaces one part, for an error budget: the error that remains does not come from that
-//! part.
+//! Forecasts with one part replaced by the truth, for an error budget: the remaining error has other sources.
 //!
-//! Notation: `^` forecast, `*` truth; `d` and `e` are the errors of the odometry's position and velocity. The drone
-//! flies in the odometry's frame:
+//! Notation: `^` forecast, `*` truth; `d`, `e`: the odometry's position and velocity error. The drone flies
+//! in the odometry's frame:
 //!
 //! | part | deck position `t` ahead |
 //! |---|---|
@@ -30,15 +29,15 @@ use crate::sensors::clocks::ClockModel;
 
 /// Horizon of true motion before a contact, s.
 const CONTACT_S: f64 = 0.5;
-/// Ticks to the end of the longest forecast: 4 s, at an age of up to 0.1 s.
+/// Ticks to the end of the longest forecast: 4 s, at most 0.1 s old.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
-/// The world's sea and vessel, simulated [`AHEAD`] ticks ahead of the world. Drones do not move this deck, and it does
-/// not include a change of course that a descent causes.
+/// The world's sea and vessel, simulated [`AHEAD`] ticks ahead. Excludes the drones' forces on the deck, and
+/// a change of course caused by a descent.
 pub(super) struct Foresight {
     config: ForesightConfig,
     ahead: Physics,
-    /// One state per tick; the oldest is that at `from`.
+    /// One state per tick, from `from` on.
     states: VecDeque<RigidState<Deck>>,
     from: Time<TrueTime>,
 }
@@ -57,7 +56,7 @@ impl Foresight {
             ahead,
         })
     }
-    /// Extends the states so that they begin at `t`.
+    /// Extends the states to begin at `t`.
     pub(super) fn look(&mut self, t: Time<TrueTime>) {
         while self.from < t && self.states.pop_front().is_some() {
             self.from += TICK;
@@ -67,7 +66,7 @@ impl Foresight {
             self.states.push_back(self.ahead.deck());
         }
     }
-    /// Replaces the configured part of `forecast` by the truth; `odometry` is the error of the frame.
+    /// `odometry`: error of the drone's frame.
     pub(super) fn correct(&self, forecast: &mut DeckForecast, clock: &ClockModel, odometry: &OdometryError) {
         let state = |k: usize| {
             let t = clock.true_time(forecast.header.at + forecast.step * k as i64);
@@ -98,7 +97,6 @@ impl Foresight {
     }
 }
 
-/// Error of the odometry: position, m, and velocity, m/s.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OdometryError {
     position: Vector3<f64>,
@@ -106,7 +104,7 @@ pub(super) struct OdometryError {
 }
 
 impl OdometryError {
-    /// `truth` is at `now`, `drone` at its time of measurement.
+    /// `truth`: at `now`; `drone`: at its time of measurement.
     pub(super) fn of(drone: &DroneState, now: Time<DroneClock>, truth: &RigidState<DroneBody>) -> Self {
         let since = (now - drone.header.at).secs();
         let then = truth.velocity.0 - truth.acceleration.0 * since;
@@ -118,7 +116,7 @@ impl OdometryError {
     }
 }
 
-/// A true state as a stage, in a frame with the offset `offset` (m) and the drift `drift` (m/s).
+/// A true state as a stage of a frame with this offset (m) and drift (m/s).
 fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
     let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
     DeckStage {
@@ -131,14 +129,14 @@ fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64
     }
 }
 
-/// Present state of the deck: true, and as the drone estimates it.
+/// Present state of the deck.
 struct Now {
     truth: DeckStage,
     own: DeckStage,
 }
 
 impl Now {
-    /// The stage `own`, `t` seconds ahead, with this part replaced by the truth.
+    /// The forecast's stage `own`, `t` seconds ahead, with `part` replaced by the truth.
     fn corrected(&self, part: TruePart, own: &DeckStage, truth: &DeckStage, t: f64) -> DeckStage {
         match part {
             TruePart::Motion => self.moved(truth),
@@ -150,7 +148,7 @@ impl Now {
             }
         }
     }
-    /// True motion from the estimated present state: `R(t) = R^(0) R*(0)^-1 R*(t)`.
+    /// True motion, starting at the estimated state: `R(t) = R^(0) R*(0)^-1 R*(t)`.
     fn moved(&self, truth: &DeckStage) -> DeckStage {
         let attitude = |s: &DeckStage| {
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(s.rotation()))
@@ -166,8 +164,8 @@ impl Now {
             ..*truth
         }
     }
-    /// Predicted motion from the true present state: an initial error of position or angle persists, and an error of a
-    /// rate decays as in the prediction.
+    /// Predicted motion, starting at the true state: initial errors of position and angle persist, those of
+    /// rates decay as in the prediction.
     fn begun(&self, own: &DeckStage, t: f64) -> DeckStage {
         let fades = (-t / FADE_S).exp();
         let gone = FADE_S * (1.0 - fades);
@@ -201,7 +199,7 @@ impl Now {
     }
 }
 
-/// `own` with the degrees of freedom of `config` taken from `wanted`; surge and sway are in the axes of the heading.
+/// `own`, with the degrees of freedom of `config` from `wanted`; surge and sway refer to the heading.
 fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckStage {
     let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), own.euler[2]);
     let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));
@@ -251,7 +249,6 @@ mod tests {
         let (own, truth) = (stage(2.0), stage(2.5));
         let corrected = |part, t| now.corrected(part, &own, &truth, t);
         assert!(distance(&corrected(TruePart::Whole, 1.0), &truth) < 1e-12);
-        // At `t` = 0 `State` yields the true state, `Motion` the drone's estimate.
         assert!(
             distance(
                 &now.corrected(TruePart::State, &now.own, &now.truth, 0.0),

@@ -1,4 +1,4 @@
-//! A drone's simulated autopilot, and the wire between it and the computer's link, byte by byte.
+//! A drone's simulated autopilot, and the wire to its computer's link, byte by byte.
 
 use std::collections::VecDeque;
 
@@ -16,14 +16,14 @@ use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Whether a process that restarts finds the checkpoint of its crashed predecessor.
+/// Checkpoints of a crashed process, for its successor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Checkpoints {
     Kept,
     Lost,
 }
 
-/// One direction of the wire: bytes arrive in order, after a random delay.
+/// One direction of the wire: bytes arrive in order after a random delay.
 pub struct Wire {
     delay: Span,
     jitter: Span,
@@ -45,7 +45,7 @@ impl Wire {
         }
     }
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
-        // Messages that are not in the dialect are not sent.
+        // The dialect lacks some messages, which are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };
@@ -56,7 +56,7 @@ impl Wire {
             .map_or(arrival, |(last, _)| arrival.max(*last));
         self.under_way.push_back((arrival, bytes));
     }
-    /// Bytes that have arrived by `t`; none while the cable is disconnected.
+    /// None while the cable is disconnected.
     fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<MavlinkFrame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
@@ -68,12 +68,11 @@ impl Wire {
 
 pub struct LinkedAutopilot {
     pub autopilot: SimulatedAutopilot,
-    /// The cable is disconnected.
     pub cut: bool,
-    /// From the autopilot to the link.
+    /// Wire from the autopilot to the link.
     pub up: Wire,
     down: Wire,
-    /// Number of set-points, mode changes and arm or disarm commands that the link has sent.
+    /// Number of set-points, mode changes and arm or disarm commands from the link.
     pub commanded: u32,
     /// Thrust loss of the first rotor, and of all rotors, 0 to 1.
     weak: [f64; 2],
@@ -82,7 +81,7 @@ pub struct LinkedAutopilot {
 }
 
 impl LinkedAutopilot {
-    /// The random streams `link.up` and `link.down` give the wire's delays.
+    /// Wire delays use the random streams `link.up` and `link.down`.
     pub fn new(
         config: &AutopilotConfig,
         streams: &Streams,
@@ -117,7 +116,7 @@ impl LinkedAutopilot {
     pub(super) fn lighten(&mut self, fraction: f64) {
         self.lighter = fraction.clamp(0.0, 0.5);
     }
-    /// Steps the autopilot: rotor commands for the drone's true state, or None while motors are off.
+    /// Rotor commands for the drone's true state; None while motors are off.
     pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let arrived = self.down.received(truth.at, self.cut);
         let arrived: Vec<_> = arrived.into_iter().map(|f| f.message).collect();
@@ -139,7 +138,6 @@ impl LinkedAutopilot {
     }
 }
 
-/// Whether the message commands the autopilot.
 fn commands(message: &MavlinkMessage) -> bool {
     match message {
         MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => true,

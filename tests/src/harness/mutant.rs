@@ -1,5 +1,5 @@
-//! Mutants: nodes with a defect that a storm must find. Each mutant is a wrapper between one row and the bus in
-//! lock-step; the program that flies contains none.
+//! Mutants: nodes with a defect that a storm must find. A mutant is a wrapper between a row and the bus in
+//! lock-step, never part of the program that flies.
 
 use core::cell::Cell;
 use std::rc::Rc;
@@ -17,7 +17,7 @@ use serde::Serialize;
 
 use super::bus::{BusSide, LockStep};
 
-/// Range below which a mutant stops the motors, m; the legs are 0.3 m long.
+/// Range at which a mutant stops the motors, m; legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
 
 /// Silence of the vessel after which a mutant assumes that the deck is released.
@@ -28,13 +28,12 @@ const SILENT: Span = Span::from_millis(1500);
 pub enum Mutant {
     /// The mission ignores aborts during the descent.
     AbortIgnored,
-    /// The mission treats its last order to land as a new order.
+    /// The mission treats its last order as a new one.
     OrderKept,
     /// The rangefinder alone stops the motors.
     StopsByRange,
     StaleForecast,
     StaleMission,
-    /// Resets of the autopilot's frame go unnoticed.
     FramesIgnored,
     /// An unreported thrust counts as zero.
     ThrustMissing,
@@ -42,11 +41,11 @@ pub enum Mutant {
     ReserveWaived,
     /// Each drone treats the deck as its own, regardless of the grant.
     TwoOwners,
-    /// The mutant assumes that a silent vessel has released its deck.
+    /// A silent vessel counts as having released its deck.
     DeckReleased,
-    /// The offset between the two clocks keeps its first estimate.
+    /// The clock offset keeps its first estimate.
     ClockKept,
-    /// A mission starts from the checkpoint of another boot, the first of the flight.
+    /// The mission starts from the checkpoint of the flight's first boot.
     OldCheckpoint,
 }
 
@@ -65,8 +64,8 @@ impl Mutant {
         Mutant::ClockKept,
         Mutant::OldCheckpoint,
     ];
-    /// Installs the mutant between the rows of a drone's computer and their bus; `apart` is the change since the start
-    /// of the vessel's clock relative to the drone's.
+    /// Installs the mutant between a drone computer's rows and their bus. `apart`: change of the vessel's
+    /// clock relative to the drone's since the start.
     pub(super) fn stand(self, bus: &LockStep, drone: u32, apart: &Rc<Cell<Span>>) {
         match self {
             Mutant::AbortIgnored => abort_ignored(bus),
@@ -109,7 +108,7 @@ impl Mutant {
 /// Reservation of the deck on the drone's clock.
 type Grant = DeckGrant<DroneClock>;
 
-/// The grant, changed as if it were new and for this drone.
+/// The grant as a new one for this drone.
 fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     let mut own = *grant;
     (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
@@ -123,7 +122,7 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
     });
 }
 
-/// Renews the stamp of each message that a row reads; without a new message the row reads the last one again.
+/// Renews the stamps that a row reads; without a new message the row reads the last one again.
 fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     for row in PROCESSES {
         let mut last = None;
@@ -135,7 +134,6 @@ fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     }
 }
 
-/// Changes a row's messages according to the newest state of the mission.
 fn by_state<M: Plain>(
     bus: &LockStep,
     (row, way): (ProcessKind, BusSide),
@@ -148,7 +146,6 @@ fn by_state<M: Plain>(
     });
 }
 
-/// The drone descends to the deck.
 const fn goes_down(state: State) -> bool {
     matches!(state, State::Descent | State::Flare)
 }
@@ -173,7 +170,6 @@ fn order_kept(bus: &LockStep) {
             let landing = |c: &Command| c.kind == CommandKind::Land;
             ordered = commands.iter().copied().rfind(landing).or(ordered);
             if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
-                // The stamp is that of a new order.
                 command.header.at = Time::from_nanos(now_ns);
                 command.header.sequence = command.header.sequence.wrapping_add(1);
                 commands.push(*command);

@@ -1,9 +1,9 @@
-//! Outcome of a trial, judged from the truth with the same criteria for every planner.
+//! Outcome of a trial, judged from the truth by the same criteria for every planner.
 //!
-//! Success: at the first foot contact normal and tangential speed relative to the deck are at most 1.0 m/s and the tilt
-//! difference is at most 10 deg; later impacts are at most 1.0 m/s; only feet touch, and only the deck; no keep-out
-//! volume is entered; motors stop within 2 s of first contact; then, 1 s later, all four feet stay for 3 s on the deck
-//! and inside its edges; all within 180 s of the start.
+//! Success: at the first foot contact, normal and tangential speed relative to the deck are at most 1.0 m/s
+//! and the tilt difference is at most 10 deg; later impacts are at most 1.0 m/s; only feet touch, and only
+//! the deck; no keep-out volume is entered; motors stop within 2 s of first contact; from 1 s later, all four
+//! feet stay inside the deck's edges for 3 s; all within 180 s of the start.
 
 #[cfg(test)]
 mod tests;
@@ -23,13 +23,13 @@ pub const REST_S: f64 = 3.0;
 pub const TIME_LIMIT_S: f64 = 180.0;
 /// Maximum height of a foot that counts as on the deck, m.
 pub const ON_DECK_M: f64 = 0.02;
-/// Speed above which an impact of any part, in any direction, at any time, is counted separately, m/s.
+/// Speed of an impact that is counted separately, whatever its part, direction and time, m/s.
 pub const FAST_CONTACT_MPS: f64 = 2.0;
-/// Height of the lowest foot above which a stop of the motors is a stop in the air, m.
+/// Minimum height of the lowest foot for a stop of the motors in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
-/// Maximum limit ratio of a trial that was not unsafe.
+/// Largest limit ratio of a safe trial.
 const BELOW_LIMIT: f64 = 1.0 - 1e-9;
-/// Reason if the time limit passes and nothing else has failed.
+/// Reason after the time limit, if nothing else has failed.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -38,14 +38,14 @@ pub enum Ending {
     Success,
     /// A contact that exceeds the normal speed.
     Hard,
-    /// First contact that exceeds the tangential speed.
+    /// First contact above the tangential speed.
     Fast,
-    /// First contact that exceeds the tilt difference.
+    /// First contact above the tilt difference.
     Tilted,
     Missed,
     /// A foot crossed the deck's edge after landing.
     Slid,
-    /// Another part than a foot touched, or the feet lifted off.
+    /// A part other than a foot touched, or feet lifted off.
     Tipped,
     Water,
     FalseStop,
@@ -57,7 +57,6 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// The name in tables and JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Ending::Success => "success",
@@ -76,12 +75,12 @@ impl Ending {
     }
 }
 
-/// One impact between the drone and another body, from the truth just before it.
+/// An impact of the drone, from the truth just before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
-    /// True: a foot touched; false: another part.
+    /// False: a part other than a foot.
     pub foot: bool,
-    /// True: the part touched the deck's upper surface; false: the side of the deck.
+    /// True: the deck's upper surface; false: its side.
     pub on_deck: bool,
     pub normal_mps: f64,
     pub tangential_mps: f64,
@@ -90,11 +89,10 @@ pub struct ContactEvent {
 #[derive(Clone, Debug)]
 pub struct TrialObservation<'a> {
     pub t_s: f64,
-    /// New impacts in this tick.
     pub contacts: &'a [ContactEvent],
     /// Feet in the deck frame: x forward, y right, height above the surface, m.
     pub feet: [[f64; 3]; 4],
-    /// Roll, pitch and yaw of the drone relative to the deck, in the deck's axes, rad.
+    /// Attitude relative to the deck, in its axes, rad.
     pub relative_euler: [f64; 3],
     /// Angle between the normals of deck and foot plane, rad.
     pub tilt_error: f64,
@@ -102,12 +100,10 @@ pub struct TrialObservation<'a> {
     pub horizontal_m: f64,
     pub motors_on: bool,
     pub descending: bool,
-    /// Number of descents that have begun.
     pub attempts: u32,
     pub gave_up: bool,
-    /// Reason why the mission has not entered its next state.
+    /// Reason that delays the mission's next state.
     pub waiting: Reason,
-    /// A part of the drone is under water.
     pub in_water: bool,
     /// Distance from the drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
     pub keep_out_gap_m: Option<f64>,
@@ -120,19 +116,18 @@ impl TrialObservation<'_> {
     }
 }
 
-/// Outcome of a trial; values of the first contact are null if there was none.
+/// Outcome of a trial; metrics of first contact are null without a contact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     pub outcome: Ending,
-    /// `outcome` is `success`.
     pub success: bool,
-    /// The ending as text, with the value that decided it.
+    /// The ending, with the value that decided it.
     pub reason: String,
     pub seed: u64,
     /// Name of the sea, as the caller gave it.
     pub sea: String,
     pub planner: String,
-    /// Number of descents that have begun.
+    /// Number of begun descents.
     pub attempts: u32,
     /// Number of contacts that exceed the limits.
     pub unsafe_contacts: u32,
@@ -142,8 +137,8 @@ pub struct Outcome {
     pub collisions: u32,
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// Maximum over all contacts of the ratio of metric to limit: 1 or more exactly if the trial was unsafe; 0 without
-    /// a contact.
+    /// Maximum ratio of metric to limit over all contacts: at least 1 exactly if the trial was unsafe; 0
+    /// without contact.
     #[serde(default)]
     pub limit_ratio: f64,
     /// Number of entries into keep-out volumes; absent without volumes.
@@ -152,7 +147,7 @@ pub struct Outcome {
     /// Minimum distance from the drone's body to a keep-out volume, m; negative inside.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_gap_m: Option<f64>,
-    /// Distance in the deck plane from the deck centre to the feet's centroid at first contact, m.
+    /// Distance from the deck centre to the feet's centroid at first contact, in the deck plane, m.
     pub position_error_m: Option<f64>,
     /// Position error at the end of the rest, m.
     pub rest_position_error_m: Option<f64>,
@@ -172,36 +167,36 @@ pub struct Outcome {
     /// Time from first being within 2 m horizontally to first contact, s.
     pub over_deck_time_s: Option<f64>,
     pub stop_time_s: Option<f64>,
-    /// Age at first contact of the vessel's newest estimate in the forecast, s; null when no estimate was used.
+    /// Age of the newest vessel estimate in the forecast at first contact, s; null when none was used.
     #[serde(default)]
     pub radio_age_s: Option<f64>,
-    /// Age at first contact of the newest detection in the forecast, s.
+    /// Age of the newest detection in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
-    /// Position error after the scenario's `stay_s`, m; null when it was not observed.
+    /// Position error after the scenario's `stay_s`, m; null when not observed.
     #[serde(default)]
     pub stay_position_error_m: Option<f64>,
-    /// Predicted probability of success at the start of the last descent; null when unknown.
+    /// Predicted probability of success at the last descent's start; null when unknown.
     #[serde(default)]
     pub likelihood: Option<f64>,
-    /// Predicted probability of an unsafe contact at the start of the last descent; null when unknown.
+    /// Predicted probability of an unsafe contact at the last descent's start; null when unknown.
     #[serde(default)]
     pub harm: Option<f64>,
-    /// Simulated time, warm-up included, s.
+    /// Simulated time including warm-up, s.
     pub sim_time_s: f64,
     pub wall_time_s: f64,
-    /// Hash of every true state and set-point of the trial: equal digests mean equal bits.
+    /// Hash of every true state and set-point; equal digests mean equal bits.
     pub digest: String,
 }
 
 impl Outcome {
-    /// No landing was completed in time, and no contact exceeded a limit: the drone waited, aborted, or began its
+    /// The drone neither landed in time nor exceeded a contact limit: it waited, aborted, or began its
     /// descent too late.
     pub fn is_rejected(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
-    /// The drone neither landed nor was rejected by [`Outcome::is_rejected`].
+    /// Neither a success nor [`Outcome::is_rejected`].
     pub fn is_unsafe(&self) -> bool {
         !self.success && !self.is_rejected()
     }
@@ -226,9 +221,9 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
-    /// Maximum ratio of a contact's metrics to their limits.
     nearest: f64,
-    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is inside one.
+    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is
+    /// inside now.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
     attempts: u32,
@@ -243,7 +238,7 @@ pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
 }
 
 impl Judge {
-    /// Judges one tick; returns true when the trial is over. `half_deck` is half the deck's length and width, m.
+    /// Judges one tick; true when the trial is over. `half_deck`: half the deck's length and width, m.
     pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
         if o.descending {
@@ -400,7 +395,7 @@ impl Judge {
     }
 
     fn fail(&mut self, ending: Ending, reason: String) {
-        // The first failure names the outcome, since later ones follow from it.
+        // The first failure decides; later ones follow from it.
         self.failure.get_or_insert((ending, reason));
     }
 
@@ -451,8 +446,8 @@ impl Judge {
             wall_time_s: 0.0,
             digest: String::new(),
         };
-        // Unsafe endings without a metric also have the ratio 1: motors that stop in the air or do not stop, water, an
-        // edge, another drone.
+        // Unsafe endings without a metric have the ratio 1: motors that stop in the air or do not stop,
+        // water, an edge, another drone.
         outcome.limit_ratio = if outcome.is_unsafe() {
             outcome.limit_ratio.max(1.0)
         } else {

@@ -1,8 +1,8 @@
-//! The simulated world without any of Alight's nodes: sea, vessel and drones with their sensors. The lock-step
+//! The simulated world without Alight's nodes: sea, vessel and drones with their sensors.
 //! [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Each drone makes contact with the nearest deck and the water only. When the extents of two drones overlap, the
-//! collision is counted, and they fly on. Drones fly through keep-out volumes; the judge counts these entries.
+//! Drones make contact with the nearest deck and the water only. Overlaps of drones count as collisions, and
+//! entries into keep-out volumes are judged; neither stops a flight.
 
 mod neighbour;
 
@@ -37,16 +37,14 @@ use crate::sensors::outlet::SenderIdentity;
 use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
 pub const TICK: Span = Span::from_millis(10);
-/// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
-/// Identity of the first simulated drone; further drones have the numbers after it.
+/// Identity of the first drone; further drones have the next numbers.
 pub const DRONE_ID: u32 = 1;
-/// Boot id of the simulated vehicles' own computers.
 pub const BOOT: u32 = 1;
-/// Depth below the deck's surface beyond which a contact is with the deck's side, m.
+/// Depth below the deck's surface at which a contact is with its side, m.
 const BELOW_SURFACE_M: f64 = 0.05;
 
-/// One drone: its body once it has appeared, its sensors, its contacts.
+/// One drone; it has no body before it appears.
 struct Plant {
     identity: SenderIdentity,
     streams: Streams,
@@ -58,7 +56,7 @@ struct Plant {
     contacts: Vec<ContactEvent>,
     in_water: bool,
     motors_on: bool,
-    /// Whether it overlaps another drone, and the number of such overlaps so far.
+    /// Whether it overlaps another drone, and the number of overlaps so far.
     touches_drone: bool,
     collisions: u32,
 }
@@ -91,8 +89,8 @@ impl Plant {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
-    /// Advances by a tick from `t` while the deck moves from `own[0]` to `own[1]`, and another boat's deck likewise;
-    /// the drone makes contact with the nearer deck.
+    /// Advances by a tick from `t`. The deck moves from `own[0]` to `own[1]`, another boat's deck likewise;
+    /// contact is with the nearer one.
     fn advance(
         &mut self,
         t: Time<TrueTime>,
@@ -126,15 +124,14 @@ impl Plant {
     }
 }
 
-/// Truth, and the sensors that measure it. Drones are counted from 0; methods of one drone take its number and return
-/// None for a number without a drone.
+/// Truth and sensors. Drones count from 0; methods return None for an unknown drone.
 pub struct Physics {
     t: Time<TrueTime>,
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
     neighbour: Option<Neighbour>,
-    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
+    /// Origin of the true NED; None: also the origin of vessel and drones.
     place: Option<Datum>,
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
@@ -146,7 +143,7 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// True state of the world of `seed` before the warm-up.
+    /// True state before the warm-up.
     pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
         let streams = seed.into();
@@ -193,7 +190,6 @@ impl Physics {
         })
     }
 
-    /// Places a drone in the air, at a position of the scenario.
     pub fn place_drone(&mut self, k: usize) {
         let Some(plant) = self.drones.get_mut(k) else {
             return;
@@ -229,7 +225,7 @@ impl Physics {
             config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
         }
         if k > 0 {
-            // The mean wind of the first drone applies to all drones.
+            // All drones have the first one's mean wind.
             let to_deg = wind_to_deg(&self.streams);
             config.wind.to_deg.get_or_insert(to_deg);
         }
@@ -251,24 +247,23 @@ impl Physics {
             }
         }
     }
-    /// Holds a foot of a drone down with this force, N, as a strap or a net does.
+    /// Holds a foot down with this force, N, as a strap or net does.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.snag(foot, newton);
         }
     }
-    /// Places a drone on a pad at the scenario's position, motors off.
+    /// Places a drone on a pad at its scenario's position, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
         self.stand_on_pad(k);
     }
-    /// Places a drone on a pad at its present position, motors off.
     pub fn stand_on_pad(&mut self, k: usize) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.stand();
         }
     }
-    /// Simulated autopilot of an airborne drone, in a pilot's mode, with its configuration.
+    /// Simulated autopilot of an airborne drone in a pilot's mode, and its configuration.
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
@@ -291,32 +286,29 @@ impl Physics {
         autopilot.range_limits_m = [rangefinder.min_range_m, rangefinder.max_range_m];
         autopilot.start(&plant.streams);
         if let Some(place) = self.place {
-            // The still water is at the height of the place.
             autopilot.begin_at(place, plant.origin, place.height_m);
         }
         Some((&c.autopilot, autopilot))
     }
 
-    /// Readings of the vessel's sensors now.
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// Bytes of the vessel's receiver (RTCM 3) that have arrived by now, if it is a moving base.
+    /// Bytes (RTCM 3) that a moving base has delivered by now.
     pub fn vessel_rtcm(&mut self) -> Vec<u8> {
         self.vessel_sensors.rtcm(self.t)
     }
-    /// Passes whole frames of the moving base to a drone's receiver.
+    /// Passes whole frames of the moving base to the drone's receiver.
     pub fn receive_rtcm(&mut self, k: usize, bytes: &[u8]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
         plant.for_each(|p| p.sensors.receive_rtcm(t, bytes));
     }
-    /// Sets the faults of the first drone's receiver.
     pub fn fail_moving_base(&mut self, faults: MovingBaseFaults) {
         let first = self.drones.first_mut().into_iter();
         first.for_each(|p| p.sensors.fail_moving_base(faults));
     }
-    /// Readings of a drone's camera and rangefinder now; None before it has appeared.
+    /// None before the drone has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let neighbour = self.neighbour_deck();
@@ -328,21 +320,21 @@ impl Physics {
         }))
     }
 
-    /// Makes the vessel change course or speed after a random time, if its course has such a change. The helmsman does
-    /// not know of the drone, so the nodes receive no notice.
+    /// Changes the vessel's course or speed after a random time, if the scenario has such a change. The
+    /// helmsman does not know of the drone, so the nodes receive no notice.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
     }
-    /// Sets the force and moment on the vessel, N and Nm ([`DeckCarrier::push`]).
+    /// Applies a force and moment to the vessel, N and Nm ([`DeckCarrier::push`]).
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.carrier.push(by_n_nm);
     }
-    /// Advances vessel and contacts by one tick; the drones' motors are off.
+    /// Advances one tick with the drones' motors off.
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
     }
-    /// Advances one tick with motors. Several times per tick, `motors` receives the number and state of each drone, and
-    /// returns its motor commands as fractions of a rotor's maximum thrust, or None if all motors are off.
+    /// Advances one tick. `motors`, called several times per tick, gets number and state of each drone, and
+    /// returns rotor commands as fractions of the maximum thrust; None: motors off.
     pub fn advance_with(
         &mut self,
         exchanges: u32,
@@ -373,7 +365,7 @@ impl Physics {
         self.t += TICK;
     }
 
-    /// Counts new collisions: spheres as wide as rotors and arms overlap.
+    /// Counts new overlaps of spheres as wide as rotors and arms.
     fn collide(&mut self) {
         let scenario = &self.scenario;
         let span_m = 2.0 * (scenario.airframe.arm_m + scenario.drone.airframe.rotor_radius_m);
@@ -404,7 +396,6 @@ impl Physics {
         }
     }
 
-    /// Header of the next message of a drone's own computer or its operator.
     pub fn header(&mut self, k: usize) -> Header<DroneClock> {
         let t = self.t;
         self.drones.get_mut(k).map(|p| p.header(t)).unwrap_or_default()
@@ -413,7 +404,6 @@ impl Physics {
     pub fn hover_from(&self) -> Time<TrueTime> {
         self.started - Span::from_secs(self.scenario.start.hover_s)
     }
-    /// Time of the command to land.
     pub fn started(&self) -> Time<TrueTime> {
         self.started
     }
@@ -421,7 +411,6 @@ impl Physics {
     pub fn time_since_start(&self) -> Span {
         self.t - self.started
     }
-    /// Whether drones start on the deck.
     pub fn starts_on_deck(&self) -> bool {
         self.scenario.start.on_deck
     }
@@ -450,11 +439,10 @@ impl Physics {
     pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
         self.vessel_sensors.gnss_bias()
     }
-    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
+    /// Origin of the true NED; None: also the origin of vessel and drones.
     pub fn place(&self) -> Option<Datum> {
         self.place
     }
-    /// Distance of a drone from the deck's centre, m.
     pub fn deck_distance_m(&self, k: usize) -> f64 {
         let apart = self.drone(k).map(|d| d.position - self.deck().position);
         apart.map_or(f64::INFINITY, |apart| apart.norm())
@@ -467,20 +455,18 @@ impl Physics {
         let n = self.neighbour.as_ref()?;
         Some(n.deck(&self.deck(), &self.scenario))
     }
-    /// The vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.carrier.state()
     }
-    /// State of a drone; None before it appears.
+    /// None before the drone appears.
     pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
         self.drones.get(k).and_then(Plant::truth)
     }
-    /// State of a drone and the wind that acts on it, NED, m/s, towards; None before it appears.
+    /// State, and wind on the drone, NED, towards, m/s; None before it appears.
     pub fn drone_in_wind(&self, k: usize) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
         let drone = self.drones.get(k)?.drone.as_ref()?;
         Some((drone.truth(), drone.wind()))
     }
-    /// Collisions of drones so far.
     pub fn collisions(&self) -> u32 {
         self.drones.iter().map(|p| p.collisions).sum::<u32>().div_ceil(2)
     }
@@ -510,7 +496,7 @@ impl Physics {
     pub fn touches(&self, k: usize) -> bool {
         self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
     }
-    /// Input for the judge of a drone's landing; `mission` is the newest state of its mission.
+    /// Input of the judge; `mission`: the drone's newest mission state.
     pub fn observation(&self, k: usize, mission: &MissionState) -> TrialObservation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let plant = self.drones.get(k);
@@ -523,7 +509,7 @@ impl Physics {
             relative_euler: [roll, pitch, yaw],
             tilt_error: cos_tilt.clamp(-1.0, 1.0).acos(),
             horizontal_m: (drone.position.0 - deck.position.0).xy().norm(),
-            // Motors that have never started do not count as stopped.
+            // Motors that never started have not stopped.
             motors_on: plant
                 .is_none_or(|p| p.motors_on || p.drone.as_ref().is_some_and(SimulatedDrone::on_pad)),
             descending: matches!(mission.state, State::Descent | State::Flare),
@@ -536,7 +522,6 @@ impl Physics {
         }
     }
 
-    /// One point of a drone's trace.
     pub fn trace_point(&self, k: usize) -> TracePoint {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let feet = self.feet(&drone, &deck);

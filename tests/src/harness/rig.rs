@@ -1,4 +1,5 @@
-//! Test rig for one flight in the simulated world: commands and faults at chosen times, and measurements.
+//! Test rig of one flight: commands and faults at chosen times, and measurements. Times are s after the
+//! start.
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
@@ -10,23 +11,22 @@ use super::storm::{Effect, Fault, FaultKind};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
 
-/// World of one flight, and the states that its missions have entered.
 pub struct Rig {
     pub world: World,
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
-    /// States of each drone, with the time after the start at which each was entered, s.
+    /// States of each drone with their entry times, s.
     visited: Vec<Vec<(State, f64)>>,
-    /// Time of the first drone's first contact, after the start, s.
+    /// Time of the first drone's first contact, s.
     touched_s: Option<f64>,
 }
 
 impl Rig {
-    /// The rig at the start of the flight of `seed`.
+    /// Rig at the start of a flight.
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         Rig::observed(scenario, nodes, seed, &mut NoObserver)
     }
-    /// A rig whose warm-up is shown to an observer.
+    /// Shows the warm-up to an observer.
     pub fn observed(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -37,7 +37,7 @@ impl Rig {
         world.warm_up(observer);
         Ok(Rig::of(world, scenario, nodes))
     }
-    /// A rig of a world after its warm-up.
+    /// `world` has completed its warm-up.
     pub fn of(world: World, scenario: &Scenario, nodes: &NodeConfigs) -> Rig {
         Rig {
             world,
@@ -47,19 +47,19 @@ impl Rig {
             touched_s: None,
         }
     }
-    /// A rig at the start, with the order to land.
+    /// Rig at the start, with an order to land.
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         let mut rig = Rig::new(scenario, nodes, seed)?;
         rig.world.command(CommandKind::Land);
         Ok(rig)
     }
 
-    /// Advances one tick, shown to an observer. Two drones must never use the deck at the same time.
+    /// Advances one tick. Checks that two drones never use the deck together.
     pub fn tick(&mut self, observer: &mut impl WorldObserver) {
         self.advance(observer);
         assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
     }
-    /// Advances one tick without that check.
+    /// Advances one tick without the check.
     pub fn advance(&mut self, observer: &mut impl WorldObserver) {
         self.world.tick(observer);
         let t_s = self.t_s();
@@ -73,11 +73,10 @@ impl Rig {
             }
         }
     }
-    /// Runs for this time, s.
     pub fn run(&mut self, seconds: f64) {
         self.until(seconds, |_| false);
     }
-    /// Runs until `done`, for at most `limit_s`; true if `done` was reached.
+    /// Runs until `done`; false if `limit_s` passes first.
     pub fn until(&mut self, limit_s: f64, mut done: impl FnMut(&Rig) -> bool) -> bool {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             if done(self) {
@@ -87,7 +86,7 @@ impl Rig {
         }
         done(self)
     }
-    /// Runs, and calls `after` after every tick until that returns true (the flight is over), for at most `limit_s`.
+    /// Runs for at most `limit_s`. `after` is called after every tick, and ends the run by true.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             self.tick(&mut NoObserver);
@@ -97,7 +96,7 @@ impl Rig {
         }
     }
 
-    /// Begins a fault of this kind and size, which replaces every other fault.
+    /// Begins a fault. One that lasts replaces every other.
     pub fn begin(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
@@ -108,14 +107,12 @@ impl Rig {
             }
         }
     }
-    /// Ends the fault.
     pub fn end(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(_, end) => end(self, size),
             Effect::Lasting(_) => self.world.fail(&Failing::default()),
         }
     }
-    /// Restarts the vessel's computer with its checkpoint.
     pub fn restart_vessel(&mut self) {
         self.world.restart_vessel();
     }
@@ -124,7 +121,6 @@ impl Rig {
         self.world.restart_drone(k);
     }
 
-    /// Time since the start, s.
     pub fn t_s(&self) -> f64 {
         self.world.physics().time_since_start().secs()
     }
@@ -134,36 +130,34 @@ impl Rig {
     pub fn state(&self, k: usize) -> State {
         self.mission(k).state
     }
-    /// States that the drone has entered.
     pub fn visited(&self, k: usize) -> Vec<State> {
         self.visited[k].iter().map(|(state, _)| *state).collect()
     }
-    /// Time of the first entry of a state, after the start, s.
     pub fn first_entered_s(&self, k: usize, state: State) -> Option<f64> {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
     }
-    /// States that a drone has entered, each with its time after the start, s.
+    /// States with their entry times, s.
     pub fn entered(&self, k: usize) -> &[(State, f64)] {
         &self.visited[k]
     }
-    /// Time at which the moment of a fault began, after the start, s.
+    /// Time at which the fault's moment began, s.
     pub fn moment_s(&self, fault: &Fault) -> Option<f64> {
         fault.moment_s(self.entered(0), self.touched_s)
     }
-    /// Collective thrust that the drone's autopilot commands, 0 to 1.
+    /// Collective thrust command of the drone's autopilot, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(0.0, SimulatedAutopilot::thrust)
     }
-    /// Hover thrust as estimated by the drone's autopilot, 0 to 1.
+    /// Hover thrust estimate of the drone's autopilot, 0 to 1.
     pub fn hover_thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(1.0, SimulatedAutopilot::hover_thrust)
     }
-    /// Time at which the drone entered its present state, after the start, s.
+    /// Entry time of the present state, s.
     pub fn entered_s(&self, k: usize) -> f64 {
         self.visited[k].last().map_or(0.0, |(_, t_s)| *t_s)
     }

@@ -38,13 +38,13 @@ config! {
         /// Height above the still water, drawn uniformly between these, m.
         /// Source: ours, below and above the approach height of 15 m.
         pub height_m: [f64; 2] = [8.0, 20.0], in 2.0..=120.0;
-        /// Time for which the vessel's estimator runs before the landing is commanded, s.
+        /// Time for which the vessel's estimator runs before the order to land, s.
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
-        /// The drone stands in the middle of the deck, disarmed, instead of hovering next to the vessel.
+        /// Start disarmed in the middle of the deck, instead of hovering next to the vessel.
         pub on_deck: bool = false;
-        /// Time for which the drone hovers before the landing is commanded, s.
-        /// Source: ours; within it the link finds the autopilot, and a pilot gives it the mode.
+        /// Time for which the drone hovers before the order to land, s.
+        /// Source: ours; the link finds the autopilot, and a pilot selects its mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;
     }
     check |this, at| {
@@ -58,13 +58,14 @@ config! {
 }
 
 config! {
-    /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame begins at its first fix.
+    /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame starts at its first
+    /// fix.
     pub struct PlaceConfig {
-        /// Possible origins of the scene's own NED; the seed selects one, and the vessel's devices send bytes. Empty:
-        /// both craft use the scene's frame, and the devices give quantities, because bytes contain a latitude and a
-        /// longitude.
+        /// Possible origins of the scene's NED; the seed selects one, and the vessel's devices send bytes.
+        /// Empty: both craft use the scene's NED, and the devices give quantities, because bytes need
+        /// latitude and longitude.
         pub among: Vec<Datum> = Vec::new();
-        /// Distance from the origin of a drone's autopilot to the drone's start, drawn uniformly between these, m.
+        /// Distance from the origin of a drone's autopilot to its start, drawn uniformly between these, m.
         /// Chosen: the autopilot is switched on ashore, or aboard some time before.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
         /// Height of that origin above the still water, drawn uniformly between these, m.
@@ -87,8 +88,8 @@ config! {
 }
 
 impl PlaceConfig {
-    /// Four positions at sea: south, west, at the date line, far north; heights of the sea above the ellipsoid by
-    /// EGM96, within metres.
+    /// Four positions at sea: south, west, at the date line, far north. Heights of the sea above the
+    /// ellipsoid by EGM96, within metres.
     pub fn four_seas() -> Self {
         PlaceConfig {
             among: vec![
@@ -100,7 +101,6 @@ impl PlaceConfig {
             ..PlaceConfig::default()
         }
     }
-    /// The position of this seed.
     pub(crate) fn drawn(&self, streams: &Streams) -> Option<Datum> {
         let k = (Noise::new(streams, "place").uniform() * self.among.len() as f64) as usize;
         self.among.get(k).or(self.among.last()).copied()
@@ -108,7 +108,7 @@ impl PlaceConfig {
 }
 
 config! {
-    /// A simulated scene. True parameters; no node reads them.
+    /// A simulated scene: true parameters, which no node reads.
     pub struct Scenario {
         /// The sea.
         pub sea: SeaConfig;
@@ -122,7 +122,7 @@ config! {
         pub deck_motion: Option<DeckMotionConfig> = None;
         /// The true landing deck.
         pub deck: DeckGeometry;
-        /// True keep-out volumes, at most 8: boxes by two opposite corners in the vessel's body frame, m.
+        /// True keep-out volumes, at most 8: two opposite corners of each box in the vessel's body frame, m.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
         /// The drone's true geometry; mass and thrust errors are in `drone.airframe`.
@@ -131,7 +131,7 @@ config! {
         pub drone: DroneConfig;
         /// Place on Earth.
         pub place: PlaceConfig;
-        /// Distance of another boat with the same tags, between the decks' centres, m; it rocks independently.
+        /// Distance of another boat with the same tags, between deck centres, m; it rocks independently.
         /// None: no neighbour.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
@@ -139,21 +139,21 @@ config! {
         pub draws: DrawConfig;
         /// Start of the drone.
         pub start: StartConfig;
-        /// Number of drones, each with its own computer. If there are several, each requests a reservation of the deck.
+        /// Number of drones, each with its own computer. Several drones each request a reservation of the
+        /// deck.
         pub drones: u32 = 1, in 1.0..=8.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
         pub radio: SimulatedRadioConfig;
-        /// Begin the descent at a random moment within 20 s after the drone is steady above the deck, and continue it
-        /// whatever its probability of success, to compare the predicted probability with the outcome.
+        /// Begin the descent at a random moment within 20 s after the drone is steady above the deck, and
+        /// continue it at any probability of success, to compare prediction and outcome.
         pub begin_anyway: bool = false;
         /// Parts of the forecasts that the truth replaces, for an error budget.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub foresight: Option<ForesightConfig> = None;
         /// Time from the planner's step to the plan's arrival at the pilot, s.
-        /// Source: One period of the planner at 50 Hz: the plan is used one period after its
-        /// inputs.
+        /// Source: one period of the planner at 50 Hz; a plan is used one period after its inputs.
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// Time for which the world continues after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
@@ -179,8 +179,8 @@ config! {
 }
 
 impl Scenario {
-    /// Installs a hull in the world: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and sensors are
-    /// placed as in its file, and the nodes have the values that an installer would measure.
+    /// Installs a hull: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and sensors are
+    /// placed as in its file; the nodes get the values that an installer would measure.
     pub fn install_hull(&mut self, nodes: &mut NodeConfigs, hull: &str) -> Result<(), SetupError> {
         let places = HullFiles::load(hull)?.places;
         self.hull = Some(HullConfig {
@@ -197,14 +197,14 @@ impl Scenario {
         nodes.vessel.imu.lever_arm_m = imu;
         Ok(())
     }
-    /// Sets the world to what its configurations describe: the deck, the obstacles around it, and the drone.
+    /// Sets the world's deck, obstacles around it and drone to these configurations.
     pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
         (self.deck, self.airframe) = (*deck, *drone);
         self.keep_out_m = around.keep_out_m.clone();
-        // Within the range of the simulated autopilot.
+        // The simulated autopilot's range.
         self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));
     }
-    /// Sets the wind that causes this sea, in the direction of its waves.
+    /// Sets the wind that causes this sea, along its waves.
     pub fn raise_wind(&mut self) {
         let wind = &mut self.drone.wind;
         wind.mean_mps = SeaConfig::wind_of_height(self.sea.significant_height());
@@ -212,7 +212,6 @@ impl Scenario {
     }
 }
 
-/// Error in the setup of a world.
 #[derive(Debug, Error)]
 pub enum SetupError {
     #[error(transparent)]
@@ -223,7 +222,7 @@ pub enum SetupError {
     DeckMotion(#[from] DeckMotionError),
 }
 
-/// Configurations of all nodes, as installed on a vessel and a drone, and the planner of the trial.
+/// Configurations of all installed nodes, and the trial's planner.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
     pub vessel: VesselNodeConfig,
@@ -232,17 +231,16 @@ pub struct NodeConfigs {
     pub autopilot: AutopilotLinkConfig,
     /// Settings of the drone's other processes.
     pub drone: DroneSettings,
-    /// Baseline that flies instead of the drone's planner.
+    /// Replaces the drone's planner.
     pub baseline: Option<Baseline>,
 }
 
 impl NodeConfigs {
-    /// Name of the planner that flies.
     pub fn planner_name(&self) -> &'static str {
         let kind = self.drone.planner.kind;
         self.baseline.map_or_else(|| kind.name(), |b| b.name())
     }
-    /// The planner that flies, as a node.
+    /// The planner as a node.
     pub fn planner(&self, boot: u32) -> Planner {
         let (config, drone, deck) = (&self.drone.planner, &self.drone.airframe, &self.drone.deck);
         match &self.baseline {
@@ -250,7 +248,6 @@ impl NodeConfigs {
             Some(b) => Planner::with_law(b.law(config, drone), config, drone, deck, boot),
         }
     }
-    /// The drone's settings for the planner.
     pub fn settings(&self) -> DroneSettings {
         let mut settings = self.drone.clone();
         if let Some(baseline) = &self.baseline {

@@ -3,18 +3,16 @@
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TracePoint {
     pub t_s: f64,
-    /// Drone's centre of mass, NED, m.
+    /// Centre of mass, NED, m.
     pub drone: [f64; 3],
     /// Deck centre, NED, m.
     pub deck: [f64; 3],
     pub drone_velocity: [f64; 3],
     pub deck_velocity: [f64; 3],
-    /// Deck's yaw, rad.
     pub deck_yaw: f64,
-    /// From the deck centre to the feet's centroid, in the deck's axes: forward, starboard, and up from the deck's
-    /// plane, m.
+    /// Position of the feet's centroid relative to the deck centre: forward, starboard, up from the deck's plane, m.
     pub displacement: [f64; 3],
-    /// Attitude of the drone relative to the deck's axes: roll, pitch, yaw, rad.
+    /// Attitude relative to the deck's axes: roll, pitch, yaw, rad.
     pub relative_euler: [f64; 3],
 }
 

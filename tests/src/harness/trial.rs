@@ -12,7 +12,7 @@ use crate::harness::storm::Schedule;
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
-/// Event to show to a user while the trial runs.
+/// Event for a user while the trial runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     Phase {
@@ -22,10 +22,10 @@ pub enum Event {
     },
 }
 
-/// Outputs that a caller requests in addition to the outcome.
+/// Requests in addition to the outcome.
 pub struct Watch<'a> {
     pub on_event: &'a mut dyn FnMut(&Event),
-    /// Time between points of the trace, s; None: no trace.
+    /// Interval of the trace's points, s; None: no trace.
     pub trace_step_s: Option<f64>,
 }
 
@@ -34,7 +34,7 @@ pub struct FlownTrial {
     pub trace: Option<Trace>,
 }
 
-/// Flies the trial of `seed`; `sea` names the sea in the outcome.
+/// `sea`: its name in the outcome.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -45,7 +45,6 @@ pub fn fly(
     fly_with(scenario, nodes, seed, sea, watch, &mut NoObserver)
 }
 
-/// Flies the trial without events and trace.
 pub fn outcome(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -59,7 +58,6 @@ pub fn outcome(
     Ok(fly(scenario, nodes, seed, sea, watch)?.outcome)
 }
 
-/// Flies as [`fly`] does, with an observer.
 pub fn fly_with(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -72,7 +70,7 @@ pub fn fly_with(
     Ok(land(world, scenario, nodes, seed, sea, watch, observer))
 }
 
-/// Flies in a prepared world whose warm-up has not begun.
+/// The warm-up of `world` has not begun.
 pub fn land(
     mut world: World,
     scenario: &Scenario,
@@ -96,7 +94,7 @@ pub fn land(
     let mut next_point = 0.0;
     let mut ages: Option<[f64; 2]> = None;
     let mut odds = [None; 2];
-    // The judge's time limit, in ticks, bounds the loop.
+    // The judge's time limit bounds the loop.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
         rig.advance(observer);

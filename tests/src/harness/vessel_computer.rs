@@ -1,5 +1,4 @@
-//! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at
-//! their edge.
+//! The vessel's computer in lock-step: the rows of [`VesselRows`], with the vessel's sensors at their edge.
 
 use core::mem::swap;
 
@@ -24,12 +23,11 @@ use alight_usv::sensors::{
 };
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
-/// Name of the source that gives quantities instead of bytes.
 const QUANTITIES: &str = "quantities";
-/// Maximum number of delayed readings: ticks of half a second and more.
+/// Maximum number of delayed readings, more than 0.5 s of ticks.
 const MAX_LATE: usize = 256;
 
-/// Rows of the computer, and the orders that it receives.
+/// Rows of the computer, and their input.
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
@@ -44,24 +42,20 @@ pub(super) struct VesselSide {
     waiting: ComputerIn,
 }
 
-/// Measurements of the vessel's devices in a tick: quantities, and bytes of a moving base.
+/// Measurements of a tick: quantities, and bytes of a moving base.
 pub(super) type Measured = (Readings, Vec<u8>);
 
-/// Wires of the vessel's devices, with their faults.
 struct SensorEdge {
     faults: VesselSensorFaults,
-    /// Readings that stuck sensors repeat.
     held: HeldReadings,
-    /// Readings that arrive late.
     late: DelayLine<Readings>,
     /// Devices that send bytes; None: all devices give quantities.
     boat: Option<Boat>,
-    /// Index of the source that gives quantities.
     given_by: usize,
 }
 
 impl SensorEdge {
-    /// Delays the readings measured at `t`; returns those that arrive at `t`.
+    /// Delays readings measured at `t`; returns those that arrive at `t`.
     fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
@@ -77,7 +71,7 @@ impl SensorEdge {
         }
         arrived
     }
-    /// Input of the sensors' node; `ahead` is the lead of the vessel's steady clock.
+    /// `ahead`: lead of the vessel's steady clock.
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
         shift(&mut readings, ahead);
@@ -129,7 +123,7 @@ impl VesselSide {
     fn start(&mut self, process: ProcessKind) {
         let Ok(()) = self.rows.start(process, &self.bus, (&self.nodes, self.boot));
     }
-    /// Restarts the vessel's process; returns its checkpoint.
+    /// Returns the process's checkpoint.
     pub(super) fn restart_vessel(&mut self) -> Option<VesselCheckpoint> {
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
@@ -140,19 +134,18 @@ impl VesselSide {
     pub(super) fn vessel(&self) -> Option<&VesselComputer> {
         self.rows.vessel.as_ref().map(|row| &row.node)
     }
-    /// Passes an order of the crew.
     pub(super) fn order(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         self.ordered += 1;
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
     }
-    /// Applies these faults from now on.
+    /// Replaces the present faults.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// Steps each row with the measurements of the devices, and the second row also with `received` messages; shows the
-    /// steps to `look`. `ahead` is the lead of the computer's steady clock over its simulated clock model.
+    /// Steps each row with the devices' measurements, and the second with `received` messages; shows the
+    /// steps to `look`. `ahead`: lead of the steady clock over its simulated clock model.
     pub(super) fn tick(
         &mut self,
         (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
@@ -195,9 +188,9 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, as an installer configures them. The last source gives the quantities of devices
-/// without bytes: of an attitude sensor, or of all devices in a scene without a place on Earth. Its latency is the
-/// shortest of these devices' latencies.
+/// Sources of the scene's vessel, as an installer configures them. The last source gives the quantities of
+/// devices without bytes: an attitude sensor, or all devices of a scene without a place on Earth. Its latency
+/// is the shortest of theirs.
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
@@ -219,14 +212,14 @@ pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss)
 }
 
-/// Devices that send bytes, one per source; None in a scene without a place on Earth.
+/// One device per source; None in a scene without a place on Earth.
 fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> Option<Boat> {
     let carries = Carries::assign(sources).filter(|_| !scenario.place.among.is_empty())?;
     Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
-/// Measurements that have arrived from devices that give quantities, stamped by the devices' clock: those of an
-/// attitude sensor only, or `all`.
+/// Quantities that have arrived, stamped by the devices' clock: of the attitude sensor only, or of `all`
+/// devices.
 fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

@@ -1,8 +1,8 @@
-//! The simulated world in lock-step with the nodes. [`World::tick`] follows the data flow of the architecture diagram:
-//! the vessel's computer ([`VesselComputer`]); the radio; on each drone's computer ([`SimulatedDroneComputer`]) bridge,
+//! The simulated world in lock-step with the nodes. [`World::tick`] follows the data flow of the architecture
+//! diagram: the vessel's computer; the radio; on each drone's computer ([`SimulatedDroneComputer`]) bridge,
 //! predictor, mission, planner, pilot and autopilot link; then autopilots and physics.
 //!
-//! Delays (radio, clocks, solve time, the wire to the autopilot) are part of the world, not of the nodes.
+//! Delays (radio, clocks, solve time, autopilot wire) are part of the world, not of the nodes.
 
 pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
@@ -28,46 +28,42 @@ use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 
-/// Time constant with which a load on the vessel rises, s, as when a crew member shifts weight.
+/// Time constant of a load on the vessel, s: a crew member shifts weight.
 const PUSH_RISE_S: f64 = 0.4;
-/// Reading of a steady clock when the processes start after a power loss, s.
+/// Steady clock after a power loss, s.
 const BOOT_S: f64 = 20.0;
-/// Period of the roll of another ship's wake, s.
+/// Roll period in another ship's wake, s.
 const WAKE_S: f64 = 2.5;
 
-/// Truth, nodes, and the connections between them.
 pub struct World {
     physics: Physics,
-    /// Scenario, kept for restarts of computers.
+    /// Kept for restarts of computers.
     scenario: Scenario,
     nodes: NodeConfigs,
-    /// True motion for the forecasts, if they are to use it.
+    /// True motion, for forecasts that use it.
     foresight: Option<Foresight>,
-    // The vessel's computer.
     vessel: VesselSide,
-    /// Input from crew, operators and the previous start since the last tick.
+    /// Input since the last tick from crew, operators and the previous start.
     given: ComputerIn,
     operator_sequence: u32,
-    /// Drones report to the vessel, which grants its deck and relays commands. A single drone that needs no reservation
-    /// saves this load.
+    /// Drones report to the vessel, which grants its deck and relays commands. Off for a single drone without
+    /// reservation, to save time.
     is_deck_shared: bool,
-    /// Owner of the deck by the vessel's newest grant; 0: no owner.
+    /// Owner by the vessel's newest grant; 0: no owner.
     deck_owner: u32,
-    // The drones' radios and computers.
     drones: Vec<SimulatedDroneComputer>,
-    /// Rate error of the steady clocks of the vessel and the first drone, s/s.
+    /// Rate errors of the steady clocks of vessel and first drone, s/s.
     clock_rates: [f64; 2],
     /// Present and commanded force and moment on the vessel, N and Nm.
     push: [f64; 6],
     wanted_push: [f64; 6],
-    /// Amplitude of the roll moment of another ship's wake, Nm.
     wake_nm: f64,
-    /// Lead of the vessel's steady clock over its simulated clock model.
+    /// Lead of the vessel's steady clock over its clock model.
     vessel_ahead: Span,
 }
 
 impl World {
-    /// The world of `seed` before the warm-up.
+    /// Creates the world before the warm-up.
     pub fn new(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -102,7 +98,7 @@ impl World {
             vessel_ahead: Span::ZERO,
         })
     }
-    /// Applies these faults to the first drone and the vessel from now on.
+    /// Replaces the present faults of the first drone and the vessel.
     pub fn fail(&mut self, failing: &Failing) {
         for (k, drone) in self.drones.iter_mut().enumerate() {
             if k == 0 {
@@ -115,11 +111,11 @@ impl World {
         (self.clock_rates, self.wanted_push, self.wake_nm) =
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
-    /// Runs the vessel's side until the start; the drones appear in the air shortly before the start.
+    /// Runs the vessel's side until the start; the drones appear shortly before it.
     pub fn warm_up(&mut self, observer: &mut impl WorldObserver) {
         while self.warm_up_tick(observer) {}
     }
-    /// One tick of the warm-up; false once it is over.
+    /// One tick; false once the warm-up is over.
     pub fn warm_up_tick(&mut self, observer: &mut impl WorldObserver) -> bool {
         let now = self.physics.now();
         if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
@@ -134,23 +130,20 @@ impl World {
         warms_up
     }
 
-    /// Gives every mission a command.
     pub fn command(&mut self, kind: CommandKind) {
         (0..self.drones.len()).for_each(|k| self.command_to(k, kind));
     }
-    /// Gives one drone's mission a command.
     pub fn command_to(&mut self, k: usize, kind: CommandKind) {
         self.drones[k].command(kind, &mut self.physics);
     }
-    /// Removes this fraction of the first drone's weight.
+    /// Removes a fraction of the first drone's weight.
     pub fn lighten(&mut self, fraction: f64) {
         self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
     }
-    /// Makes drones report to the vessel, which grants its deck and relays commands, even for a single drone.
+    /// Reports, grants and relayed commands also for a single drone.
     pub fn set_deck_shared(&mut self) {
         self.is_deck_shared = true;
     }
-    /// Sends a drone a command of the vessel's operator.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
         let now = self.vessel_now();
         self.operator_sequence += 1;
@@ -161,15 +154,15 @@ impl World {
             message: OperatorCommand { header, kind },
         });
     }
-    /// Passes an order of the vessel's crew for the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.vessel.order(self.vessel_now(), order);
     }
-    /// Sets the levels of the deck's digital inputs.
+    /// Levels of the deck's digital inputs.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
         self.given.deck_inputs = inputs;
     }
-    /// The crew removes a drone and restarts it and its computer: it appears in the air at its start position.
+    /// The crew removes the drone and restarts it with its computer; it appears in the air at its start
+    /// position.
     pub fn restart_drone(&mut self, k: usize) {
         let before = &self.drones[k];
         let radio = before.radio.clone();
@@ -178,67 +171,64 @@ impl World {
         self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
-    /// Holds a foot of a drone on the deck with this force, N.
+    /// Holds a foot down with this force, N.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         self.physics.snag(k, foot, newton);
     }
-    /// A pilot has landed a drone on a pad at its present position, and has disarmed it.
+    /// A pilot has landed and disarmed a drone on a pad at its present position.
     pub fn stand_on_pad(&mut self, k: usize) {
         self.physics.stand_on_pad(k);
         self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
     }
-    /// A drone's autopilot with its link; None before it has appeared.
+    /// None before the drone has appeared.
     pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
         self.drones[k].linked.as_mut()
     }
 
-    /// Kills a process of a drone's computer; the others continue.
     pub fn kill(&mut self, k: usize, process: ProcessKind) {
         self.drones[k].kill(process);
     }
-    /// Restarts the process, with or without its predecessor's checkpoint.
+    /// Restarts the process, with or without its checkpoint.
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
-    /// Kills a drone's supervisor, and with it all of its computer's processes.
+    /// Kills the supervisor and all processes of a drone's computer.
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].kill_all();
     }
-    /// Restarts the supervisor and all processes.
     pub fn start_computer(&mut self, k: usize, checkpoints: Checkpoints) {
         self.drones[k].start_all(checkpoints, (&self.scenario, &self.nodes, &self.physics));
     }
-    /// Steps a steady clock ahead, as after a suspend of the computer: the vessel's (None) or a drone's.
+    /// Steps the steady clock of a drone, or of the vessel (None), as a suspend of the computer does.
     pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
         match drone {
             None => self.vessel_ahead = self.vessel_ahead + by,
             Some(k) => self.drones[k].ahead = self.drones[k].ahead + by,
         }
     }
-    /// Restarts a drone's steady clock, as a reboot of its computer does; only checkpoints on the disk remain.
+    /// Restarts a drone's steady clock, as a reboot does; only checkpoints on disk remain.
     pub fn restart_clock(&mut self, k: usize) {
         let (now, drone) = (self.physics.drone_now(k), &mut self.drones[k]);
         let ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
         drone.restart_clock(now + drone.ahead, ahead);
     }
 
-    /// A test flies the drone from now on: this set-point replaces the pilot's.
+    /// Replaces the pilot's set-point from now on.
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
-    /// Resets the heading in a drone's autopilot, with this additional error, rad.
+    /// Adds `by_rad` to the heading error of a drone's autopilot.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
         }
     }
-    /// Resets the position in a drone's autopilot by this vector, m; `counted`: its reset counter counts the reset.
+    /// Resets the position in a drone's autopilot by `by`, m; `counted`: its reset counter is incremented.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_position(by, counted);
         }
     }
-    /// Restarts the vessel's computer with its checkpoint.
     pub fn restart_vessel(&mut self) {
         self.given = ComputerIn {
             checkpoint: self.vessel.restart_vessel(),
@@ -247,19 +237,19 @@ impl World {
         };
     }
 
-    /// Makes the vessel change course or speed; a first descent triggers this.
+    /// Changes the vessel's course or speed, as a first descent does.
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// Interrupts a drone's radio for this time, s; infinite: permanently. A second outage does not replace the first.
+    /// Interrupts a drone's radio, s; infinite: permanently. A second outage does not replace the first.
     pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
         let from = self.physics.now();
-        // An outage longer than any trial is permanent.
+        // Longer than any trial.
         let until = from + Span::from_secs(lasts_s.min(1e6));
         self.drones[k].radio.set_outage([from, until]);
     }
 
-    /// Advances everything by one tick of 10 ms, shown to an observer, which receives the first drone's nodes.
+    /// Advances by one tick of 10 ms; the observer sees the first drone's rows.
     pub fn tick(&mut self, observer: &mut impl WorldObserver) {
         let t = self.physics.now();
         observer.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
@@ -296,7 +286,6 @@ impl World {
             self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
         });
     }
-    /// Advances the steady clocks at their rates.
     fn advance_clocks(&mut self) {
         let [vessel, drone] = self.clock_rates.map(|rate| Span::from_secs(rate * TICK.secs()));
         self.vessel_ahead = self.vessel_ahead + vessel;
@@ -305,8 +294,7 @@ impl World {
             first.apart.set(self.vessel_ahead - first.ahead);
         }
     }
-    /// Applies the load on the vessel, which rises as when a crew member shifts weight, and the moment of another
-    /// ship's wake.
+    /// Applies the load on the vessel, which rises gradually, and the moment of another ship's wake.
     fn push_vessel(&mut self, t: Time<TrueTime>) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
@@ -315,7 +303,6 @@ impl World {
         push[3] += self.wake_nm * (TAU / WAKE_S * t.secs()).sin();
         self.physics.push(push);
     }
-    /// Broadcasts the output of the vessel's computer to the drones.
     fn broadcast(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
         let with_deck = self.is_deck_shared;
         if let Some(grant) = output.grant.filter(|_| with_deck) {
@@ -337,7 +324,6 @@ impl World {
         });
     }
 
-    /// Receives what has arrived over the drones' radios.
     fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
@@ -360,29 +346,26 @@ impl World {
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
-    /// Whether a drone requests at present that the vessel keep course and speed.
+    /// Whether a drone requests that the vessel keep course and speed.
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();
         self.vessel
             .vessel()
             .is_some_and(|v| v.arbiter().wants_steady(now))
     }
-    /// Whether the deck is free or granted to drone `k`.
     pub fn deck_is_free(&self, k: usize) -> bool {
         [0, DRONE_ID + k as u32].contains(&self.deck_owner)
     }
     pub fn drones(&self) -> &[SimulatedDroneComputer] {
         &self.drones
     }
-    /// The newest state of the first drone's mission.
     pub fn mission_state(&self) -> &MissionState {
         &self.drones[0].mission_state
     }
-    /// Input for the judge of the first drone.
+    /// Judge's input for the first drone.
     pub fn observation(&self) -> TrialObservation<'_> {
         self.observation_of(0)
     }
-    /// Input for the judge of another drone.
     pub fn observation_of(&self, k: usize) -> TrialObservation<'_> {
         self.physics.observation(k, &self.drones[k].mission_state)
     }

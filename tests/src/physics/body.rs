@@ -1,17 +1,15 @@
-//! True kinematic state of a rigid body.
-
 use alight_shared::frames::{Frame, Point, Rotation, TrueNed, Vector};
 use nalgebra::Vector3;
 
 use super::spline::Jet;
 
-/// Position and motion of a rigid body's reference point; `B` is its FRD body frame.
+/// State of a rigid body's reference point; `B` is its FRD body frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
     pub position: Point<TrueNed>,
     /// Velocity, m/s.
     pub velocity: Vector<TrueNed>,
-    /// Second derivative of the position, without gravity, m/s².
+    /// Acceleration without gravity, m/s².
     pub acceleration: Vector<TrueNed>,
     /// Rotation NED from body.
     pub attitude: Rotation<TrueNed, B>,
@@ -35,8 +33,8 @@ impl<B> Default for RigidState<B> {
 }
 
 impl<B: Frame> RigidState<B> {
-    /// State of the point at `lever_arm` (body frame, m) of the same rigid body, with the parallel axes `P`: `v = v0 +
-    /// w x r`, `a = a0 + dw x r + w x (w x r)`.
+    /// State of the point at `lever_arm` (body frame, m), with the parallel axes `P`: `v = v0 + w x r`, `a =
+    /// a0 + dw x r + w x (w x r)`.
     pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {
         let (w, dw) = (self.rates.0, self.angular_acceleration.0);
         let turn = |v: Vector3<f64>| self.attitude * Vector::<B>::from(v);
@@ -49,7 +47,6 @@ impl<B: Frame> RigidState<B> {
             angular_acceleration: Vector::from(dw),
         }
     }
-    /// Roll, pitch, yaw, rad.
     pub fn euler(&self) -> Vector3<f64> {
         let (r, p, y) = self.attitude.euler();
         Vector3::new(r, p, y)

@@ -11,7 +11,7 @@ pub struct Jet {
 }
 
 impl Jet {
-    /// `(1 - b) a + b c` with its derivatives; the weight `b` is a jet as well.
+    /// `(1 - b) a + b c`, with a jet `b`.
     pub fn blend(a: Jet, c: Jet, b: Jet) -> Jet {
         let (y, d, dd) = (c.y - a.y, c.d - a.d, c.dd - a.dd);
         Jet {
@@ -29,7 +29,7 @@ impl Jet {
     }
 }
 
-/// Smooth step from 0 to 1 over `width`, at `x`: `10 s³ - 15 s⁴ + 6 s⁵`, twice differentiable.
+/// Step from 0 to 1 over `width`, at `x`: `10 s³ - 15 s⁴ + 6 s⁵`, twice differentiable.
 pub fn smooth_step(x: f64, width: f64) -> Jet {
     let s = (x / width).clamp(0.0, 1.0);
     Jet {
@@ -39,17 +39,16 @@ pub fn smooth_step(x: f64, width: f64) -> Jet {
     }
 }
 
-/// Natural cubic splines (second derivative zero at both ends): twice continuously differentiable.
+/// Natural cubic splines (second derivative zero at both ends), twice continuously differentiable.
 #[derive(Clone, Debug)]
 pub struct Splines<const N: usize> {
     x: Vec<f64>,
     y: Vec<[f64; N]>,
-    /// Second derivatives at the knots.
     m: Vec<[f64; N]>,
 }
 
 impl<const N: usize> Splines<N> {
-    /// Splines through `y` at the strictly ascending `x`; None unless both have the same number of knots, at least two.
+    /// `x` ascends strictly; None unless both have the same number of knots, at least two.
     pub fn through(x: Vec<f64>, y: Vec<[f64; N]>) -> Option<Self> {
         let n = x.len();
         if n < 2 || y.len() != n || !x.windows(2).all(|w| w[0] < w[1]) {
@@ -79,7 +78,7 @@ impl<const N: usize> Splines<N> {
         (self.x[0], self.x[self.x.len() - 1])
     }
 
-    /// All channels at `at`, clamped to the range.
+    /// Values at `at`, clamped to the range.
     pub fn at(&self, at: f64) -> [Jet; N] {
         let (low, high) = self.range();
         let at = at.clamp(low, high);

@@ -1,6 +1,6 @@
-//! One direction of a link at layer 3, which decides the fate of each packet.
+//! One direction of a link at layer 3: the fate of each packet.
 //!
-//! In this order: the sender's queue and rate, outages, random loss, bursts of loss (Gilbert 1960, Elliott 1963),
+//! In order: queue and rate of the sender, outages, random loss, bursts of loss (Gilbert 1960, Elliott 1963),
 //! duplication, delay with jitter.
 
 use alight_shared::time::{Span, Time, TrueTime};
@@ -11,9 +11,9 @@ use super::SimulatedRadioConfig;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Time between two packets of the vessel at its full rates, s.
+/// Interval of the vessel's packets at full rates, s.
 const BURST_STEP_S: f64 = 0.025;
-/// Number of steps after which the chain's state is independent of its start.
+/// Steps after which the chain's state is independent of its start.
 const MAX_BURST_STEPS: u32 = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,28 +33,25 @@ impl Direction {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChannelCounts {
-    /// Packets passed to the channel.
     pub sent: u64,
-    /// Bytes of these packets.
     pub sent_bytes: u64,
-    /// Packets lost on the way: randomly, in a burst, or in an outage.
+    /// Randomly, in a burst, or in an outage.
     pub lost: u64,
-    /// Packets dropped because the queue before a slow link was full.
+    /// Dropped because the queue of a slow link was full.
     pub overflowed: u64,
-    /// Packets that arrived twice.
     pub doubled: u64,
 }
 
-/// Faults of a channel in addition to its usual losses, while they last.
+/// Additional faults of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelFault {
-    /// Fraction of packets lost, 0 to 1.
+    /// Lost fraction of packets, 0 to 1.
     pub loss: f64,
     /// Added delay, s.
     pub delay_s: f64,
-    /// Maximum of a further, uniform delay, s, which reorders packets.
+    /// Maximum of an additional uniform delay, s, which reorders packets.
     pub jitter_s: f64,
-    /// Fraction of packets that arrive twice, 0 to 1.
+    /// Duplicated fraction of packets, 0 to 1.
     pub doubled: f64,
 }
 
@@ -68,15 +65,13 @@ pub struct RadioChannel {
     last_sent: Option<Time<TrueTime>>,
     outage: Option<[Time<TrueTime>; 2]>,
     fault: ChannelFault,
-    /// Time at which the sender's queue is empty.
     idle_at: Time<TrueTime>,
     last_arrival: Time<TrueTime>,
     counts: ChannelCounts,
 }
 
 impl RadioChannel {
-    /// Channel of this seed in one direction, with the streams `radio.to_drone` and `radio.to_vessel`, each with
-    /// `.burst` for the bursts.
+    /// Streams `radio.to_drone` and `radio.to_vessel`, each with `.burst` for bursts.
     pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -84,7 +79,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, direction.stream(), streams)
     }
-    /// Return channel of `direction` for acknowledgements, with a separate random stream.
+    /// Acknowledgements against `direction`, with their own random stream.
     pub fn back(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_vessel_extra_s,
@@ -92,7 +87,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
     }
-    /// Channel for traffic in addition to the messages, with a separate random stream.
+    /// Traffic in addition to messages, with its own random stream.
     pub fn probe(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -116,9 +111,9 @@ impl RadioChannel {
         }
     }
 
-    /// Arrival times of a packet of `bytes` sent at `t`, and of its duplicate.
+    /// Arrival times of a packet sent at `t`, and of its duplicate.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize) -> [Option<Time<TrueTime>>; 2] {
-        // Every packet makes all draws, so that an outage does not shift the others.
+        // Every packet makes all draws, so that an outage does not shift later ones.
         let (lost, twice) = (
             self.noise.chance(self.config.loss),
             self.noise.chance(self.config.duplicate),
@@ -155,7 +150,7 @@ impl RadioChannel {
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.fault = fault;
     }
-    /// Loses everything sent in the window `[from, until)`; packets under way still arrive. A later call does not
+    /// Loses everything sent in the window `[from, until)`; packets in transit arrive. A later call does not
     /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.outage = Some(self.outage.unwrap_or(window));
@@ -163,14 +158,13 @@ impl RadioChannel {
     pub const fn counts(&self) -> ChannelCounts {
         self.counts
     }
-    /// Counts a packet as lost afterwards.
     pub(super) fn drop_one(&mut self) {
         self.counts.lost += 1;
     }
 
-    /// Whether this packet is lost in a burst: a Markov chain with two states, advanced per packet, in which a burst
-    /// lasts `1 / r` packets and takes the fraction `p / (p + r)` of all. While nothing is sent, it advances every
-    /// [`BURST_STEP_S`], so that a fade ends although the sender backs off.
+    /// Whether a burst takes this packet: a Markov chain with two states, one step per packet. A burst lasts
+    /// `1 / r` packets; bursts take the fraction `p / (p + r)` of all. Without traffic the chain advances
+    /// every [`BURST_STEP_S`], so that a fade ends even if the sender backs off.
     fn burst(&mut self, t: Time<TrueTime>) -> bool {
         let fraction = self.config.burst_loss;
         if fraction <= 0.0 {
@@ -191,7 +185,7 @@ impl RadioChannel {
         self.in_burst
     }
 
-    /// Time at which the packet's last bit has left; None if it does not fit into the queue.
+    /// Departure time of the packet's last bit; None if the queue is full.
     fn transmit(&mut self, t: Time<TrueTime>, bytes: usize) -> Option<Time<TrueTime>> {
         let rate = self.config.rate_bps;
         if rate <= 0.0 {
@@ -215,11 +209,11 @@ impl RadioChannel {
         self.last_arrival
     }
 
-    /// A normal delay, truncated at the minimum and at ten standard deviations.
+    /// Normal delay, truncated at the minimum and at ten standard deviations.
     fn delay(&mut self) -> Span {
         let c = &self.config;
         let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        // Redrawing keeps the truncated shape; the bound ends the loop for unusual configurations.
+        // Redrawing keeps the truncated shape; the bound ends the loop in extreme configurations.
         for _ in 0..8 {
             if d >= c.delay_min_s {
                 break;
@@ -245,7 +239,7 @@ mod tests {
             ..SimulatedRadioConfig::default()
         }
     }
-    /// Fates of `n` packets of `bytes`, `step_s` apart: the time under way, or None for a lost packet.
+    /// Delays of `n` packets of `bytes`, `step_s` apart; None: lost.
     fn fates(config: &SimulatedRadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
         let mut channel = RadioChannel::new(config, Direction::ToDrone, &Streams::new(11));
         (0..n)
@@ -256,7 +250,7 @@ mod tests {
             .collect()
     }
 
-    /// Fraction of `n` packets lost in bursts (configured: 0.2, in bursts of 8), and mean burst length.
+    /// Fraction of `n` packets lost in bursts, and mean burst length (configured: 0.2 and 8).
     fn bursts(n: usize, step_s: f64) -> (f64, f64) {
         let config = SimulatedRadioConfig {
             burst_loss: 0.2,

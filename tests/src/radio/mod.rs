@@ -1,7 +1,7 @@
-//! Radio between vessel and drone: rate, delay, loss, duplication and outages, per direction.
+//! Radio between vessel and drone: rate, delay, loss, duplication, outages.
 //!
-//! [`channel`] decides the fate of a packet; the lock-step world, the impairment inside a process and the link emulator
-//! use it. [`SimulatedRadio`] carries the packets' contents.
+//! [`channel`] decides the fate of packets, in the lock-step world, in the impairment within a process, and
+//! in the link emulator. [`SimulatedRadio`] carries contents.
 
 pub mod channel;
 pub mod session;
@@ -17,10 +17,10 @@ use crate::sensors::noise::Windows;
 pub use channel::{ChannelCounts, ChannelFault, Direction, RadioChannel};
 pub use session::Session;
 
-/// Maximum number of packets under way in one direction; further ones are lost.
+/// Maximum number of packets in transit in one direction; more are lost.
 const QUEUE: usize = 4096;
 
-/// Framing of a message by the middleware, bytes (measured).
+/// The middleware's framing of a message, bytes (measured).
 const FRAMING: usize = 20;
 /// IP and UDP headers, bytes.
 const DATAGRAM_HEADERS: usize = 28;
@@ -38,42 +38,42 @@ pub enum Transport {
     /// Datagrams without retransmission.
     #[default]
     Udp,
-    /// A byte stream, which retransmits losses and delays everything after them.
+    /// A byte stream, in which retransmissions delay everything after them.
     Tcp,
-    /// Datagrams in an encrypted connection, whose handshake is repeated until it succeeds.
+    /// Datagrams in an encrypted connection; its handshake is repeated until it succeeds.
     Quic,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Congestion {
-    /// Reduces its rate at a loss (Linux's default).
+    /// Reduces its rate on loss (Linux's default).
     Cubic,
-    /// Keeps the rate that it has measured (Linux: `net.ipv4.tcp_congestion_control = bbr`), as a radio needs that
-    /// loses packets without congestion.
+    /// Keeps its measured rate (Linux: `net.ipv4.tcp_congestion_control = bbr`), as needed by a radio with
+    /// losses that are not congestion.
     #[default]
     Bbr,
 }
 
 impl Transport {
-    /// Bytes that a message of `length` is for the channel: a datagram with its headers, or the bytes of a stream,
-    /// whose segments have headers of their own.
+    /// Bytes of a message of `length` on the channel: a datagram with headers, or a stream's bytes, whose
+    /// segments have headers of their own.
     pub const fn bytes(self, length: usize) -> usize {
         match self {
             Transport::Udp => on_air(length),
-            // A stream has two bytes for the length of a message.
+            // Two bytes hold the length of a message.
             Transport::Tcp => length + FRAMING + 2,
             Transport::Quic => on_air(length) + QUIC_FRAME,
         }
     }
-    /// Time after which an attempt to open a session has failed, s (`alight_transport::radio`).
+    /// Time-out of an attempt to open a session, s (`alight_transport::radio`).
     const fn open_timeout_s(self) -> f64 {
         match self {
             Transport::Udp => 1.0,
             Transport::Tcp | Transport::Quic => 8.0,
         }
     }
-    /// Packet exchanges until a session is open: two of the middleware, and one of TCP or QUIC.
+    /// Packet exchanges to open a session: two of the middleware, and one of TCP or QUIC.
     const fn exchanges(self) -> usize {
         match self {
             Transport::Udp => 2,
@@ -88,7 +88,7 @@ config! {
         /// Mean delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
-        /// Standard deviation of the delay, s. Delays are independent, so that packets are reordered unless
+        /// Standard deviation of the delay, s. Delays are independent, and reorder packets unless
         /// `keep_order` is set.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
         /// Minimum delay, s.
@@ -113,14 +113,14 @@ config! {
         /// Maximum number of bytes queued before a slow link; further packets are lost.
         /// Chosen: a small queue, as in radio modems; half a second at 64 kbit/s.
         pub queue_bytes: u32 = 4096, in 100.0..=1e9;
-        /// Packets arrive in the order in which they were sent.
+        /// Deliver packets in the order in which they were sent.
         pub keep_order: bool = false;
-        /// Transport of the messages, in lock-step only; live, the processes' own configuration selects it.
+        /// Transport of the messages in lock-step; live, the processes' configuration selects it.
         pub transport: Transport = Transport::Udp;
         /// Congestion control of a stream.
         pub congestion: Congestion = Congestion::Bbr;
         /// Maximum number of bytes in a stream's socket; further messages are dropped.
-        /// Source: maximum under way on a running kernel whose socket was configured with the 16 kB of
+        /// Source: bytes in transit on a running kernel with a socket of 16 kB, as in
         /// `alight_transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
         /// Time without reception after which a session over datagrams is closed and reopened, s.
@@ -134,7 +134,7 @@ config! {
 }
 
 impl SimulatedRadioConfig {
-    /// Time without reception after which a session is closed and reopened, s.
+    /// Time without reception until a session is reopened, s.
     pub const fn session_lease_s(&self) -> f64 {
         match self.transport {
             Transport::Udp => self.lease_s,
@@ -159,7 +159,7 @@ impl<T: Clone> SimulatedRadio<T> {
             line: DelayLine::new(QUEUE),
         }
     }
-    /// Sends a packet of `bytes`, including headers, at `t`.
+    /// `bytes`: size with headers.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
         let [first, second] = self.channel.send(t, bytes);
         if let Some(at) = second {
@@ -171,7 +171,7 @@ impl<T: Clone> SimulatedRadio<T> {
             self.channel.drop_one();
         }
     }
-    /// Packets that have arrived by `t`, in order of arrival, with their arrival times.
+    /// Packets that have arrived by `t` with their arrival times, in order.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
@@ -181,7 +181,7 @@ impl<T: Clone> SimulatedRadio<T> {
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.channel.fail(fault);
     }
-    /// Loses everything sent in the window `[from, until)`; packets under way still arrive. A later call does not
+    /// Loses everything sent in the window `[from, until)`; packets in transit arrive. A later call does not
     /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.channel.set_outage(window);
@@ -224,7 +224,7 @@ mod tests {
         assert!((loss - 0.02).abs() < 0.004, "loss {loss}");
         let delays: Vec<f64> = got.iter().map(|g| g.1).collect();
         let (mean, sd) = moments(&delays);
-        // Truncation at 5 ms shifts the mean by half a millisecond.
+        // Truncation at 5 ms shifts the mean by 0.5 ms.
         assert!((mean - 0.0506).abs() < 0.001, "mean {mean}");
         assert!((sd - 0.0193).abs() < 0.001, "sd {sd}");
         assert!(got.iter().all(|g| g.1 >= 0.005));

@@ -1,5 +1,5 @@
-//! Radio session between the two computers: the channels, the transport over them, and a session that ends after
-//! silence and is reopened by a handshake.
+//! Radio session between two computers: channels, transport, and a session that ends after silence and
+//! reopens by a handshake.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
@@ -9,19 +9,18 @@ use super::{
 };
 use crate::physics::streams::Streams;
 
-/// Times of a packet's first transmission and retransmissions in an exchange of a stream's handshake, s after its
-/// start.
+/// Transmission times of a packet in a stream's handshake, s after the start of its exchange.
 const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
-/// Transmission times of a stream's first packet, before any round trip is known, s (Linux since 6.5: once a second at
-/// first).
+/// Transmission times of a stream's first packet, before a round trip is known, s (Linux since 6.5: once a
+/// second at first).
 const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
 /// Transmission times of QUIC's first packet, s.
 const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
 /// Time from a failed attempt to the next, s (the middleware's slowest retry).
 const RETRY_S: f64 = 0.5;
-/// Number of keep-alives per lease from a side without messages.
+/// Keep-alives per lease from a side without messages.
 const KEEP_ALIVES: f64 = 4.0;
-/// Size of a handshake packet and of a keep-alive, bytes.
+/// Size of handshake packets and keep-alives, bytes.
 const SMALL: usize = 80;
 
 #[derive(Clone, Debug)]
@@ -71,7 +70,7 @@ impl<T: Clone> OneWayLink<T> {
             OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.fail(fault)),
         }
     }
-    /// Replaces the connection; a stream's bytes under way are lost.
+    /// Replaces the connection; a stream loses its bytes in transit.
     fn reopen(&mut self, config: &SimulatedRadioConfig) {
         match self {
             OneWayLink::Datagrams(_) => {}
@@ -80,19 +79,18 @@ impl<T: Clone> OneWayLink<T> {
     }
 }
 
-/// Both directions, and the state of the session.
 #[derive(Clone, Debug)]
 pub struct Session<A, B> {
     config: SimulatedRadioConfig,
     to_drone: OneWayLink<A>,
     to_vessel: OneWayLink<B>,
-    /// Channels of handshakes and keep-alives, to the drone and to the vessel. Separate random streams keep them from
-    /// shifting the messages' fates.
+    /// Channels of handshakes and keep-alives, to the drone and to the vessel, with their own random streams,
+    /// so that messages keep their fates.
     probes: [RadioChannel; 2],
-    /// Time of the last reception by the drone and by the vessel; None before the first.
+    /// Last reception by the drone and by the vessel; None before the first.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
-    /// End of the present attempt to open the session, and whether it succeeds; None while the session is open.
+    /// End of the present attempt to open the session, and whether it succeeds; None: the session is open.
     attempt: Option<(Time<TrueTime>, bool)>,
     reopened: u32,
 }
@@ -111,39 +109,39 @@ impl<A: Clone, B: Clone> Session<A, B> {
             reopened: 0,
         }
     }
-    /// The vessel sends a message of `length` at `t`.
+    /// `length`: of the message, bytes.
     pub fn send_to_drone(&mut self, t: Time<TrueTime>, length: usize, packet: A) {
         if self.attempt.is_none() {
             self.to_drone.send(t, self.config.transport.bytes(length), packet);
         }
     }
-    /// The drone sends a message of `length` at `t`.
+    /// `length`: of the message, bytes.
     pub fn send_to_vessel(&mut self, t: Time<TrueTime>, length: usize, packet: B) {
         if self.attempt.is_none() {
             self.to_vessel
                 .send(t, self.config.transport.bytes(length), packet);
         }
     }
-    /// Messages that the drone has received by `t`, with the times of arrival.
+    /// Messages received by `t`, with arrival times.
     pub fn at_drone(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, A)> {
         let came = self.to_drone.receive(t);
         self.note_received(0, came.last().map(|c| c.0));
         self.poll(t);
         came
     }
-    /// Messages that the vessel has received by `t`, with the times of arrival.
+    /// Messages received by `t`, with arrival times.
     pub fn at_vessel(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, B)> {
         let came = self.to_vessel.receive(t);
         self.note_received(1, came.last().map(|c| c.0));
         came
     }
-    /// Loses everything sent in the window `[from, until)`, in both directions.
+    /// Loses everything sent in the window `[from, until)`, both ways.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.to_drone.set_outage(window);
         self.to_vessel.set_outage(window);
         self.probes.iter_mut().for_each(|c| c.set_outage(window));
     }
-    /// Applies faults from now on: to the drone, to the vessel.
+    /// Replaces the present faults: to the drone, to the vessel.
     pub fn fail(&mut self, [to_drone, to_vessel]: [ChannelFault; 2]) {
         self.to_drone.fail(to_drone);
         self.to_vessel.fail(to_vessel);
@@ -183,7 +181,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
         let lease = Span::from_secs(self.config.session_lease_s());
         if t >= self.keep_alive {
             self.keep_alive = t + Span::from_secs(self.config.session_lease_s() / KEEP_ALIVES);
-            // The vessel sends continuously; only the drone may have nothing to send.
+            // The vessel sends continuously; only the drone may be quiet.
             let arrival = self.probes[1].send(t, SMALL)[0];
             self.note_received(1, arrival);
         }
@@ -198,12 +196,11 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// Attempt to open the session, starting at `from`: its end, and whether it succeeds.
+    /// End of an attempt to open the session from `from`, and whether it succeeds.
     fn handshake(&mut self, from: Time<TrueTime>) -> (Time<TrueTime>, bool) {
         let end = from + Span::from_secs(self.config.transport.open_timeout_s());
         let mut t = from;
         for exchange in 0..self.config.transport.exchanges() {
-            // Datagrams are not retransmitted.
             let tries = match self.config.transport {
                 Transport::Udp => &TRIES_S[..1],
                 Transport::Tcp if exchange == 0 => &FIRST_TRIES_S[..],
@@ -228,7 +225,8 @@ impl<A: Clone, B: Clone> Session<A, B> {
 mod tests {
     use super::*;
 
-    /// Ages of the newest sample at the drone, every 10 ms; samples are sent at 30 Hz from time 0.
+    /// Ages of the newest sample at the drone every 10 ms, from samples at 30 Hz, and the number of reopened
+    /// sessions.
     fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
         let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
         let (mut newest, mut ages) = (f64::NEG_INFINITY, Vec::new());

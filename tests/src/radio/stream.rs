@@ -1,12 +1,12 @@
-//! A byte stream over a lossy channel: the delay of a message that waits for everything before it (head-of-line
-//! blocking), as in TCP and TLS over TCP.
+//! A byte stream over a lossy channel, as TCP and TLS over TCP: each message waits for everything before it
+//! (head-of-line blocking).
 //!
-//! The sender models a present-day kernel as far as the age of a message depends on it. The congestion window in
-//! segments shrinks to 0.7 at a loss (CUBIC, RFC 9438), or keeps at least four segments (BBR, Cardwell et al. 2017).
-//! Losses are detected by later segments that arrive first, with a timer for recent ones (RFC 8985, RACK); a tail-loss
-//! probe follows after two round trips without a known loss. The retransmission timer is at least 200 ms, doubles (RFC
-//! 6298), and restarts at every measured round trip, including selective acknowledgements, as in Linux. A message that
-//! does not fit into the socket's buffer is dropped, as by the middleware.
+//! The sender models a present-day kernel as far as message age depends on it. The congestion window, in
+//! segments, shrinks to 0.7 on loss (CUBIC, RFC 9438), or keeps at least four (BBR, Cardwell et al. 2017).
+//! Later segments that arrive first reveal losses, with a timer for recent ones (RFC 8985, RACK); a tail-loss
+//! probe follows two round trips without a known loss. The retransmission time-out is at least 200 ms,
+//! doubles (RFC 6298), and restarts at every measured round trip, including selective acknowledgements, as in
+//! Linux. Like the middleware, it drops messages that do not fit into the socket's buffer.
 
 use std::collections::VecDeque;
 
@@ -18,41 +18,40 @@ use crate::sensors::delay::DelayLine;
 /// Maximum payload of a segment, bytes: 1500 less IP and TCP headers and time stamps.
 const SEGMENT: u64 = 1448;
 const HEADERS: usize = 52;
-/// Maximum number of segments and acknowledgements under way.
+/// Maximum number of segments and acknowledgements in transit.
 const QUEUE: usize = 4096;
 /// Initial congestion window, segments.
 const FIRST_WINDOW: f64 = 10.0;
 /// Minimum window of BBR after losses, segments.
 const MIN_WINDOW: f64 = 4.0;
-/// Window of BBR when the sender's data rate limits it, segments: twice one round trip of these messages (measured on a
-/// running kernel: 10 to 35).
+/// Window of BBR when the sender's data rate limits it, segments: twice one round trip of these messages
+/// (measured on a running kernel: 10 to 35).
 const USUAL_WINDOW: f64 = 24.0;
 /// Minimum retransmission time-out, s.
 const MIN_TIMEOUT_S: f64 = 0.2;
 /// Maximum retransmission time-out, s.
 const MAX_TIMEOUT_S: f64 = 120.0;
-/// Number of recoveries after which an unneeded extension of the reordering window ends.
+/// Recoveries after which an unneeded extension of the reordering window ends.
 const REORDER_WINDOW_RECOVERIES: u8 = 16;
-/// Maximum number of further ranges in an acknowledgement.
 const RANGES: usize = 4;
 
 /// Bytes `[from, until)`.
 type Range = (u64, u64);
 
-/// A segment that was sent and is not acknowledged.
+/// A segment without acknowledgement.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     range: Range,
     sent_at: Time<TrueTime>,
     arrived: bool,
     lost: bool,
-    /// Sent more than once, so that its acknowledgement measures no round trip.
+    /// Sent more than once: its acknowledgement measures no round trip.
     again: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Timer {
-    /// Overtaken segments are late enough to be lost.
+    /// Overtaken segments count as lost.
     Reorder,
     /// Tail-loss probe.
     Probe,
@@ -61,11 +60,11 @@ enum Timer {
 
 #[derive(Clone, Debug)]
 struct Acknowledgement {
-    /// All bytes before this one have arrived.
+    /// Everything before this byte has arrived.
     first: u64,
-    /// Further ranges that have arrived, the newest first.
+    /// Further ranges that have arrived, newest first.
     ranges: Vec<Range>,
-    /// Time at which the acknowledged segment was sent.
+    /// Send time of the acknowledged segment.
     sent_at: Time<TrueTime>,
     /// The segment had arrived before (RFC 2883).
     double: bool,
@@ -77,7 +76,7 @@ enum Event {
     Ack(Acknowledgement),
 }
 
-/// One direction of a stream; its acknowledgements return on a separate channel.
+/// One direction of a stream, with a separate channel for acknowledgements.
 #[derive(Clone, Debug)]
 pub struct RadioStream<T> {
     there: RadioChannel,
@@ -85,7 +84,7 @@ pub struct RadioStream<T> {
     buffer: u64,
     congestion: Congestion,
     events: DelayLine<Event>,
-    // Written messages, each with its end in the stream.
+    // Messages, each with its end in the stream.
     messages: VecDeque<(u64, T)>,
     written: u64,
     sent: u64,
@@ -94,22 +93,22 @@ pub struct RadioStream<T> {
     window: f64,
     threshold: f64,
     recover: u64,
-    /// The window grows from one segment until everything up to `recover` is acknowledged.
+    /// The window restarts at one segment until `recover` is acknowledged.
     after_time_out: bool,
     round_trip: Option<(f64, f64)>,
     /// Minimum round trip, s.
     shortest_s: f64,
-    /// Send time and round trip (s) of the most recently sent segment that arrived.
+    /// Send time and round trip (s) of the newest segment that arrived.
     latest: Option<(Time<TrueTime>, f64)>,
-    /// Time to wait for an overtaken segment, in quarters of the minimum round trip, the end of that value, and the
-    /// number of recoveries for which it holds (RFC 8985, 7.2).
+    /// Wait for an overtaken segment, in quarters of the minimum round trip; the end of that value, and the
+    /// recoveries for which it holds (RFC 8985, 7.2).
     reorder_window: u8,
     reorder_window_until: Option<Time<TrueTime>>,
     recoveries: u8,
     backoff: i32,
     probed: bool,
     timer: Option<(Time<TrueTime>, Timer)>,
-    /// Due time of the retransmission time-out, whatever the timer is set to.
+    /// Time of the retransmission time-out, whatever the timer is set to.
     time_out_at: Option<Time<TrueTime>>,
     received: Vec<Range>,
     delivered: u64,
@@ -118,7 +117,6 @@ pub struct RadioStream<T> {
 }
 
 impl<T: Clone> RadioStream<T> {
-    /// A new stream, with its forward and return channels.
     pub fn new(config: &SimulatedRadioConfig, there: RadioChannel, back: RadioChannel) -> RadioStream<T> {
         RadioStream {
             there,
@@ -151,7 +149,7 @@ impl<T: Clone> RadioStream<T> {
             dropped: 0,
         }
     }
-    /// Reopens the stream over the same channels; data under way are lost.
+    /// Reopens the stream on the same channels; data in transit are lost.
     pub fn reopen(&mut self, config: &SimulatedRadioConfig) {
         let fresh = RadioStream::new(config, self.there.clone(), self.back.clone());
         let dropped = self.dropped + self.messages.len() as u64;
@@ -160,11 +158,10 @@ impl<T: Clone> RadioStream<T> {
     pub fn channels(&mut self) -> [&mut RadioChannel; 2] {
         [&mut self.there, &mut self.back]
     }
-    /// Counts of the packets that carry the stream.
     pub const fn counts(&self) -> ChannelCounts {
         self.there.counts()
     }
-    /// Number of messages that did not fit into the buffer or were lost with the connection.
+    /// Messages that did not fit into the buffer, or were lost with the connection.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -179,7 +176,7 @@ impl<T: Clone> RadioStream<T> {
         self.messages.push_back((self.written, message));
         self.transmit(t);
     }
-    /// Messages delivered by `t`, in order, with their arrival times.
+    /// Messages delivered by `t` with arrival times, in order.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         self.advance(t);
         core::mem::take(&mut self.ready)
@@ -210,7 +207,7 @@ impl<T: Clone> RadioStream<T> {
     fn put(&mut self, t: Time<TrueTime>, range: Range) {
         let bytes = (range.1 - range.0) as usize + HEADERS;
         for at in self.there.send(t, bytes).into_iter().flatten() {
-            // A full line drops the segment, as a full link does.
+            // A full line drops the segment.
             let _lost = self.events.push(at, Event::Data(range, t));
         }
     }
@@ -225,7 +222,7 @@ impl<T: Clone> RadioStream<T> {
             }
             sent = true;
         }
-        // A write that has to wait does not change the timer.
+        // A write that waits does not change the timer.
         if sent {
             self.set_timer(t);
         }
@@ -241,7 +238,7 @@ impl<T: Clone> RadioStream<T> {
             self.time_out_at = Some(t + self.time_out());
         }
     }
-    /// Sends at most one segment of new data; returns false without new data.
+    /// Sends at most one segment of new data; false without new data.
     fn send_new(&mut self, t: Time<TrueTime>) -> bool {
         if self.sent == self.written {
             return false;
@@ -283,7 +280,7 @@ impl<T: Clone> RadioStream<T> {
             self.ready
                 .extend(self.messages.pop_front().map(|(_, message)| (t, message)));
         }
-        // The range that has just arrived is first.
+        // The newest range is first.
         let mut ranges = vec![range];
         ranges.extend(self.received.iter().rev().take(RANGES - 1));
         for at in self.back.send(t, HEADERS + 12).into_iter().flatten() {
@@ -334,7 +331,7 @@ impl<T: Clone> RadioStream<T> {
         self.find_lost(t);
         let gained = before.saturating_sub(open(&self.flight)) as f64;
         match self.congestion {
-            // After a time-out the window grows with acknowledged segments; it is restored when all are acknowledged.
+            // After a time-out the window grows with acknowledgements, and is restored when all have arrived.
             Congestion::Bbr => {
                 let recovered = self.after_time_out && self.acknowledged >= self.recover;
                 let window = if recovered {
@@ -355,7 +352,7 @@ impl<T: Clone> RadioStream<T> {
         }
         self.after_time_out &= self.acknowledged < self.recover;
         self.probed &= !progress;
-        // A segment sent after the head does not measure how long the head is overdue.
+        // A segment sent after the head does not show how long the head is overdue.
         if progress || head_at.is_some_and(|at| sent_at < at) {
             self.time_out_at = Some(t + self.time_out());
         }
@@ -363,7 +360,7 @@ impl<T: Clone> RadioStream<T> {
         self.set_timer(t);
     }
 
-    /// Widens the reordering window once per round trip when a segment was retransmitted needlessly (overtaken, not
+    /// Widens the reordering window once per round trip after a needless retransmission (overtaken, not
     /// lost), for sixteen recoveries.
     fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
         if double && self.reorder_window_until.is_none_or(|at| t >= at) {
@@ -375,14 +372,14 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// Time by which a later segment may overtake one that is not lost, s: quarters of the minimum round trip, at most
-    /// the mean round trip.
+    /// Time by which a later segment may overtake one that is not lost, s: quarters of the minimum round
+    /// trip, at most the mean one.
     fn reordering_s(&self) -> f64 {
         let usual_s = self.round_trip.map_or(f64::INFINITY, |r| r.0);
         (0.25 * self.shortest_s.min(usual_s) * f64::from(self.reorder_window)).min(usual_s)
     }
 
-    /// Marks segments as lost that were sent long enough before one that arrived.
+    /// Marks segments lost that were sent long enough before one that arrived.
     fn find_lost(&mut self, t: Time<TrueTime>) {
         let Some((latest_at, round_trip_s)) = self.latest else {
             return;
@@ -408,7 +405,7 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// Retransmission time-out from the sending of the oldest segment.
+    /// Time-out from the sending of the oldest segment.
     fn time_out(&self) -> Span {
         let (mean, spread) = self.round_trip.unwrap_or((0.5, 0.125));
         let timeout = mean + (4.0 * spread).max(MIN_TIMEOUT_S);
@@ -457,7 +454,7 @@ impl<T: Clone> RadioStream<T> {
                 self.set_timer(t);
             }
             Timer::Probe => {
-                // New data, or the last segment again, so that its acknowledgement shows the gaps.
+                // New data, or the last segment again, whose acknowledgement shows the gaps.
                 self.probed = true;
                 if !self.send_new(t)
                     && let Some(last) = self.flight.iter().rposition(|s| !s.arrived)
@@ -472,7 +469,7 @@ impl<T: Clone> RadioStream<T> {
                 self.recover = self.sent;
                 self.after_time_out = true;
                 self.backoff = (self.backoff + 1).min(10);
-                // Segments sent within a round trip may still arrive; the oldest one counts as lost.
+                // Segments of the last round trip may still arrive; the oldest counts as lost.
                 let round_trip_s = self.latest.map_or(0.0, |l| l.1);
                 let recent = t - Span::from_secs(round_trip_s);
                 for (k, segment) in self.flight.iter_mut().enumerate().filter(|(_, s)| !s.arrived) {

@@ -1,5 +1,5 @@
-//! A beacon of the vessel: a separate receiver, whose position and velocity reach the drone late, over a link
-//! independent of the vessel's computer.
+//! A beacon of the vessel: a receiver whose position and velocity reach the drone late, over a link that does
+//! not pass the vessel's computer.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
@@ -17,34 +17,33 @@ use crate::physics::streams::Streams;
 pub const BEACON: Address = Address::new(42, 1);
 
 config! {
-    /// A beacon of the vessel.
+    /// GNSS beacon of the vessel.
     ///
     /// Defaults: a phone or an AIS transponder on deck; values chosen here.
     pub struct BeaconConfig {
         /// Messages per second.
         pub rate_hz: f64 = 1.0, in 0.1..=10.0;
-        /// From the fix to the drone's computer, s.
+        /// Time from a fix to its arrival at the drone's computer, s.
         pub latency_s: f64 = 0.5, in 0.0..=10.0;
-        /// Standard deviation of its slow error, each axis, m.
+        /// Standard deviation of the slow position error, per axis, m.
         pub bias_sd_m: f64 = 5.0, in 0.0..=100.0;
-        /// Correlation time of that, s.
+        /// Correlation time of the slow position error, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e6;
-        /// Standard deviation of its white error, each axis, m.
+        /// Standard deviation of the white position error, per axis, m.
         pub white_sd_m: f64 = 1.0, in 0.0..=100.0;
-        /// Standard deviation of its velocity, m/s.
+        /// Standard deviation of the velocity error, m/s.
         pub velocity_sd_mps: f64 = 0.2, in 0.01..=10.0;
-        /// Stated error of its place over the true one.
+        /// Ratio of the stated position error to the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Windows `[start, end)` without messages, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
-/// State of the simulated beacon.
 #[derive(Clone, Debug)]
 pub(super) struct Beacon {
     config: BeaconConfig,
-    /// Origin of the true NED; None: the origin of vessel and drones is the true one.
+    /// Origin of the true NED; None: that of vessel and drones.
     place: Option<Datum>,
     bias: GaussMarkovError,
     white: Noise,
@@ -70,7 +69,6 @@ impl Beacon {
             config: config.clone(),
         }
     }
-    /// Reports that have arrived by `t`.
     pub(super) fn step(&mut self, t: Time<TrueTime>, deck: &RigidState<Deck>) -> Vec<PlaceReport> {
         if let Some(dt) = self.outlet.due(t) {
             let c = &self.config;

@@ -10,11 +10,11 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Mount of the camera and its errors, which nodes do not receive.
+    /// True mount of the camera, relative to the designed one; nodes do not know the errors.
     #[derive(Copy)]
     pub struct CameraMountConfig {
-        /// Roll, pitch and yaw about the camera's axes relative to the designed mount, deg; the nodes have the same
-        /// value.
+        /// Roll, pitch and yaw about the camera's axes, relative to the designed mount, deg. The nodes have
+        /// this value.
         pub rotation_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
         /// Standard deviation of the rotation error about each camera axis, drawn per seed, deg.
         pub angle_sd_deg: f64 = 1.0, in 0.0..=30.0;
@@ -23,8 +23,8 @@ config! {
     }
 }
 
-/// Designed rotation drone body from camera: the camera looks down and the image's upper edge is forward, so camera x
-/// -> body y (right), camera y -> body -x (aft), camera z -> body z. That is a rotation by +90 deg about the common z
+/// Rotation drone body from camera by design: the camera looks down and the image's upper edge is forward, so
+/// camera x is body y (right), camera y is body -x (aft), camera z is body z: +90 deg about the common z
 /// axis.
 pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
@@ -33,7 +33,6 @@ pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     )))
 }
 
-/// True mount of the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMount {
     /// Optical centre in the body frame, m.
@@ -43,7 +42,7 @@ pub struct CameraMount {
 }
 
 impl CameraMount {
-    /// Mount of this seed: the designed mount with its errors.
+    /// The designed mount with this seed's errors.
     pub fn new(config: &CameraMountConfig, drone: &DroneGeometry, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "drone.camera.mount");
         let turn = noise.normal3() * config.angle_sd_deg.to_radians();
@@ -55,7 +54,6 @@ impl CameraMount {
                 * Rotation::<Camera, Camera>::from(UnitQuaternion::from_scaled_axis(turn)),
         }
     }
-    /// Motion of the camera on a drone with this motion.
     pub fn view(&self, drone: &RigidState<DroneBody>) -> CameraMotion {
         let at = drone.at::<DroneBody>(self.position);
         let camera_from_body = self.attitude.inverse();
@@ -70,23 +68,22 @@ impl CameraMount {
 
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMotion {
-    /// Optical centre.
     pub centre: Point<TrueNed>,
     /// Velocity of the camera, m/s.
     pub velocity: Vector<TrueNed>,
     /// Rotation camera from world.
     pub camera_from_world: Rotation<Camera, TrueNed>,
-    /// Angular velocity of the camera in its own axes, rad/s.
+    /// Angular velocity in camera axes, rad/s.
     pub rates: Vector<Camera>,
 }
 
 impl CameraMotion {
-    /// A point of the world in camera coordinates, m.
+    /// A world point in camera coordinates, m.
     pub fn to_camera_frame(&self, point: Point<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (point - self.centre)).0
     }
-    /// Velocity in camera coordinates of a point at `point` (camera coordinates, m) that moves with `velocity`: `R (v -
-    /// v_camera) - w x p`, m/s.
+    /// Velocity in camera coordinates of `point` (camera coordinates, m), which moves with `velocity`: `R
+    /// (v - v_camera) - w x p`, m/s.
     pub fn drift(&self, point: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&point)
     }
@@ -100,14 +97,14 @@ pub struct PinholeLens {
 }
 
 impl PinholeLens {
-    /// A lens with an image width of `width_px` over the horizontal field of view `fov_rad`.
+    /// `fov_rad`: horizontal field of view over the image width.
     pub fn new(width_px: f64, height_px: f64, fov_rad: f64) -> Self {
         PinholeLens {
             size_px: [width_px, height_px],
             focal_px: 0.5 * width_px / (0.5 * fov_rad).tan(),
         }
     }
-    /// Pixel of a point in camera coordinates; None behind the camera.
+    /// None behind the camera.
     pub fn project(&self, p: Vector3<f64>) -> Option<Vector2<f64>> {
         (p.z > 1e-3).then(|| p.xy() * (self.focal_px / p.z) + self.centre())
     }
@@ -134,7 +131,7 @@ mod tests {
         assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
         assert!((to_body(0.0, 1.0, 0.0) + Vector3::x()).norm() < 1e-15);
         assert!((to_body(0.0, 0.0, 1.0) - Vector3::z()).norm() < 1e-15);
-        // Points ahead of the drone are in the upper half of the image, points to starboard in the right half.
+        // Ahead is up in the image, starboard is right.
         let mount = CameraMount {
             position: Vector3::zeros(),
             attitude: r,

@@ -11,7 +11,7 @@ config! {
     #[derive(Copy)]
     pub struct ClockErrorConfig {
         /// Approximate reading of both clocks at the true time zero, s.
-        /// Chosen: so that no node can assume that its clock begins at zero.
+        /// Chosen: no node can assume that its clock starts at zero.
         pub epoch_s: f64 = 100.0, in 0.0..=1e9;
         /// Bound of the drone clock's uniform offset from the vessel clock at the true time zero, s.
         pub offset_s: f64 = 0.5, in 0.0..=3600.0;
@@ -28,8 +28,7 @@ pub struct ClockModel {
 }
 
 impl ClockModel {
-    /// A clock with the offset `offset_s` at the true time zero and the rate error `drift` (1 is one second per
-    /// second).
+    /// `offset_s`: at the true time zero; `drift`: rate error, s/s.
     pub fn new(offset_s: f64, drift: f64) -> Self {
         ClockModel {
             offset: Span::from_secs(offset_s),
@@ -42,11 +41,11 @@ impl ClockModel {
             ..self
         }
     }
-    /// Reading at the true time zero.
+    /// Offset at the true time zero.
     pub const fn offset(&self) -> Span {
         self.offset
     }
-    /// Relative rate error; 1 is one second per second.
+    /// Rate error, s/s.
     pub const fn drift(&self) -> f64 {
         self.drift
     }
@@ -54,7 +53,7 @@ impl ClockModel {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
         Time::<C>::from_nanos(t.nanos()) + self.offset + ahead
     }
-    /// True time of the reading `c`, to a nanosecond.
+    /// True time of a reading, to a nanosecond.
     pub fn true_time<C: Clock>(&self, c: Time<C>) -> Time<TrueTime> {
         let shown = Time::<TrueTime>::from_nanos(c.nanos()) - self.offset;
         let ahead = shown.nanos() as f64 * (self.drift / (1.0 + self.drift));
@@ -69,8 +68,8 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Draws the clocks of this seed. The offsets differ uniformly within `offset_s`, the drifts by `drift_ppm` with a
-    /// random sign; each clock has half of the difference.
+    /// Draws the clocks: a uniform offset within `offset_s`, and `drift_ppm` with a random sign; each clock
+    /// has half of either difference.
     pub fn new(config: &ClockErrorConfig, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "clocks");
         let offset = 0.5 * config.offset_s * (2.0 * noise.uniform() - 1.0);

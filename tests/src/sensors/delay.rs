@@ -4,8 +4,7 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Time, TrueTime};
 
-/// Queues values until their arrival times, in order of arrival; equal times keep the order of sending. A full line
-/// drops and counts new values.
+/// Queues values by arrival time; equal times keep their order. A full line drops and counts new values.
 #[derive(Clone, Debug)]
 pub struct DelayLine<T> {
     queue: VecDeque<(Time<TrueTime>, T)>,
@@ -21,13 +20,13 @@ impl<T> DelayLine<T> {
             dropped: 0,
         }
     }
-    /// Queues `value` for arrival at `arrival`; returns false if the line is full.
+    /// Returns false if the line is full.
     pub fn push(&mut self, arrival: Time<TrueTime>, value: T) -> bool {
         if self.queue.len() >= self.capacity {
             self.dropped += 1;
             return false;
         }
-        // Arrivals are almost in order, so that the search from the back is short.
+        // Arrivals are almost in order: the search from the back is short.
         let at = self
             .queue
             .iter()
@@ -36,7 +35,6 @@ impl<T> DelayLine<T> {
         self.queue.insert(at, (arrival, value));
         true
     }
-    /// Removes the next value that has arrived by `now`.
     pub fn pop(&mut self, now: Time<TrueTime>) -> Option<(Time<TrueTime>, T)> {
         let (arrival, _) = self.queue.front()?;
         if *arrival > now {
@@ -47,7 +45,6 @@ impl<T> DelayLine<T> {
     pub fn next(&self) -> Option<Time<TrueTime>> {
         self.queue.front().map(|(arrival, _)| *arrival)
     }
-    /// Removes all values that have arrived by `now`.
     pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
         core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()
     }
@@ -57,7 +54,6 @@ impl<T> DelayLine<T> {
     pub fn is_empty(&self) -> bool {
         self.queue.is_empty()
     }
-    /// Number of values dropped because the line was full.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }

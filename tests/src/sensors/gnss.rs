@@ -1,4 +1,4 @@
-//! GNSS receiver: a slowly varying bias, white noise, and an antenna with a lever arm.
+//! GNSS receiver: slow bias, white noise, an antenna with a lever arm.
 
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
@@ -15,7 +15,7 @@ use crate::physics::streams::Streams;
 config! {
     /// Errors of a GNSS receiver.
     ///
-    /// Defaults: A single-frequency receiver without corrections; values chosen here.
+    /// Defaults: a single-frequency receiver without corrections; values chosen here.
     #[derive(Copy)]
     pub struct GnssErrorConfig {
         /// Standard deviation of the slow bias, per axis, m.
@@ -29,8 +29,7 @@ config! {
     }
 }
 
-/// Errors of one receiver over time. Each craft has its own streams; the difference between the two biases displaces
-/// the NED planes of the two craft.
+/// Each craft has its own streams. The difference of the two biases displaces their NED planes.
 #[derive(Clone, Debug)]
 pub struct GnssError {
     config: GnssErrorConfig,
@@ -40,8 +39,7 @@ pub struct GnssError {
 }
 
 impl GnssError {
-    /// Errors of the receiver of `craft` ("vessel", "drone"), with the streams `<craft>.gnss.bias`, `.white` and
-    /// `.velocity`.
+    /// `craft`: "vessel" or "drone". Streams: `<craft>.gnss.bias`, `.white` and `.velocity`.
     pub fn new(config: &GnssErrorConfig, streams: &Streams, craft: &str) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("{craft}.gnss.{what}"));
         GnssError {
@@ -51,19 +49,18 @@ impl GnssError {
             velocity: noise("velocity"),
         }
     }
-    /// Present slow bias, NED, m, which displaces the craft's NED plane.
+    /// Slow bias, NED, m, which displaces the craft's NED plane.
     pub fn bias(&self) -> Vector3<f64> {
         self.bias.value()
     }
-    /// Advances the slow bias by `dt` seconds and returns it.
+    /// Advances the slow bias by `dt` (s) and returns it.
     pub fn advance(&mut self, dt: f64) -> Vector3<f64> {
         self.bias.step(dt)
     }
-    /// Draws a position error, NED, m: bias plus white noise.
+    /// Position error, NED, m: bias plus white noise.
     pub fn position(&mut self) -> Vector3<f64> {
         self.bias.value() + self.white.normal3() * self.config.white_sd_m
     }
-    /// Draws a velocity error, NED, m/s.
     pub fn velocity(&mut self) -> Vector3<f64> {
         self.velocity.normal3() * self.config.velocity_sd_mps
     }
@@ -88,8 +85,8 @@ config! {
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Height error, positive up, m. A receiver that omits the geoid's height (field 11 of GGA) is wrong by 22 to
-        /// 51 m in seven of 56 logs of vessels.
+        /// Height error, positive up, m. Receivers that omit the geoid's height (field 11 of GGA) are wrong
+        /// by 22 to 51 m in seven of 56 logs of vessels.
         pub height_error_m: f64 = 0.0, in -200.0..=200.0;
         /// Ratio of the reported white noise to the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
@@ -101,7 +98,7 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct VesselGnss {
     config: VesselGnssConfig,
-    /// Origin of the true NED; None: the vessel's origin is the true one.
+    /// Origin of the true NED; None: the vessel's origin.
     place: Option<Datum>,
     antenna: Vector3<f64>,
     error: GnssError,
@@ -132,14 +129,13 @@ impl VesselGnss {
     pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<GnssFix> {
         if let Some(dt) = self.outlet.due(t) {
             self.error.advance(dt);
-            // Drawn even if the fix is lost, so that an outage does not shift the noise.
+            // Drawn even without a fix, so that an outage does not shift the noise.
             let (dp, dv) = (self.error.position(), self.error.velocity());
             let lost = self.dropout.chance(self.config.dropout);
             let (config, place) = (&self.config, self.place);
             self.outlet.send(t, lost, |header| {
                 let antenna = vessel.at::<VesselBody>(self.antenna);
                 let position = antenna.position.0 + dp - Vector3::z() * config.height_error_m;
-                // A receiver reports latitude, longitude and height.
                 let (datum, position) = match place {
                     Some(place) => (place.at(&Vector::<TrueNed>::from(position)), Vector3::zeros()),
                     None => (Datum::default(), position),

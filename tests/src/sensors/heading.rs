@@ -1,4 +1,4 @@
-//! Heading sensor of the vessel: a compass, or two GNSS antennas.
+//! Heading sensor of the vessel: compass or two GNSS antennas.
 
 use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
@@ -68,7 +68,7 @@ impl VesselHeading {
                 Some(HeadingFix {
                     header,
                     heading: wrap_angle(vessel.euler().z + error),
-                    // As in its data sheet: the total error.
+                    // Data sheets state the total error.
                     heading_sd: stated,
                     ..HeadingFix::default()
                 })

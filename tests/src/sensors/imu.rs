@@ -1,5 +1,3 @@
-//! Inertial measurement unit of the vessel.
-
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
 use alight_shared::geometry::GRAVITY;
@@ -13,7 +11,7 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// IMU of the vessel.
+    /// Inertial measurement unit of the vessel.
     pub struct VesselImuConfig {
         /// Measurements per second.
         /// Source: Procházka 2024: IMU at 100 Hz.
@@ -48,8 +46,8 @@ config! {
     }
 }
 
-/// Measurement of an ideal inertial sensor at the state's reference point: angular rate (rad/s) and specific force `R'
-/// (a - g)` (m/s²), in the body frame (Groves 2013, section 4.1).
+/// Angular rate (rad/s) and specific force `R' (a - g)` (m/s²) of an ideal sensor at the reference point, in
+/// the body frame (Groves 2013, section 4.1).
 pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
     let gravity = Vector::<TrueNed>::new(0.0, 0.0, GRAVITY);
     let force = state.attitude.inverse() * (state.acceleration - gravity);

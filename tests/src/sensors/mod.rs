@@ -1,10 +1,10 @@
-//! Simulated sensors, with noise, bias, latency and failures.
+//! Simulated sensors with noise, bias, latency and failures.
 //!
-//! Each error has its own named random stream and is drawn whether or not the measurement is delivered, so that two
+//! Each error has its own named random stream, and is drawn whether or not its measurement is delivered:
 //! planners that fly differently have the same errors at the same time.
 //!
-//! Reading order: [`noise`], [`gnss`] and [`imu`] for the vessel; [`camera`], [`square_pose`],
-//! [`vision_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
+//! Read [`noise`], [`gnss`] and [`imu`] for the vessel, then [`camera`], [`square_pose`], [`vision_loss`],
+//! [`occlusion`], [`night`] and [`tag`] for the drone.
 
 pub mod attitude;
 pub mod beacon;
@@ -55,13 +55,13 @@ config! {
         pub vessel_gnss: gnss::VesselGnssConfig;
         /// The vessel's heading sensor.
         pub vessel_heading: heading::VesselHeadingConfig;
-        /// Attitude sensor of the vessel, where it has one.
+        /// The vessel's attitude sensor, if it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub vessel_attitude: Option<attitude::VesselAttitudeConfig> = None;
-        /// A beacon of the vessel, where it has one.
+        /// The vessel's beacon, if it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub beacon: Option<beacon::BeaconConfig> = None;
-        /// The vessel's receiver as the moving base of the drone's, where it is.
+        /// The vessel's receiver as moving base of the drone's, if it is one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub moving_base: Option<moving_base::MovingBaseConfig> = None;
         /// The detector of the deck's tag.
@@ -76,7 +76,7 @@ config! {
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
-        /// The light by night; none: daylight, in which the belly camera's exposure is `tag.exposure_s` and white is
+        /// Light by night. None: daylight; the belly camera has the exposure `tag.exposure_s` and the white
         /// `render.white`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub night: Option<night::NightConfig> = None;
@@ -97,26 +97,26 @@ config! {
     }
 }
 
-/// Readings of the drone's deck sensors in one tick.
+/// Sensor readings of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
-    /// Messages of the vessel's beacon, over the autopilot's link.
+    /// Beacon messages on the autopilot's link.
     pub beacons: Vec<PlaceReport>,
-    /// Bytes of the drone's own GNSS receiver (UBX).
+    /// Own GNSS receiver (UBX).
     pub receiver: Vec<u8>,
     pub tags: Vec<TagPose>,
-    /// Images whose exposure begins, if images replace the detections.
+    /// Started exposures, if images replace the detections.
     pub shots: Vec<render::Shot>,
-    /// Images of the ultraviolet camera.
+    /// Started exposures of the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
-    /// Light in the belly camera's images, if it is reported.
+    /// Light in the belly camera's images, if reported.
     pub light: Option<CameraLight>,
 }
 
 impl DroneReadings {
-    /// Adds `by` to the stamps of the images' detections.
+    /// Adds `by` to the stamps of detections.
     pub fn shift(&mut self, by: Span) {
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
@@ -124,8 +124,8 @@ impl DroneReadings {
     }
 }
 
-/// State of the vessel's sensors. [`VesselSensors::step`] is called once per tick of 10 ms with the truth at that tick;
-/// it returns what has arrived by then, stamped with the time of measurement.
+/// The vessel's sensors. [`VesselSensors::step`], called each tick of 10 ms with the truth, returns what has
+/// arrived, stamped with its time of measurement.
 #[derive(Clone, Debug)]
 pub struct VesselSensors {
     imu: imu::VesselImu,
@@ -136,7 +136,7 @@ pub struct VesselSensors {
 }
 
 impl VesselSensors {
-    /// The sensors of this seed; `place` is their position on Earth, if it matters.
+    /// `place`: on Earth; None if it does not matter.
     pub fn new(
         config: &SensorConfig,
         place: Option<Datum>,
@@ -153,16 +153,14 @@ impl VesselSensors {
                 .map(|c| moving_base::BaseReceiver::new(c, identity, streams)),
         }
     }
-    /// Present displacement of the vessel's NED plane by the GNSS bias, m (truth): positions in the vessel's NED are
-    /// true positions plus this vector.
+    /// Displacement of the vessel's NED plane by GNSS bias, m: what to add to a true position.
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
     }
-    /// Bytes of the moving base (RTCM 3) that have arrived by `t`.
+    /// RTCM 3 bytes of the moving base that have arrived by `t`.
     pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }
-    /// The measurements that have arrived by `t`.
     pub fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Readings {
         Readings {
             imu: self.imu.step(t, vessel),
@@ -176,20 +174,20 @@ impl VesselSensors {
     }
 }
 
-/// State of a drone's deck sensors, used like [`VesselSensors`].
+/// Used like [`VesselSensors`].
 #[derive(Clone)]
 pub struct DroneSensors {
     beacon: Option<beacon::Beacon>,
     rover: Option<moving_base::MovingBaseRover>,
     mount: CameraMount,
     tag: tag::SimulatedTagDetector,
-    /// Detector of another boat's tags in the same camera.
+    /// Detects another boat's tags in the same image.
     other_tag: tag::SimulatedTagDetector,
     other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
-    /// At night, if no image is rendered.
+    /// Light by night without rendered images.
     light: Option<Outlet<CameraLight, DroneClock>>,
-    /// Exposure of the ultraviolet camera, and of the belly camera by day, s.
+    /// Exposure of the ultraviolet camera, and by day of the belly camera, s.
     exposure_s: f64,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
@@ -223,7 +221,7 @@ impl DroneSensors {
             other_tag: tag("drone.other_tag"),
             other: None,
             exposure_s: config.tag.exposure_s,
-            // When images are rendered, the camera node reports the light.
+            // With rendered images, the camera node reports the light.
             light: (config.night.is_some() && !config.render.on).then(|| {
                 Outlet::new(
                     CAMERA_LIGHT.rate_hz,
@@ -244,19 +242,18 @@ impl DroneSensors {
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }
-    /// Sets the deck of another boat with the vessel's tags in view, or none.
+    /// Another boat's deck with the vessel's tags.
     pub fn show(&mut self, other: Option<RigidState<Deck>>) {
         self.other = other;
     }
-    /// Passes whole frames of the moving base to its receiver at `t`.
+    /// Passes whole frames to the receiver with a moving base.
     pub fn receive_rtcm(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         self.rover.iter_mut().for_each(|r| r.receive(t, bytes));
     }
-    /// Sets the faults of the drone's receiver.
     pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
         self.rover.iter_mut().for_each(|r| r.faults = faults);
     }
-    /// The measurements that have arrived by `t`; `water(north, east)` is the surface's NED z, m.
+    /// Readings that have arrived by `t`; `water(north, east)`: NED z of the surface, m.
     pub fn step(
         &mut self,
         t: Time<TrueTime>,

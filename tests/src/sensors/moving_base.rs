@@ -1,9 +1,8 @@
-//! Moving base: the vessel's GNSS receiver sends RTCM 3, from which the drone's receiver computes the vector from the
-//! vessel's antenna to its own.
+//! Moving base: the vessel's receiver sends RTCM 3, and the drone's computes the vector between the two
+//! antennas.
 //!
-//! Both measure at the same GNSS times, the epochs; the frames contain the epoch's number. A position is valid for an
-//! epoch of which the base's position and all observations arrived, and is ready 80 ms after the last of them; an
-//! incomplete epoch gives no position.
+//! Both measure at common GNSS times, the epochs, whose numbers the frames contain. An epoch gives a position
+//! 80 ms after all its frames (base position and observations) have arrived; an incomplete epoch gives none.
 //!
 //! | solution | becomes | after |
 //! |---|---|---|
@@ -30,9 +29,9 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Messages of an epoch with the sizes of their contents, bytes: position of the base, GPS, GLONASS, Galileo and
-/// BeiDou; last, in each fifth epoch only, the biases of GLONASS. Source: numbers of u-blox's moving base; sizes of 5
-/// to 8 satellites a system, two signals each.
+/// Messages of an epoch with content sizes, bytes: position of the base, GPS, GLONASS, Galileo, BeiDou; and
+/// in each fifth epoch the GLONASS biases. Source: numbers of u-blox's moving base; sizes for 5 to 8
+/// satellites a system and two signals each.
 const MESSAGES: [(u16, usize); 6] = [
     (rtcm::UBLOX, 57),
     (1077, 147),
@@ -41,75 +40,73 @@ const MESSAGES: [(u16, usize); 6] = [
     (1127, 137),
     (1230, 57),
 ];
-/// Bits of the messages that make an epoch complete.
+/// Bits of the messages of a complete epoch.
 const COMPLETE: u8 = 0b1_1111;
 /// Time from an epoch to its frames' arrival at the vessel's computer, s: 1 kB over a fast serial line.
 const BASE_LATENCY_S: f64 = 0.03;
 /// Time from the last frame of an epoch to its solution at the drone's computer, s.
 const PROCESSING_S: f64 = 0.08;
-/// Most epochs that wait for their frames, and most solutions in transit.
+/// Maximum number of epochs that wait for frames, and of solutions in transit.
 const EPOCHS: usize = 64;
-/// Maximum age of corrections with which a solution can improve, s.
+/// Maximum age of corrections that can improve a solution, s.
 const FRESH_S: f64 = 2.0;
-/// Time without corrections after which a fix is lost, and after which there is no solution, s.
+/// Times without corrections until a fix, and until any solution, is lost, s.
 const FIX_LASTS_S: f64 = 5.0;
 const FLOAT_LASTS_S: f64 = 20.0;
 /// Time from the first corrections to the first float solution, s.
 const START_S: f64 = 1.0;
-/// Standard deviations of a fix, m: white, for each of north, east, down, and correlated.
+/// Standard deviations of a fix, m: white (north, east, down), and correlated.
 const FIXED_SD_M: [f64; 3] = [0.01, 0.01, 0.015];
 const FIXED_SLOW_SD_M: f64 = 0.005;
 /// Standard deviations of float and code solutions, m.
 const FLOAT_SD_M: f64 = 0.3;
 const CODE_SD_M: f64 = 1.5;
-/// Correlation times of the slow error of fixes, float and code solutions, s.
+/// Correlation times of the slow errors of fixes, float and code solutions, s.
 const SLOW_S: f64 = 20.0;
 const FLOAT_S: f64 = 30.0;
 const CODE_S: f64 = 60.0;
-/// Error of a fix from the atmosphere's difference, m per metre between the antennas.
+/// Error of a fix by different atmosphere, m per metre between the antennas.
 const BASELINE_ERROR: f64 = 1e-6;
 
 config! {
-    /// A moving base.
+    /// The vessel's GNSS receiver as moving base of the drone's.
     ///
     /// Defaults: two receivers of two frequencies (u-blox F9P) on open water; values chosen here.
     #[derive(Copy)]
     pub struct MovingBaseConfig {
         /// Epochs per second.
-        /// Chosen: 2.9 kB/s on the radio, headers included, of the 3 kB/s that the vessel gives its frames.
+        /// Chosen: 2.9 kB/s on the radio with headers, of the 3 kB/s for these frames.
         pub rate_hz: f64 = 4.0, in 1.0..=5.0;
-        /// Antenna of the vessel's receiver from the deck's centre, in the vessel's body frame, m.
-        /// Chosen: at the stern rail, below the landing drone's feet.
+        /// Antenna of the vessel's receiver relative to the deck's centre, in the vessel's body frame, m.
+        /// Chosen: at the stern rail, below the feet of a landing drone.
         pub antenna_m: [f64; 3] = [-1.4, 0.6, 0.1], in -50.0..=50.0;
         /// Mean time from a float solution to a fix, s.
         pub time_to_fix_s: f64 = 8.0, in 0.1..=1e4;
-        /// Mean time after which a fix is lost, s.
+        /// Mean duration of a fix, s.
         pub fix_lost_every_s: f64 = 120.0, in 1.0..=1e6;
-        /// Every fix is a false one: by so much, m, in a direction that lasts as long as the fix.
+        /// Error of every fix, m, in a direction that is constant during the fix.
         pub false_fix_m: f64 = 0.0, in 0.0..=100.0;
-        /// From an epoch to the drone's receiver's own fix (NAV-PVT) at its computer, s.
+        /// Latency of the own fix (NAV-PVT) of the drone's receiver, s.
         pub fix_latency_s: f64 = 0.05, in 0.0..=0.5;
-        /// Fraction of the sky that the vessel hides from its antenna: noise and the time to a fix grow to 1 + 3 times it.
+        /// Fraction of the sky that the vessel hides from its antenna; noise and time to a fix increase by
+        /// 1 + 3 times it.
         pub blocked: f64 = 0.0, in 0.0..=1.0;
     }
 }
 
-/// Faults of a moving base.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MovingBaseFaults {
     pub corrections_lost: bool,
     pub fix_lost: bool,
-    /// Error of every fix, m, if all fixes are false; 0: none is.
+    /// Error of every fix, m; 0: no false fix.
     pub false_fix_m: f64,
 }
 
-/// Number of the epoch of `t`.
 fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
-    // Rounded as in the schedule.
+    // Rounded like the schedule.
     (t.secs() * rate_hz + 1e-6).floor().max(0.0) as u32
 }
 
-/// The vessel's receiver.
 #[derive(Clone, Debug)]
 pub(super) struct BaseReceiver {
     config: MovingBaseConfig,
@@ -125,7 +122,6 @@ impl BaseReceiver {
             outlet: Outlet::new(config.rate_hz, BASE_LATENCY_S, &Windows::default(), identity),
         }
     }
-    /// Bytes that have arrived by `t`.
     pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         if self.outlet.due(t).is_some() {
             let epoch = epoch_at(t, self.config.rate_hz);
@@ -140,17 +136,16 @@ impl BaseReceiver {
     }
 }
 
-/// State of the ambiguity solution.
 #[derive(Clone, Debug)]
 struct Ambiguities {
     solution: CarrierSolution,
-    /// Time of the next change; None: it has not begun, for lack of corrections.
+    /// Time of the next change; None: without corrections it has not begun.
     changes_at: Option<Time<TrueTime>>,
     /// Mean time to a fix, and to its loss, s.
     means_s: [f64; 2],
     times: Noise,
     directions: Noise,
-    /// Direction of the error of a false fix.
+    /// Direction of a false fix's error.
     direction: Vector3<f64>,
 }
 
@@ -166,7 +161,7 @@ impl Ambiguities {
             direction: Vector3::zeros(),
         }
     }
-    /// Advances to `t`; `age_s`: age of the corrections, s; `fix_lost`: no fix is possible.
+    /// `age_s`: age of the corrections; `fix_lost`: no fix is possible.
     fn step(&mut self, t: Time<TrueTime>, age_s: f64, fix_lost: bool) {
         let fresh = age_s <= FRESH_S;
         let due = self.changes_at.is_some_and(|at| t >= at);
@@ -188,7 +183,7 @@ impl Ambiguities {
             CarrierSolution::Float | CarrierSolution::Fixed => {}
         }
     }
-    /// Enters a float or fixed solution, whose duration is exponentially distributed.
+    /// Enters a float or fixed solution of exponential duration.
     fn enter(&mut self, t: Time<TrueTime>, solution: CarrierSolution) {
         let [to_fix_s, to_loss_s] = self.means_s;
         let mean_s = if solution == CarrierSolution::Fixed {
@@ -207,15 +202,14 @@ impl Ambiguities {
 struct Epoch {
     number: u32,
     at: Time<TrueTime>,
-    /// True vector from the vessel's antenna to the drone's, NED, m.
+    /// Vector from the vessel's antenna to the drone's, NED, m.
     baseline: Vector3<f64>,
     /// Errors of a code, a float and a fixed solution, m.
     errors: [Vector3<f64>; 3],
-    /// Bits of the messages that have arrived.
+    /// Bits of messages that arrived.
     came: u8,
 }
 
-/// The drone's receiver.
 #[derive(Clone, Debug)]
 pub(super) struct MovingBaseRover {
     config: MovingBaseConfig,
@@ -228,14 +222,12 @@ pub(super) struct MovingBaseRover {
     float: GaussMarkovError,
     code: GaussMarkovError,
     epochs: VecDeque<Epoch>,
-    /// The newest complete epoch.
     newest: Option<(u32, Time<TrueTime>)>,
     ambiguities: Ambiguities,
     line: DelayLine<Vec<u8>>,
 }
 
 impl MovingBaseRover {
-    /// A receiver with its antenna at this position of the drone's body frame, m.
     pub(super) fn new(config: &MovingBaseConfig, antenna_m: [f64; 3], streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("drone.moving_base.{what}"));
         MovingBaseRover {
@@ -253,7 +245,6 @@ impl MovingBaseRover {
             line: DelayLine::new(2 * EPOCHS),
         }
     }
-    /// Receives whole frames at `t`.
     pub(super) fn receive(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         if self.faults.corrections_lost {
             return;
@@ -272,12 +263,11 @@ impl MovingBaseRover {
                 let epoch = *epoch;
                 self.newest = Some((epoch.number, epoch.at));
                 let place = self.solved(&epoch);
-                // A full delay line: more frames in transit than a radio holds.
+                // Full only with more frames in transit than a radio holds.
                 let _full = self.line.push(t + Span::from_secs(PROCESSING_S), place);
             }
         }
     }
-    /// NAV-RELPOSNED of a complete epoch.
     fn solved(&mut self, epoch: &Epoch) -> Vec<u8> {
         let solution = self.ambiguities.solution;
         let off_m = self.config.false_fix_m.max(self.faults.false_fix_m.abs());
@@ -296,7 +286,7 @@ impl MovingBaseRover {
         let sd_m = sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked));
         ubx::nav_relposned_of_place(epoch.at.nanos(), baseline_m, sd_m, solution)
     }
-    /// Bytes that have arrived by `t`; the receiver measures if an epoch is due.
+    /// Bytes that have arrived by `t`. Measures if an epoch is due.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -308,7 +298,7 @@ impl MovingBaseRover {
         if let Some(dt) = self.schedule.due(t) {
             let base = Vector3::from(self.config.antenna_m);
             let baseline = drone.at::<DroneBody>(self.antenna).position.0 - deck.at::<Deck>(base).position.0;
-            // All errors are drawn in each epoch, whether used or not.
+            // Each epoch draws all errors, used or not.
             let white = self.white.normal3();
             let far = white * (BASELINE_ERROR * baseline.norm());
             let fixed = white.component_mul(&Vector3::from(FIXED_SD_M)) + self.slow.step(dt) + far;
@@ -323,7 +313,7 @@ impl MovingBaseRover {
                 errors: errors.map(|e| e * (1.0 + 3.0 * self.config.blocked)),
                 came: 0,
             });
-            // Its own fix, of which only the time is read.
+            // Only its time is read.
             let stated = StatedErrors {
                 position_m: 1.5,
                 velocity_mps: 0.1,

@@ -1,18 +1,18 @@
-//! The belly camera by night: its exposure range, the light of scene, lit tags and a lamp in a pixel, and its noise.
+//! The belly camera by night: exposure, light of scene, lit tags and a lamp in a pixel, and noise.
 //!
-//! Light is expressed in lux on a white surface: a surface of luminance `L` is as bright as a white one under `π L`
-//! lux. A pixel with exposure `t` and gain `g` has
+//! Light is expressed in lux on a white surface: a surface of luminance `L` looks like a white one under `π
+//! L` lux. A pixel with exposure `t` and gain `g` has
 //!
 //! ```text
 //! electrons = s E t        grey = 255 g electrons / well        sd² = dark² + (255 g / well)² (read² + electrons)
 //! ```
 //!
-//! A lamp scatters in the lens as in an eye; its veil has the luminance `10 E / θ²` (Stiles and Holladay; CIE 146),
-//! where `E` is its illuminance at the lens, lux, and `θ` the angle from it, deg, at least 1 deg. Lit tags scatter by
-//! the same law.
+//! A lamp scatters in the lens as in an eye. Its veil has the luminance `10 E / θ²` (Stiles and Holladay; CIE
+//! 146), where `E` is its illuminance at the lens, lux, and `θ` the angle from it, deg, at least 1. Lit tags
+//! scatter likewise.
 //!
-//! The rendered images and the measurement model of the tags ([`super::tag`]) have nothing else in common: the first are drawn,
-//! the second has probabilities and noise fitted to the drone's detector on such images.
+//! Rendered images and the measurement model of the tags ([`super::tag`]) share only this. Probabilities and
+//! noise of the model are fitted to the drone's detector on rendered images.
 
 use alight_shared::config;
 use alight_uav::camera::metering::Setting;
@@ -28,19 +28,19 @@ config! {
         /// Luminance of the white of lit tags, cd/m²; 0: printed tags.
         /// Chosen: LED panels behind film have 50 to 1000.
         pub tags_cdpm2: f64 = 0.0, in 0.0..=1e5;
-        /// Luminous intensity of a lamp on the deck towards the drone, cd; 0: no lamp. A 10 W floodlight has 150 cd, a
-        /// 100 W lamp with a narrow mirror 10 000 cd.
+        /// Luminous intensity of a lamp on the deck towards the drone, cd; 0: no lamp. A 10 W floodlight has
+        /// 150 cd, a 100 W searchlight 10 000 cd.
         pub lamp_cd: f64 = 0.0, in 0.0..=1e6;
         /// Position of the lamp relative to the deck's centre: forward, right, down, m.
         pub lamp_m: [f64; 3] = [-1.5, 0.0, -0.5], in -50.0..=50.0;
-        /// Fraction of the light of scene and lamp that passes the camera's filter; the light of lit tags passes it
+        /// Fraction of the light of scene and lamp that passes the camera's filter; light of lit tags passes
         /// entirely.
-        /// Source: an infra-red filter below 850 nm passes a hundredth of the light of white LEDs and almost none of
-        /// the moon's.
+        /// Source: an infra-red filter below 850 nm passes a hundredth of the light of white LEDs and almost
+        /// none of the moon's.
         pub filter: f64 = 1.0, in 0.0..=1.0;
         /// Electrons of a pixel per lux on a white surface and second of exposure.
-        /// Source: `T ρ/(4 N²)` of the scene's illuminance reaches the sensor: 0.027 with f/2.8, T 0.9; a pixel of 3 µm
-        /// collects 22 000 electrons per lux and second with a quantum efficiency of 0.6.
+        /// Source: `T ρ/(4 N²)` of the scene's illuminance reaches the sensor, 0.027 at f/2.8 and T 0.9; a
+        /// pixel of 3 µm collects 22 000 electrons per lux and second at a quantum efficiency of 0.6.
         pub electrons: f64 = 600.0, in 0.1..=1e6;
         /// Electrons of grey level 255 at a gain of 1.
         /// Source: `render.shot` by day: a variance of 0.05 grey levels per grey level.
@@ -54,36 +54,36 @@ config! {
     }
 }
 
-/// Reflectance of a tag's white and black relative to a white surface.
+/// Reflectance of a tag's white and black, relative to a white surface.
 pub(super) const TAG: [f64; 2] = [0.95, 0.06];
 const LAMP_M: f64 = 0.06;
-/// Coefficient of the veil, cd/m² deg² per lux, and minimum angle of its law, deg.
+/// Coefficient of the veil, cd/m² deg² per lux, and minimum angle, deg.
 const VEIL: f64 = 10.0;
 const MIN_VEIL_DEG: f64 = 1.0;
 const MIN_EXPOSURE_S: f64 = 1e-4;
-/// Target grey level of a tag's white.
+/// Metered grey level of a tag's white.
 const AIM: f64 = 180.0;
 
-/// Veil in lux on white, per lux at the lens, of a source at `angle` rad.
+/// Veil of a source at `angle` rad, lux on white per lux at the lens.
 pub(super) fn veil(angle: f64) -> f64 {
     PI * VEIL / angle.to_degrees().max(MIN_VEIL_DEG).powi(2)
 }
 
 impl NightConfig {
-    /// Illuminance of the scene after the filter, lux.
+    /// Light of the scene after the filter, lux.
     pub(super) fn scene_lux(&self) -> f64 {
         self.ambient_lux * self.filter
     }
-    /// Equivalent illuminance on white of a tag's white and black, lux.
+    /// Light from a tag's white and black, lux on white.
     pub(super) fn tag_lux(&self) -> [f64; 2] {
         let [white, black] = TAG.map(|reflectance| reflectance * self.scene_lux());
         [white + PI * self.tags_cdpm2, black]
     }
-    /// Illuminance of the lamp at a lens `distance_m` away, after the filter, lux.
+    /// Lamp at a lens `distance_m` away, after the filter, lux.
     pub(super) fn lamp_lux(&self, distance_m: f64) -> f64 {
         self.lamp_cd * self.filter / distance_m.max(LAMP_M).powi(2)
     }
-    /// Equivalent illuminance on white of the lamp's surface, lux, and its diameter, m.
+    /// Surface of the lamp, lux on white, and diameter, m.
     pub(super) fn lamp_surface(&self) -> (f64, f64) {
         let area = 0.25 * PI * LAMP_M * LAMP_M;
         (PI * self.lamp_cd * self.filter / area, LAMP_M)
@@ -95,12 +95,12 @@ impl NightConfig {
     pub(super) fn grey_per_lux(&self, setting: &Setting) -> f64 {
         self.electrons * setting.exposure_s * self.step(setting.gain)
     }
-    /// Standard deviation of a pixel at this grey level and gain, grey levels; `dark` is added as root of squares.
+    /// Standard deviation of a pixel at this grey level and gain, grey levels; adds `dark` as root of squares.
     pub(super) fn noise(&self, grey: f64, gain: f64, dark: f64) -> f64 {
         let step = self.step(gain);
         (dark * dark + step * step * self.read * self.read + step * grey.max(0.0)).sqrt()
     }
-    /// Setting to which metering converges on a white under `white_lux`: exposure first, up to `max_exposure_s`, then
+    /// Setting at which metering settles for a white under `white_lux`: exposure up to `max_exposure_s`, then
     /// gain.
     pub fn auto_exposure(&self, white_lux: f64, max_exposure_s: f64) -> Setting {
         let exposure_s = |gain: f64| AIM / (self.electrons * self.step(gain) * white_lux.max(1e-9));
@@ -112,7 +112,6 @@ impl NightConfig {
     pub(super) fn at_limit(&self, setting: &Setting, max_exposure_s: f64) -> bool {
         setting.exposure_s >= max_exposure_s && setting.gain >= self.max_gain
     }
-    /// Ranges of exposure and gain as reported by a device.
     pub fn ranges(&self, max_exposure_s: f64) -> [alight_uav::camera::metering::SettingRange; 2] {
         let range = |low, most, step| alight_uav::camera::metering::SettingRange { low, most, step };
         let min_s = MIN_EXPOSURE_S.min(max_exposure_s);
@@ -141,7 +140,7 @@ mod tests {
         }
         let s = night.auto_exposure(300.0, MAX_EXPOSURE_S);
         assert!((s.exposure_s, s.gain) == (MAX_EXPOSURE_S, 5.0) && (grey(300.0) - 180.0).abs() < 1e-6);
-        // 24 dB are reached at 94 lux; a tenth of that yields a tenth of the level.
+        // 24 dB are reached at 94 lux; a tenth of the light gives a tenth of the level.
         let s = night.auto_exposure(9.4, MAX_EXPOSURE_S);
         assert!(
             night.at_limit(&s, MAX_EXPOSURE_S) && (grey(9.4) - 18.0).abs() < 0.1,
@@ -152,7 +151,7 @@ mod tests {
     #[test]
     fn noise_of_photons_and_reading() {
         let night = NightConfig::default();
-        // As in an image rendered by day: a variance of 0.05 per grey level.
+        // Variance of 0.05 per grey level, as in an image by day.
         assert!((night.noise(200.0, 1.0, 2.0).powi(2) - 14.04).abs() < 1e-9);
         // At 24 dB one electron is 0.8 grey levels.
         assert!((night.noise(0.0, 16.0, 0.0) - 3.2).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! Sensor errors: white noise and first-order Gauss-Markov processes.
+//! Sensor errors: white noise and Gauss-Markov processes.
 
 use core::ops::RangeInclusive;
 
@@ -11,12 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::{Stream, Streams};
 
-/// A named random stream with the draws that sensors need.
+/// A named random stream.
 #[derive(Clone, Debug)]
 pub struct Noise(Stream);
 
 impl Noise {
-    /// Noise of the stream `name`.
     pub fn new(streams: &Streams, name: &str) -> Self {
         Noise(streams.stream(name))
     }
@@ -30,15 +29,15 @@ impl Noise {
     pub fn uniform(&mut self) -> f64 {
         self.0.random()
     }
-    /// True with probability `p`; always draws, so that `p` does not shift later draws.
+    /// True with probability `p`. Always draws, so that `p` does not shift later draws.
     pub fn chance(&mut self, p: f64) -> bool {
         self.uniform() < p
     }
 }
 
-/// First-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section 2.9): `db/dt = -b / tau +
-/// w`, stationary with the standard deviation `sd` and the correlation `exp(-dt / tau)`, discretised exactly and
-/// started in its stationary distribution.
+/// First-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section 2.9): `db/dt =
+/// -b / tau + w`, stationary with `sd` and the correlation `exp(-dt / tau)`, discretised exactly, started in
+/// its stationary distribution.
 #[derive(Clone, Debug)]
 pub struct GaussMarkovError {
     noise: Noise,
@@ -48,7 +47,6 @@ pub struct GaussMarkovError {
 }
 
 impl GaussMarkovError {
-    /// Process with `sd` (unit of the value) and `correlation_s` (s), from the given stream.
     pub fn new(noise: Noise, sd: f64, correlation_s: f64) -> Self {
         let mut noise = noise;
         let value = noise.normal3() * sd;
@@ -62,7 +60,6 @@ impl GaussMarkovError {
     pub fn value(&self) -> Vector3<f64> {
         self.value
     }
-    /// Value `dt` seconds later.
     pub fn step(&mut self, dt: f64) -> Vector3<f64> {
         let keep = (-dt.max(0.0) / self.correlation_s).exp();
         let fresh = self.sd * (1.0 - keep * keep).max(0.0).sqrt();
@@ -71,8 +68,8 @@ impl GaussMarkovError {
     }
 }
 
-/// Decides on which ticks a sensor of a lower rate measures. A rate that does not divide the tick rate alternates
-/// between neighbouring intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); stamps are always the exact time of the tick.
+/// Ticks at which a slower sensor measures. A rate that does not divide the tick rate alternates between
+/// intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); stamps are those of the ticks.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleSchedule {
     rate_hz: f64,
@@ -83,9 +80,9 @@ impl SampleSchedule {
     pub const fn new(rate_hz: f64) -> Self {
         SampleSchedule { rate_hz, last: None }
     }
-    /// Time since the previous measurement (0 at the first), s, if one is due at `t`.
+    /// Time since the last measurement (0 at the first), s; None if none is due.
     pub fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
-        // The offset keeps 0.29 s * 100 Hz from rounding down to 28.
+        // With the offset, 0.29 s * 100 Hz does not round down to 28.
         let index = (t.secs() * self.rate_hz + 1e-6).floor() as i64;
         match self.last {
             Some((last, _)) if index <= last => None,
@@ -101,13 +98,12 @@ impl SampleSchedule {
     }
 }
 
-/// Windows `[start, end)` of true time, s, without data.
+/// Windows `[start, end)` without data, s of true time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Windows(pub Vec<[f64; 2]>);
 
 impl Windows {
-    /// Whether a window contains `t`.
     pub fn cover(&self, t: Time<TrueTime>) -> bool {
         let s = t.secs();
         self.0.iter().any(|[start, end]| (*start..*end).contains(&s))

@@ -1,4 +1,4 @@
-//! Occlusion of the tags by the drone: by its legs, and by its shadow on the deck.
+//! Occlusion of the tags by the drone's legs, and by its shadow.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
@@ -9,24 +9,23 @@ use super::camera::{CameraMotion, CameraMount};
 /// Radius of a leg, m.
 /// Chosen: a carbon tube of 16 mm with its clamps.
 const LEG_RADIUS_M: f64 = 0.01;
-/// Radius of the parts that cast a shadow (plates, battery, roots of the rotor arms), in lengths of a rotor arm. Spinning
-/// rotors pass nine tenths of the light.
-/// Chosen: as on a Tarot T650.
+/// Radius of the parts that cast a shadow (plates, battery, roots of the rotor arms), in rotor arm lengths. Spinning rotors
+/// pass nine tenths of the light. Chosen: as on a Tarot T650.
 const BODY: f64 = 0.4;
-/// Number of points along a leg, so that their distance is below its radius.
+/// Points along a leg, closer together than its radius.
 const POINTS: usize = 60;
 
-/// Legs and body in the camera's axes, in which they are fixed, and the sun.
+/// Legs and body in camera axes, and the sun.
 #[derive(Clone, Debug)]
 pub struct Occlusion {
-    /// Points along the legs in front of the camera: image coordinates and radius at unit distance.
+    /// Points along the legs in front of the camera, at unit distance: image coordinates and radius.
     pub(super) legs: Vec<(Vector2<f64>, f64)>,
     body: Vector3<f64>,
     radius_m: f64,
     sun: Vector<TrueNed>,
 }
 
-/// Region that the body shades: a cylinder along the sun's direction.
+/// Shaded region: a cylinder along the sun's direction.
 pub(super) struct Shadow {
     body: Vector3<f64>,
     radius_m: f64,
@@ -42,7 +41,6 @@ impl Shadow {
 }
 
 impl Occlusion {
-    /// Occlusion by this drone for a camera mount and a direction to the sun.
     pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
         let to_camera = |p: Vector3<f64>| mount.attitude.inverse().0 * (p - mount.position);
         let [x, y] = drone.feet_span_m.map(|span| 0.5 * span);
@@ -64,7 +62,7 @@ impl Occlusion {
             sun,
         }
     }
-    /// Shadow of the body in the camera's axes.
+    /// Shadow of the body in camera axes.
     pub(super) fn shadow(&self, view: &CameraMotion) -> Shadow {
         Shadow {
             body: self.body,
@@ -72,7 +70,8 @@ impl Occlusion {
             sun: (view.camera_from_world * self.sun).0,
         }
     }
-    /// Whether a leg crosses the convex quadrilateral at unit distance, with corners clockwise as in [`super::tag`].
+    /// Whether a leg crosses a convex quadrilateral at unit distance, with corners clockwise as in
+    /// [`super::tag`].
     pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
         self.legs.iter().any(|(at, radius)| {
             (0..4).all(|k| {
@@ -101,7 +100,7 @@ mod tests {
             position: Vector3::from(drone.camera_m),
             attitude: body_from_camera(),
         };
-        // From ahead, at an elevation of 45 deg.
+        // Sun ahead, at an elevation of 45 deg.
         let half = core::f64::consts::FRAC_1_SQRT_2;
         let hidden = Occlusion::new(&drone, &mount, Vector::new(half, 0.0, -half));
         // The right front foot is at 0.1 / 0.22 to the right and up in the image.

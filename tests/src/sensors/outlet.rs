@@ -1,4 +1,4 @@
-//! Output of every sensor: rate, latency, outages, and headers with the sender's identity and clock.
+//! Output of every sensor: rate, latency, outages and headers.
 
 use core::marker::PhantomData;
 
@@ -9,28 +9,26 @@ use super::clocks::ClockModel;
 use super::delay::DelayLine;
 use super::noise::{SampleSchedule, Windows};
 
-/// Maximum number of measurements of one sensor under way.
+/// Maximum number of measurements in transit.
 const QUEUE: usize = 256;
 
-/// Identity of a sender in message headers.
+/// Sender in message headers.
 #[derive(Clone, Copy, Debug)]
 pub struct SenderIdentity {
     pub vessel: u32,
-    /// Number of the drone; 0 for the vessel.
+    /// 0 for the vessel.
     pub drone: u32,
-    /// Number of the sender's start.
     pub boot: u32,
     pub clock: ClockModel,
 }
 
 impl SenderIdentity {
-    /// Header of message number `sequence` at `t`.
     pub fn header<C: Clock>(&self, sequence: u32, t: Time<TrueTime>) -> Header<C> {
         Header::new(self.vessel, self.drone, self.boot, sequence, self.clock.read(t))
     }
 }
 
-/// Output of a sensor's measurements `M`, stamped by the clock `C`.
+/// Stamps measurements `M` by the clock `C`.
 #[derive(Clone, Debug)]
 pub(crate) struct Outlet<M, C> {
     schedule: SampleSchedule,
@@ -54,11 +52,11 @@ impl<M, C: Clock> Outlet<M, C> {
             clock: PhantomData,
         }
     }
-    /// Time since the previous measurement (0 at the first), s, if one is due at `t`.
+    /// Time since the last measurement (0 at the first), s; None if none is due.
     pub(crate) fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
         self.schedule.due(t)
     }
-    /// Sends the measurement of `t` unless it is missing or in an outage.
+    /// Sends the measurement unless it is missing or in an outage.
     pub(crate) fn send(
         &mut self,
         t: Time<TrueTime>,

@@ -1,4 +1,4 @@
-//! Belly rangefinder: distance along the body's down axis to the deck, or else to the water.
+//! Belly rangefinder: distance along the body's down axis to the deck or the water.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody};
@@ -18,11 +18,11 @@ use crate::physics::streams::Streams;
 pub enum RangefinderFault {
     #[default]
     None,
-    /// Spray on its window: it measures the distance to the feet in all cases.
+    /// Spray on the window: the range is always that to the feet.
     Feet,
-    /// A wet deck mirrors the beam: it measures the distance to the water below.
+    /// A wet deck mirrors the beam: the range is that to the water below.
     Water,
-    /// It reports 0 m, the manufacturer's value for an invalid reading.
+    /// Reports 0 m, the manufacturer's value for an invalid reading.
     Invalid,
 }
 
@@ -34,19 +34,19 @@ config! {
         pub rate_hz: f64 = 50.0, in 0.1..=100.0;
         /// Delay from measurement to arrival, s.
         pub latency_s: f64 = 0.01, in 0.0..=2.0;
-        /// Maximum range, m; no readings beyond it.
+        /// Maximum range, m.
         pub max_range_m: f64 = 30.0, in 0.1..=500.0;
-        /// Minimum range, m; no readings below it.
+        /// Minimum range, m.
         pub min_range_m: f64 = 0.05;
         /// White noise, m.
         pub white_sd_m: f64 = 0.03, in 0.0..=5.0;
         /// Probability that a reading from the deck is missing.
         pub deck_miss: f64 = 0.005, in 0.0..=1.0;
-        /// Probability that a reading from the water is missing, since water reflects the beam away.
+        /// Probability that a reading from the water is missing; water reflects the beam away.
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Permanent fault, which begins at a reading from the deck below `fails_below_m`.
+        /// Permanent fault from the first reading from the deck below `fails_below_m`.
         pub fault: RangefinderFault = RangefinderFault::None;
         /// Reading from the deck below which the fault begins, m.
         pub fails_below_m: f64 = 0.8, in 0.0..=500.0;
@@ -56,7 +56,6 @@ config! {
     }
 }
 
-/// Surface that reflects the beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Echo {
     Deck(f64),
@@ -68,9 +67,9 @@ enum Echo {
 pub(super) struct Rangefinder {
     config: RangefinderConfig,
     place: Vector3<f64>,
-    /// Half length and half width of the deck, m.
+    /// Half length and width, m.
     half: [f64; 2],
-    /// Reading with the feet on the deck, m.
+    /// Range with the feet on the deck, m.
     feet_m: f64,
     failed: bool,
     white: Noise,
@@ -147,7 +146,7 @@ impl Rangefinder {
         }
         self.outlet.arrived(t)
     }
-    /// Distance along the beam to the deck's rectangle, m.
+    /// Distance along the beam, m; None off the deck.
     fn on_deck(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
         let eye = drone.at::<DroneBody>(self.place).position;
         let beam = drone.attitude.down();
@@ -160,8 +159,8 @@ impl Rangefinder {
         }
         None
     }
-    /// Finds the water's surface by fixed-point steps along the beam, each of which evaluates the surface below the
-    /// last estimate. They contract by (slope x tan tilt), below 0.2 in flight.
+    /// Water surface along the beam by fixed-point steps, each of which samples the surface below the last
+    /// estimate. They contract by slope x tan(tilt), below 0.2 in flight.
     fn water(&self, eye: Vector3<f64>, beam: Vector3<f64>, water: impl Fn(f64, f64) -> f64) -> Echo {
         if !(beam.z > 0.2) {
             return Echo::None;

@@ -1,10 +1,10 @@
-//! Detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded or not independently. A tag that is
-//! partly outside the image, behind a leg or in the drone's shadow is not decoded.
+//! Detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded independently, unless it
+//! is partly outside the image, behind a leg or in the drone's shadow.
 //!
-//! Detection probability and corner noise follow the camera node on rendered images (`study camera` at commit
-//! 2bb52893): 4000 random ones over range, incidence and motion. Two quantities in the image, in px, predict them: the
-//! tag's narrowest width `w` (area over longest side), and its motion during the exposure `b`. Incidence needs no term,
-//! because an oblique tag is narrow.
+//! Detection probability and corner noise are fitted to the camera node on 4000 rendered images, random in
+//! range, incidence and motion (`study camera` at commit 2bb52893). Two quantities in the image predict them,
+//! px: the tag's narrowest width `w` (area over longest side), and its motion during the exposure `b`.
+//! Incidence needs no term, because an oblique tag is narrow.
 //!
 //! ```text
 //! chance = 1 / (1 + ((w0 + c b²) / w)^(1/s))
@@ -13,18 +13,18 @@
 //!
 //! Maximum-likelihood fit: `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1` 16.1 px, `k` 0.198.
 //!
-//! By night ([`super::night`]) the tag's contrast `c`, white less black, and a pixel's noise `n` add two factors to the
-//! probability, and a term to the corner noise:
+//! By night ([`super::night`]) the tag's contrast `c`, white less black, and a pixel's noise `n` add two
+//! factors to the probability, and a term to the corner noise:
 //!
 //! ```text
 //! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! `m0` is 16 grey levels, the minimum margin of the node's detector without its sharpening by a quarter, with `m1`
-//! 0.5: with `c/2` of 17 all images are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and
-//! `k` 1.05.
+//! `m0` is 16 grey levels, the detector's minimum margin without its sharpening by a quarter; `m1` is 0.5:
+//! all images are decoded at `c/2` of 17, none at 9. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9, `k`
+//! 1.05.
 //!
-//! Temporary covers of the tag are not included; [`super::vision_loss`] models them.
+//! [`super::vision_loss`] models temporary covers of the tag.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
@@ -60,29 +60,29 @@ config! {
         /// Chosen: a typical wide lens that is not a fisheye.
         pub fov_deg: f64 = 90.0, in 10.0..=150.0;
         /// Noise of each corner coordinate of a large, sharp tag, px.
-        /// Source: rendered images have 0.072 for a large, sharp tag. It is larger here, because no lens is calibrated
-        /// perfectly and no paint is flat; the error of the camera's mount is far larger.
+        /// Source: 0.072 on rendered images; larger here, because real lenses are imperfectly calibrated and
+        /// paint is not flat. The camera mount's error is far larger.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
-        /// Standard deviation added (root of squares) for a tag of at most [`TagConfig::small_width_px`], px.
+        /// Standard deviation added (root of squares) for tags of at most [`TagConfig::small_width_px`], px.
         /// Source: rendered images; likewise the next five keys.
         pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
-        /// Width in the image beyond which `small_sd_px` decreases with the fourth power of the width, px.
+        /// Width beyond which `small_sd_px` decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
         /// Standard deviation due to motion, as a fraction of blur²/width.
         pub blur_sd: f64 = 0.2, in 0.0..=20.0;
         /// Minimum standard deviation that the detector reports, px.
         /// Source: the camera node reports 0.15 for a large, sharp tag. Chosen: larger, to be conservative.
         pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
-        /// Standard deviation that the detector assumes for the positions of several tags, m, per axis.
+        /// Standard deviation that the detector assumes for the positions of several tags, per axis, m.
         /// Source: the camera node.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// The tags in the camera node's configuration; empty: the true ones. Set when the world is drawn.
+        /// Tags of the camera node's configuration; empty: the true ones. Set when the world is drawn.
         #[serde(skip)]
         pub known: Tags = Tags::new();
-        /// Narrowest width of the tag in the image at which half of the frames are decoded, px. It limits range and,
-        /// through the width in an oblique view, incidence.
+        /// Narrowest width at which half of the frames are decoded, px. It limits range and, by the width in
+        /// an oblique view, incidence.
         pub min_width_px: f64 = 13.3, in 1.0..=1e4;
-        /// Spread of that limit (logistic in the logarithm of the width); 0: a step.
+        /// Spread of that limit (logistic in the width's logarithm); 0: a step.
         pub width_spread: f64 = 0.093, in 0.0..=10.0;
         /// Increase of that limit by blur, per px of squared blur.
         pub blur_cost_per_px: f64 = 0.27, in 0.0..=100.0;
@@ -90,8 +90,8 @@ config! {
         /// Source: maximum of the rendered images.
         pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
         /// Minimum distance along the optical axis that is in focus, m.
-        /// Source: circle of confusion `f a (1/d - 1/s)`: a focal length of 320 px, an aperture of 0.7 mm (1.9 mm
-        /// f/2.8) and a focus at 1 m blur by 1.6 px at 0.12 m, a tenth of a cell of the smallest tag there.
+        /// Source: circle of confusion `f a (1/d - 1/s)`: a focal length of 320 px, an aperture of 0.7 mm
+        /// (1.9 mm f/2.8) and a focus at 1 m blur by 1.6 px at 0.12 m, a tenth of the smallest tag's cell.
         pub min_distance_m: f64 = 0.12, in 0.01..=100.0;
         /// Exposure, s.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
@@ -108,7 +108,7 @@ config! {
 pub(crate) struct SimulatedTagDetector {
     config: TagConfig,
     lens: PinholeLens,
-    /// True tags, and the tags in the camera node's configuration.
+    /// True tags, and those of the camera node's configuration.
     tags: Tags,
     known: Tags,
     occlusion: Option<Occlusion>,
@@ -119,7 +119,7 @@ pub(crate) struct SimulatedTagDetector {
 }
 
 impl SimulatedTagDetector {
-    /// Detector with the streams `NAME.corner` and `NAME.read`.
+    /// Streams `NAME.corner` and `NAME.read`.
     pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, name: &str, streams: &Streams) -> Self {
         SimulatedTagDetector {
             lens: PinholeLens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
@@ -137,33 +137,32 @@ impl SimulatedTagDetector {
             config: config.clone(),
         }
     }
-    /// Adds the occlusion by the drone.
+    /// Adds occlusion by the drone.
     pub(crate) fn below(self, occlusion: Occlusion) -> Self {
         SimulatedTagDetector {
             occlusion: Some(occlusion),
             ..self
         }
     }
-    /// Switches to night if `night` is given.
     pub(crate) fn at_night(self, night: Option<&NightConfig>) -> Self {
         SimulatedTagDetector {
             night: night.copied(),
             ..self
         }
     }
-    /// Exposure and gain of an image from this view: fixed by day, converged on the tags' light by night.
+    /// Exposure and gain from this view: fixed by day, auto_exposure on the tags' light by night.
     pub(crate) fn setting(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Setting {
         let tag_views: Vec<_> = self.tag_views(view, deck).into_iter().flatten().collect();
         self.converged_setting(&tag_views)
     }
-    /// Light in an image from this view; None by day.
+    /// None by day.
     pub(crate) fn light(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Option<CameraLight> {
         let night = self.night.as_ref()?;
         let tag_views: Vec<_> = self.tag_views(view, deck).into_iter().flatten().collect();
         let setting = self.converged_setting(&tag_views);
         let grey = |lux: f64| (lux * night.grey_per_lux(&setting)).min(255.0);
         let [white, black] = night.tag_lux();
-        // A tag with its margin is half white; a deck is half as bright as white, a sea a quarter.
+        // A tag with its margin is half white; the deck is half as bright, the sea a quarter.
         let tag = |s: &TagView| grey(0.5 * (white + black) + s.veil_lux);
         let brightest = tag_views
             .iter()
@@ -178,8 +177,8 @@ impl SimulatedTagDetector {
             ..CameraLight::default()
         })
     }
-    /// Fraction of the image that the lamp at `lamp` (camera's axes, m) saturates, if its veil prevents the decoding of
-    /// every tag: a circle about it, out to the angle at which `pi VEIL E / angle²` is 255 grey levels.
+    /// Fraction of the image that the lamp at `lamp` (camera axes, m) saturates if its veil prevents all
+    /// decoding: a circle out to the angle at which `pi VEIL E / angle²` is 255 grey levels.
     fn glare(
         &self,
         night: &NightConfig,
@@ -197,12 +196,12 @@ impl SimulatedTagDetector {
         let in_image = lamp.z > 0.0 && self.lens.project(lamp).is_some_and(|px| self.lens.holds(px));
         (lost && in_image && part > MIN_GLARE).then_some(part)
     }
-    /// The lamp in the camera's axes, m.
+    /// Lamp in camera axes, m.
     fn lamp(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vector3<f64> {
         let lamp_m = self.night.map_or([0.0; 3], |night| night.lamp_m);
         view.to_camera_frame(deck.at::<Deck>(Vector3::from(lamp_m)).position)
     }
-    /// View of each tag; None for a tag that is not wholly in the image.
+    /// None for a tag that is not wholly in the image.
     fn tag_views(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vec<Option<TagView>> {
         self.tags
             .iter()
@@ -218,7 +217,7 @@ impl SimulatedTagDetector {
             };
         };
         let largest = tag_views.iter().max_by(|a, b| a.width.total_cmp(&b.width));
-        // Without a tag the mean is metered: a third of the white's level for a quarter of its light.
+        // Without a tag the mean is metered: a third of the white's level, at a quarter of its light.
         let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
         night.auto_exposure(white_lux, max_exposure_s)
     }
@@ -234,8 +233,7 @@ impl SimulatedTagDetector {
         let setting = self.converged_setting(&shown);
         let detected: Vec<DetectedTag> = (0..self.tags.len())
             .filter_map(|k| {
-                // The noise of a frame is drawn even if the tag is not detected, so that two planners meet the same
-                // noise at the same time.
+                // Drawn even without a detection, so that planners meet the same noise at the same time.
                 let noise: [Vector2<f64>; 4] =
                     core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
                 let luck = self.read.uniform();
@@ -253,7 +251,7 @@ impl SimulatedTagDetector {
             ..TagPose::default()
         })
     }
-    /// Image of a single tag; None if it cannot be decoded at all.
+    /// None if the tag cannot be decoded at all.
     #[cfg(test)]
     pub(super) fn image_of(
         &self,
@@ -266,12 +264,12 @@ impl SimulatedTagDetector {
         (tag_view.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
             .then(|| self.image(&tag_view, &setting))
     }
-    /// View of a tag; None if it is not wholly in the image.
+    /// None if the tag is not wholly in the image.
     fn tag_view(&self, view: &CameraMotion, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagView> {
         let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
         let centre = view.to_camera_frame(state.position);
         let rotation = view.camera_from_world * state.attitude;
-        // The printed face is turned to -z of the tag.
+        // The printed face looks to -z of the tag.
         let cos_incidence = rotation.down().0.dot(&centre) / centre.norm();
         if !(centre.z >= self.config.min_distance_m)
             || !(cos_incidence >= self.config.max_incidence_deg.to_radians().cos())
@@ -287,11 +285,11 @@ impl SimulatedTagDetector {
             }
         }
         if let Some(drone) = &self.occlusion {
-            // The shadow is far larger than a tag of a few centimetres, and far away when a larger tag is wholly in the
+            // The shadow is far larger than a small tag, and far away when a larger one is wholly in the
             // image.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
-            // Light by night comes from all directions.
+            // By night light comes from all directions.
             let shaded = self.night.is_none() && points.into_iter().any(|p| shadow.covers(p));
             if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
                 return None;
@@ -314,7 +312,6 @@ impl SimulatedTagDetector {
             }),
         })
     }
-    /// Image of the tag with this exposure and gain.
     fn image(&self, tag_view: &TagView, setting: &Setting) -> TagImage {
         let (width, blur) = (tag_view.width, tag_view.speed_pxps * setting.exposure_s);
         let night = self.night.map(|night| {
@@ -329,7 +326,7 @@ impl SimulatedTagDetector {
                 1.0 / (1.0 + (NOISE_LIMIT * width.max(1.0).powf(NOISE_WIDTH) * noise).powf(NOISE_STEEPNESS));
             (margin * clear, CORNER_NOISE * noise)
         });
-        // Motion beyond this limit is outside the images to which the model was fitted.
+        // More blur is outside the range of the fit.
         let chance = if blur <= self.config.max_blur_px {
             self.config.chance(width, blur) * factor
         } else {
@@ -341,7 +338,7 @@ impl SimulatedTagDetector {
             sd_px: self.config.sd_px(width, blur).hypot(noise_px),
         }
     }
-    /// Detection of the tag: noisy corners with their reported noise.
+    /// Noisy corners with their reported noise.
     fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<DetectedTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
@@ -360,55 +357,50 @@ impl SimulatedTagDetector {
     }
 }
 
-/// Half of the contrast at which half of the tags are decoded, grey levels, and the logistic spread of the probability.
+/// Half the contrast at which half of the tags are decoded, grey levels, and its logistic spread.
 const MIN_MARGIN: f64 = 16.0;
 const MARGIN_SPREAD: f64 = 0.5;
-/// Probability of decoding below which a tag counts as lost.
 const MIN_CHANCE: f64 = 0.05;
-/// Ratio of contrast to noise at which half of the tags of 1 px are decoded, the power of the width with which it
-/// decreases, and the steepness of the probability.
+/// Contrast-to-noise ratio at which half of the tags of 1 px are decoded, the power of the width with which
+/// it falls, and the steepness.
 const NOISE_LIMIT: f64 = 7.0;
 const NOISE_WIDTH: f64 = -0.23;
 const NOISE_STEEPNESS: f64 = 9.0;
-/// Corner error per ratio of noise to contrast, px.
+/// Corner error per noise-to-contrast ratio, px.
 const CORNER_NOISE: f64 = 1.05;
-/// Noise of the sensor in the dark, grey levels, as in rendered images.
+/// Noise in the dark, grey levels, as in rendered images.
 const DARK_SD: f64 = 2.0;
-/// Scatter of a tag's own white, half of its square, per logarithm of its half width in degrees: `10 · 0.52 · 2π
-/// (π/180)²`.
+/// Scatter of a tag's own white over half its square, per logarithm of its half width in degrees: `10 · 0.52
+/// · 2π (π/180)²`.
 const OWN_VEIL: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug)]
 struct TagView {
-    /// True pixels of its corners.
+    /// True corners, px.
     pixels: [Vector2<f64>; 4],
-    /// Narrowest width of the tag, px.
+    /// Narrowest width, px.
     width: f64,
-    /// Speed of its centre in the image, px/s.
+    /// Speed of the centre, px/s.
     speed_pxps: f64,
-    /// Light that lamp and tag scatter over the tag by night, lux on white.
+    /// Scattered over the tag by lamp and tag at night, lux on white.
     veil_lux: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TagImage {
-    /// True pixels of its corners.
+    /// True corners, px.
     pixels: [Vector2<f64>; 4],
-    /// Probability that it is decoded.
     pub(crate) chance: f64,
-    /// Noise of each corner coordinate, px.
+    /// Noise of each corner coordinate.
     pub(crate) sd_px: f64,
 }
 
 impl TagConfig {
-    /// Probability that a tag with this width and blur is decoded.
     fn chance(&self, width_px: f64, blur_px: f64) -> f64 {
         let need = self.min_width_px + self.blur_cost_per_px * blur_px.powi(2);
-        // A spread of zero is a step.
         let steep = 1.0 / self.width_spread.max(1e-9);
         1.0 / (1.0 + ((need / width_px.max(1e-9)).ln() * steep).exp())
     }
-    /// Noise of the corners, px.
     fn sd_px(&self, width_px: f64, blur_px: f64) -> f64 {
         let width = width_px.max(1.0);
         let small = self.small_sd_px * (self.small_width_px / width).powi(4).min(1.0);
@@ -417,7 +409,7 @@ impl TagConfig {
     }
 }
 
-/// Narrowest width of a quadrilateral, px: its area over its longest side.
+/// Narrowest width of a quadrilateral, px: area over longest side.
 fn width(p: &[Vector2<f64>; 4]) -> f64 {
     let longest = (0..4)
         .map(|i| (p[(i + 1) % 4] - p[i]).norm())

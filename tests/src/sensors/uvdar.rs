@@ -1,16 +1,15 @@
-//! UVDAR: blinking ultraviolet markers on the deck, which a fisheye camera detects from further away than the tag
-//! (Walter et al. 2019, "UVDAR system for visual relative localization").
+//! UVDAR: blinking ultraviolet markers on the deck, which a fisheye camera detects from beyond the tag's
+//! range (Walter et al. 2019, "UVDAR system for visual relative localization").
 //!
-//! The fraction of images with a fix and the errors of a fix follow the camera node on rendered markers (`study camera`
-//! at commit 279526b7). All blinking markers are lit in 58 of 100 images at any range. The error across the line of
-//! sight is a length rather than an angle, and the distance error is proportional to the distance, until the markers
-//! merge.
+//! Rate and errors of fixes follow the camera node on rendered markers (`study camera` at commit 279526b7).
+//! All markers are lit in 58 of 100 images at any range. The error across the line of sight is a length, not
+//! an angle; the distance error is proportional to the distance until the markers merge.
 //!
 //! ```text
 //! bearing² = (b g)² + (a/r)²,  distance / r = d g,  g = max(1, r/far)^8
 //! ```
 //!
-//! The reported deviation of a fix is that of the node, which is four times the error up to `far`.
+//! The node reports four times the error up to `far`.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
@@ -25,7 +24,7 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// UVDAR system. Its fixes are in the frame of the belly camera.
+    /// UVDAR system. Its fixes are in the belly camera's frame.
     pub struct UvdarConfig {
         /// Fixes per second.
         pub rate_hz: f64 = 20.0, in 0.1..=100.0;
@@ -37,28 +36,29 @@ config! {
         /// Minimum distance, m, below which markers leave the image.
         pub min_range_m: f64 = 1.5, in 0.1..=500.0;
         /// Full cone of the fisheye lens, deg.
-        /// Chosen: one fisheye lens that covers the directions from straight ahead to straight down and aft.
+        /// Chosen: one lens from straight ahead to straight down and aft.
         pub fov_deg: f64 = 180.0, in 10.0..=360.0;
         /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
-        /// Standard deviation of the bearing of distant markers, in each of two axes, deg: `b`.
+        /// Standard deviation of distant markers' bearing in each of two axes, deg: `b`.
         /// Source: rendered markers.
         pub bearing_sd_deg: f64 = 0.06, in 1e-3..=45.0;
         /// Standard deviation across the line of sight, in each of two axes, m: `a`.
         pub aside_sd_m: f64 = 0.024, in 0.0..=10.0;
         /// Standard deviation of the distance relative to the distance: `d`.
         pub distance_sd: f64 = 0.022, in 1e-4..=1.0;
-        /// Distance beyond which both grow with its eighth power, m: `far`.
+        /// Distance beyond which bearing and distance errors grow with its eighth power, m: `far`.
         pub far_m: f64 = 24.0, in 0.1..=500.0;
         /// Minimum reported standard deviation of the bearing, deg.
         /// Source: the camera node.
         pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
         /// Reported standard deviation of the distance, relative to the distance.
         pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
-        /// Correlation time of the distance error, s. Its cause, the apparent geometry of the markers, changes slowly.
+        /// Correlation time of the distance error, s. Its cause, the markers' apparent geometry, changes
+        /// slowly.
         pub distance_correlation_s: f64 = 0.5, in 1e-3..=1e4;
         /// Probability that a fix is missing.
-        /// Source: rendered markers: in the other images a marker is dark.
+        /// Source: rendered markers, of which one is dark in these images.
         pub miss: f64 = 0.42, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -109,7 +109,7 @@ impl SimulatedUvdar {
             let [bearing, far] = self.config.sd(in_camera.norm());
             let above = deck.position.0.z > view.centre.0.z;
             let missed = missed || !above || !self.visible(in_camera);
-            // The component of the turn along the line of sight has no effect.
+            // The component along the line of sight has no effect.
             let turn = UnitQuaternion::from_scaled_axis(turn * bearing);
             let measured = turn * in_camera * (1.0 + far * stretch).max(0.1);
             let variance = self.variance(measured);
@@ -129,7 +129,7 @@ impl SimulatedUvdar {
         (self.config.min_range_m..=self.config.max_range_m).contains(&range)
             && self.axis.dot(&in_camera) >= range * cone
     }
-    /// Diagonal of `r² (s_d² u u' + s_b² (I - u u'))` in camera axes, m².
+    /// Diagonal of `r² (s_d² u u' + s_b² (I - u u'))`, camera axes, m².
     fn variance(&self, p: Vector3<f64>) -> Vector3<f64> {
         let [bearing, far] = self.config.stated(p.norm());
         let (along, across) = (far.powi(2), bearing.powi(2));
@@ -148,7 +148,6 @@ impl UvdarConfig {
             self.distance_sd * factor,
         ]
     }
-    /// Standard deviations reported in a fix.
     fn stated(&self, range_m: f64) -> [f64; 2] {
         let [bearing, far] = self.sd(range_m);
         [

@@ -1,9 +1,9 @@
-//! Losses of vision: glare, spray, or an object on the tag.
+//! Losses of vision by glare, spray, or an object on the tag.
 //!
-//! Each cause is a separate alternating renewal process with exponential times in both states (the two-state chain of
-//! Gilbert 1960 in continuous time), started in its stationary distribution: absent for `interval_s` on average, then
-//! present for `duration_s`, which is the fraction `duration_s / (interval_s + duration_s)` of the time. It does not
-//! depend on the camera, so that two planners meet the same losses at the same times.
+//! Each cause is an alternating renewal process with exponential times in both states (the two-state chain of
+//! Gilbert 1960 in continuous time), started in its stationary distribution: absent for `interval_s`, present
+//! for `duration_s` on average. It does not depend on the camera, so that planners meet the same losses at
+//! the same times.
 
 use alight_shared::config;
 use alight_shared::time::{Span, Time, TrueTime};
@@ -12,30 +12,30 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Temporary losses of the tag by the camera. With the defaults 7 % of the images are lost.
+    /// Temporary losses of the tag; by default 7 % of images.
     #[derive(Copy)]
     pub struct VisionLossConfig {
         /// Mean time between two glares (mirror image of the sun on a wet deck or in the lens), s.
         /// Chosen: every few waves the deck's normal passes the direction that reflects the sun.
         pub glare_interval_s: f64 = 20.0, in 0.01..=1e6;
         /// Mean duration of a glare, s; 0: no glare.
-        /// Chosen: a deck that rocks at 10 deg/s passes the reflecting direction, a few degrees wide on wet paint, in
-        /// 0.3 to 1 s.
+        /// Chosen: a deck that rocks at 10 deg/s passes the reflecting direction, a few degrees wide on wet
+        /// paint, in 0.3 to 1 s.
         pub glare_duration_s: f64 = 0.6, in 0.0..=60.0;
         /// Mean time between two clouds of spray, s.
         /// Chosen: one bow wave in a few breaks over the deck.
         pub spray_interval_s: f64 = 30.0, in 0.01..=1e6;
         /// Mean duration of a cloud of spray, s; 0: no spray.
-        /// Chosen: drops that rise by half a metre fall back after 0.6 s and are dense for about half of that time.
+        /// Chosen: drops that rise by 0.5 m fall back after 0.6 s, and are dense for half that time.
         pub spray_duration_s: f64 = 0.3, in 0.0..=60.0;
         /// Mean time between two covers of the tag (a rope, a net, a puddle, foam), s.
         /// Chosen: about once in a landing.
         pub cover_interval_s: f64 = 60.0, in 0.01..=1e6;
         /// Mean duration of a cover of part of the tag, s; 0: no cover.
-        /// Chosen: the next roll of the deck, or two, move the object on.
+        /// Chosen: one or two rolls of the deck move the object on.
         pub cover_duration_s: f64 = 3.0, in 0.0..=600.0;
         /// Probability that a frame is decoded although part of the tag is covered.
-        /// Chosen: the detector corrects one wrong bit of 36, so that it decodes the tag past a thin rope in some
+        /// Chosen: the detector corrects one wrong bit of 36, and decodes the tag past a thin rope in some
         /// frames.
         pub cover_chance: f64 = 0.3, in 0.0..=1.0;
     }
@@ -52,7 +52,6 @@ impl VisionLossConfig {
     }
 }
 
-/// A cause of losses, which alternates between present and absent.
 #[derive(Clone, Debug)]
 struct Cause {
     noise: Noise,
@@ -74,7 +73,7 @@ impl Cause {
             until: None,
         }
     }
-    /// Whether the cause is present at `t`; `t` must not decrease.
+    /// `t` must not decrease.
     fn present(&mut self, t: Time<TrueTime>) -> bool {
         if self.duration_s <= 0.0 {
             return false;
@@ -87,7 +86,7 @@ impl Cause {
         self.until = Some(until);
         self.present
     }
-    /// Time until the state changes: exponential, but at least 1 ms, so that the loop in [`Cause::present`] ends.
+    /// Exponential time to the next change; at least 1 ms, so that the loop in [`Cause::present`] ends.
     fn stay(&mut self) -> Span {
         let mean_s = if self.present {
             self.duration_s
@@ -108,7 +107,7 @@ pub(crate) struct VisionLoss {
 }
 
 impl VisionLoss {
-    /// Losses of this seed; each cause has a separate random stream.
+    /// Each cause has its own random stream.
     pub(crate) fn new(c: &VisionLossConfig, streams: &Streams) -> VisionLoss {
         let cause = |name: &str, interval_s, duration_s| {
             let stream = Noise::new(streams, &format!("drone.tag.{name}"));
@@ -123,7 +122,7 @@ impl VisionLoss {
         }
     }
     pub(crate) fn hides(&mut self, t: Time<TrueTime>) -> bool {
-        // Every image evaluates all causes, so that none shifts the draws of another.
+        // Every image evaluates all causes, so that none shifts another's draws.
         let decoded = self.decoded.chance(self.cover_chance);
         let [glare, spray, cover] = [&mut self.glare, &mut self.spray, &mut self.cover].map(|c| c.present(t));
         glare || spray || (cover && !decoded)
@@ -188,7 +187,7 @@ mod tests {
 
     #[test]
     fn vision_loss_rate() {
-        // The first images count as much as later ones: 3000 starts.
+        // The first 30 images after each of 3000 starts have the long-term loss rate.
         let config = VisionLossConfig::default();
         let images = (0..3000).flat_map(|seed| lost(&config, seed, 30, 1.0 / 30.0));
         let fraction = images.filter(|l| *l).count() as f64 / 90_000.0;

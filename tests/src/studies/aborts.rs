@@ -1,5 +1,5 @@
-//! Interrupted landings: aborted, held, or without a planner from a random height on, over the hulls and seas of `study
-//! seas`, with a vessel that drifts or makes way. Measures subsequent contacts of the drone and their speed.
+//! Landings that are aborted, held, or lose their planner at a random height, over the hulls and seas of
+//! `study seas`, adrift or under way. Measures the contacts that follow, and their speed.
 
 use alight_shared::msg::{CommandKind, Phase};
 
@@ -10,11 +10,11 @@ use crate::harness::world::World;
 use crate::physics::vessel::VesselCourse;
 use alight_shared::process::ProcessKind;
 
-/// Maximum time until the drone reaches the height of the interruption, s.
+/// Maximum time to the height of the interruption, s.
 const LIMIT_S: f64 = 150.0;
-/// Flight time after the interruption, s: longer than a climb to the tracking height.
+/// Flight time after the interruption, s; a climb to the tracking height takes less.
 const REST_S: f64 = 20.0;
-/// Height of the feet above the deck below which the drone must stay above it, m.
+/// Height of the feet below which the drone must stay above the deck, m.
 const CLEAR_M: f64 = 3.0;
 /// Maximum distance from the deck's centre below that height, m.
 const STRAYED_M: f64 = 3.0;
@@ -23,11 +23,11 @@ const STRAYED_M: f64 = 3.0;
 pub enum Interruption {
     Abort,
     Hold,
-    /// The planner's process is killed permanently.
+    /// The planner's process is killed for good.
     PlanLost,
 }
 
-/// Lets the vessel drift, or make way straight ahead at this speed (m/s).
+/// Sets the vessel adrift, or straight ahead at this speed (m/s).
 pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
     let vessel = &mut scenario.vessel;
     vessel.course = if speed_mps > 0.0 {
@@ -41,19 +41,18 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interrupted {
-    /// Maximum impact speed along the deck's normal after the interruption, m/s; 0 without an impact.
+    /// Maximum impact speed along the deck's normal afterwards, m/s; 0 without impact.
     pub hardest_mps: f64,
-    /// Another part than feet touched the deck, or faster than the limit of a successful landing.
+    /// A part other than a foot touched, or a foot faster than a landing's limit.
     pub unsafe_contact: bool,
-    /// In the water with motors on.
+    /// The drone is in the water with motors on.
     pub water: bool,
-    /// Maximum distance from the deck's centre before the drone was clear of the deck, m.
+    /// Maximum distance from the deck's centre before the drone was clear, m.
     pub strayed_m: f64,
     pub collided: bool,
 }
 
 impl Interrupted {
-    /// The drone left the deck's centre before it was clear of the deck.
     pub fn strayed(&self) -> bool {
         self.strayed_m > STRAYED_M
     }
@@ -66,8 +65,8 @@ impl Interrupted {
     }
 }
 
-/// Lands until the lowest foot is `height_m` above the deck, interrupts the landing, and continues the flight. Returns
-/// None if the drone never reaches that height.
+/// Lands until the lowest foot is `height_m` above the deck, interrupts, and flies on. None if that height is
+/// never reached.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

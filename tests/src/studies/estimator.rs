@@ -1,4 +1,4 @@
-//! The vessel's estimator and its prediction compared with the truth, in the vessel's own GNSS frame: truth plus the
+//! The vessel's estimator and prediction against the truth, in the vessel's GNSS frame: truth plus the
 //! receiver's bias at that instant.
 
 use alight_shared::frames::{euler_rates, wrap_angle};
@@ -12,31 +12,31 @@ use crate::harness::scenario::{Scenario, SetupError};
 
 #[derive(Clone, Copy, Debug)]
 pub struct VesselTruth {
-    /// Position in the vessel's NED (m) and roll, pitch, yaw (rad), in the order of [`VesselEstimate`].
+    /// Position in the vessel's NED (m), roll, pitch, yaw (rad), as in [`VesselEstimate`].
     pub eta: [f64; 6],
     pub eta_dot: [f64; 6],
-    /// Height relative to the still water, without the receiver's bias, positive down, m.
+    /// Height relative to still water, without the receiver's bias, positive down, m.
     pub heave: f64,
 }
 
-/// Standard deviations per stage of a prediction: heave about the mean level, m, roll and pitch, rad.
+/// Standard deviations per stage of a prediction: heave about the mean level, m; roll and pitch, rad.
 pub type StageDeviations = Vec<[f64; 3]>;
 
-/// Record of the vessel's output and the truth in one run, from the end of the warm-up on.
+/// The vessel's output and the truth, from the end of the warm-up.
 #[derive(Clone, Debug)]
 pub struct EstimatorRun {
-    /// True state at every tick since the start of the world.
+    /// Truth at every tick since the start of the world.
     pub truth: Vec<VesselTruth>,
     /// Estimates with their ticks.
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Predictions with the (fractional) tick of their first stage.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// For each prediction: the filter's mean water level (positive down, m), and the deviations of its stages.
+    /// For each prediction: the filter's mean water level (positive down, m), and the stages' deviations.
     pub levels: Vec<(f64, StageDeviations)>,
     pub confidence: f32,
 }
 
-/// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
+/// Runs vessel, sensors and node for the warm-up and `span_s` more.
 pub fn run(
     scenario: &Scenario,
     node: &VesselNodeConfig,
@@ -57,7 +57,7 @@ pub fn run(
         ticks(scenario.start.warm_up_s),
         ticks(scenario.start.warm_up_s + span_s),
     );
-    // Three more seconds, so that the last predictions have a truth.
+    // The last predictions need a truth.
     for k in 0..last + 300 {
         let (now, state) = (physics.vessel_now(), physics.vessel());
         let readings = physics.vessel_readings();
@@ -88,7 +88,7 @@ pub fn run(
     Ok(out)
 }
 
-/// `a - b` in degree of freedom `dof`, with angles wrapped.
+/// `a - b`, with wrapped angles.
 pub fn difference(dof: usize, a: f64, b: f64) -> f64 {
     if dof < 3 { a - b } else { wrap_angle(a - b) }
 }
@@ -127,18 +127,18 @@ pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
     }
 }
 
-/// RMSE of one degree of freedom at one horizon.
+/// RMSE of a degree of freedom at a horizon.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PredictionError {
     /// Error of the broadcast prediction.
     pub model: f64,
-    /// Error of a prediction that holds the last state.
+    /// The last state is held.
     pub hold: f64,
-    /// Error of a prediction with the last velocity.
+    /// The last velocity is held.
     pub velocity: f64,
 }
 
-/// Broadcast prediction of `dof`, `horizon_s` after its origin.
+/// Prediction of `dof`, `horizon_s` after its origin.
 pub fn predicted(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
     let (eta, _sd) = p.at(horizon_s)?;
     Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))

@@ -1,6 +1,6 @@
-//! Several drones above one deck with random orders, aborts, radio outages, closings and openings of the deck by the
-//! crew, drones that stay on the deck, and drones that the crew removes. Prohibited: two drones below the waiting
-//! height, a descent to an occupied or closed deck, a collision.
+//! Drones above one deck, with random orders, aborts and radio outages. The crew closes and opens the deck;
+//! some drones stay on it, others are removed. Prohibited: two drones below the waiting height, a descent to
+//! an occupied or closed deck, a collision.
 
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
@@ -14,15 +14,15 @@ use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
 const FLOWN_S: f64 = 180.0;
-/// Distance below the approach height from which a drone counts as below the waiting height, m: more than heave and
-/// GNSS height errors of a waiting drone.
+/// Distance below the approach height at which a drone is below the waiting height, m: more than a waiting
+/// drone's heave and GNSS height errors.
 const BELOW_M: f64 = 5.0;
-/// Maximum distance from the deck's centre of a drone with motors off that counts as on the deck, m.
+/// Distance from the deck's centre within which a drone with motors off is on the deck, m.
 const ON_DECK_M: f64 = 3.0;
-/// Time after the crew closes the deck by which drones know it, or have no fresh grant, s.
+/// Time within which drones know that the deck is closed, or lack a fresh grant, s.
 const KNOWN_AFTER_S: f64 = 2.5;
 
-/// Time after the end of a drone's radio outage by which the vessel has its report, s.
+/// Time within which the vessel has a report after a radio outage, s.
 const REPORTED_AFTER_S: f64 = 1.5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,16 +31,16 @@ pub struct FleetReport {
     pub descents: u32,
     pub stops: u32,
     pub outages: u32,
-    /// Number of closings of the deck by the crew.
+    /// Closures of the deck by the crew.
     pub closures: u32,
     /// Number of times that a second drone came below the waiting height.
     pub two_below: u32,
-    /// Number of ticks of a descent to a deck with another drone on it.
+    /// Ticks of descents to a deck with another drone on it.
     pub on_occupied: u32,
     pub on_closed: u32,
     pub collisions: u32,
     pub in_water: u32,
-    /// Minimum distance between two drones in the air, m.
+    /// Minimum distance of two airborne drones, m.
     pub nearest_m: f64,
 }
 
@@ -50,18 +50,17 @@ impl FleetReport {
     }
 }
 
-/// State of a drone for the judge of the fleet.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     state: State,
-    /// Whether its mission has reached its altitude since it appeared.
+    /// The mission has reached its altitude since it appeared.
     risen: bool,
     below: bool,
     on_deck: bool,
     in_water: bool,
-    /// Time at which the crew removes it, s.
+    /// Time of its removal by the crew, s.
     taken_at: Option<f64>,
-    /// End of its radio outage, s.
+    /// End of the radio outage, s.
     silent_until: f64,
 }
 
@@ -69,9 +68,8 @@ struct Flight {
     world: World,
     draw: Noise,
     drones: Vec<Watched>,
-    /// Start and end of the time for which the deck is closed, s.
+    /// Start and end of the deck's closure, s.
     closed: Option<[f64; 2]>,
-    /// Drone that stays on the deck after its landing.
     stays: Option<usize>,
     report: FleetReport,
 }
@@ -84,7 +82,6 @@ impl Flight {
         ((self.draw.uniform() * n as f64) as usize).min(n.saturating_sub(1))
     }
 
-    /// Draws an event for a drone or the deck.
     fn happen(&mut self, t: f64) {
         let k = self.one_of(self.drones.len());
         match self.one_of(10) {
@@ -113,8 +110,8 @@ impl Flight {
         }
     }
 
-    /// Due actions of the crew: it opens the deck, and removes a landed drone. By opening the deck the crew reports
-    /// that no silent drone is on it, so it checks that first.
+    /// Crew: opens the deck, and removes a landed drone. Before it opens the deck, it checks for silent
+    /// drones.
     fn attend(&mut self, t: f64) {
         let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
         let found = self.drones.iter().any(silent);
@@ -164,7 +161,7 @@ impl Flight {
         }
         let below = self.drones.iter().filter(|d| d.below).count();
         self.report.two_below += u32::from(below > 1 && below > had_below);
-        // A drone on the deck may not know yet that it has landed.
+        // A drone on the deck may not know that it has landed.
         let descends = |d: &Watched| !d.on_deck && matches!(d.state, State::Descent | State::Flare);
         let stands = self.drones.iter().any(|d| d.on_deck);
         self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));
@@ -184,7 +181,7 @@ impl Flight {
     }
 }
 
-/// Flies a number of drones; the sea, the vessel's speed and all events are drawn from the seed.
+/// The seed draws the sea, the vessel's speed and all events.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

@@ -1,4 +1,4 @@
-//! Comparison of two planners on the same seeds by paired differences, which cancel the effect of the sea.
+//! Comparison of planners by paired differences on the same seeds, which cancel the effect of the sea.
 
 use std::collections::BTreeMap;
 
@@ -16,34 +16,33 @@ pub const COMPARED: [OutcomeMetric; 6] = [
     ("over_deck_time_s", |o| o.over_deck_time_s),
 ];
 
-/// Mean of `other - first` over the pairs in which both touched down.
+/// Mean of `other - first` over pairs that both touched down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
     pub metric: &'static str,
     pub mean: f64,
-    /// Bootstrap 95 % interval of the difference.
+    /// Bootstrap 95 % interval.
     pub interval: [f64; 2],
     pub pairs: usize,
 }
 
-/// Success rates of both planners.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rates {
-    /// Successes of the first and of the other planner.
+    /// First and other planner.
     pub successes: [usize; 2],
     /// Wilson's 95 % interval of each rate.
     pub wilson: [[f64; 2]; 2],
     /// Seeds on which only the first planner succeeds, and only the other.
     pub only: [usize; 2],
-    /// Difference of the rates, `other - first`.
+    /// `other - first`.
     pub difference: f64,
-    /// Bootstrap 95 % interval of the difference over pairs.
+    /// Bootstrap 95 % interval over pairs.
     pub interval: [f64; 2],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Scenario; None for all scenarios.
+    /// None: all scenarios.
     pub scenario: Option<String>,
     pub first: String,
     pub other: String,
@@ -54,7 +53,7 @@ pub struct Comparison {
 
 type Pair<'a> = (&'a Outcome, &'a Outcome);
 
-/// Outcomes of both planners by scenario and seed, where both exist.
+/// Outcomes that exist for both planners, by scenario and seed.
 pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
     let flown_by = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
         outcomes
@@ -70,7 +69,7 @@ pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, o
         .collect()
 }
 
-/// Compares `other` with `first` in one scenario, or in all; None without a common seed.
+/// `scenario`: None for all. None without a common seed.
 pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
     let pairs = pairs(outcomes, scenario, first, other);
     let n = pairs.len();
@@ -135,7 +134,7 @@ mod tests {
         for seed in 0..40 {
             let sea = 0.1 * (seed % 7) as f64;
             all.push(flown("a", "x", seed, Some(sea), true));
-            // Not in the order of the seeds, and one seed more than the first planner's.
+            // Outcomes in another order, with one seed more than the first planner's.
             all.insert(0, flown("b", "x", seed, Some(sea + 0.05), seed % 4 != 0));
         }
         all.push(flown("b", "x", 99, Some(9.0), false));

@@ -1,8 +1,8 @@
-//! The vessel's broadcast prediction compared with the truth, 1 s ahead.
+//! The vessel's broadcast prediction against the truth, 1 s ahead.
 //!
-//! *Heave* (Fossen 2011) is the height relative to the mean water level. Height in the vessel's NED is heave plus the
-//! receiver's slow bias. That bias changes by 0.08 m in a second, with 0.3 m of white noise at 10 Hz, so that no filter
-//! estimates it better than to 0.09 m; the drone measures it by vision.
+//! *Heave* (Fossen 2011) is the height relative to the mean water level. Height in the vessel's NED adds the
+//! receiver's slow bias, which changes by 0.08 m in a second under 0.3 m of white noise at 10 Hz: no filter
+//! estimates it better than to 0.09 m. The drone measures it by vision.
 
 use alight_shared::msg::VesselPrediction;
 use alight_shared::time::VesselClock;
@@ -12,17 +12,16 @@ use super::estimator::{EstimatorRun, StageDeviations, difference, predicted, run
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{Scenario, SetupError};
 
-/// Prediction horizon, s.
 const AHEAD_S: f64 = 1.0;
-/// 95 % quantiles of the chi-square distribution with one, two and three degrees of freedom.
+/// Chi-square 95 % quantiles with one, two and three degrees of freedom.
 const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     count: u64,
-    /// Sum of squared errors (of the norm, for several components).
+    /// Sum for errors (for their norm, with several components).
     squares: f64,
-    /// Sum of normalised squared errors per component; `count` for a consistent covariance.
+    /// Normalised squared errors per component; `count` for a consistent covariance.
     normalised: f64,
     /// Number of predictions whose 95 % ellipse contains the truth.
     inside: u64,
@@ -52,7 +51,7 @@ impl Tally {
     pub fn rmse(&self) -> f64 {
         (self.squares / self.count.max(1) as f64).sqrt()
     }
-    /// Mean normalised squared error per component; 1 for a consistent covariance.
+    /// Mean per component; 1 for a consistent covariance.
     pub fn nees(&self) -> f64 {
         self.normalised / self.count.max(1) as f64
     }
@@ -64,11 +63,11 @@ impl Tally {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
-    /// Height of the reference point relative to the mean water level, m.
+    /// Reference point relative to the mean water level, m.
     pub heave: Tally,
     /// Roll and pitch, rad.
     pub tilt: Tally,
-    /// Heave, roll and pitch together: the ellipsoid of the deck in waves, whose RMSE has no meaning.
+    /// Heave, roll and pitch: the deck's ellipsoid in waves; its RMSE has no meaning.
     pub deck: Tally,
 }
 
@@ -83,7 +82,7 @@ impl Scores {
     }
 }
 
-/// Scores of the vessel's broadcast over `span_s` after the warm-up.
+/// `span_s`: after the warm-up.
 pub fn vessel(
     scenario: &Scenario,
     node: &VesselNodeConfig,
@@ -104,7 +103,7 @@ pub fn vessel(
     Ok(scores)
 }
 
-/// Predicted minus true heave (m), roll and pitch (rad).
+/// Predicted minus true heave (m), roll, pitch (rad).
 fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
     let tick = start + AHEAD_S / TICK.secs();
     let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
@@ -117,7 +116,7 @@ fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, lev
     Some([heave, angle(3)?, angle(4)?])
 }
 
-/// Reported standard deviations of heave (m), roll and pitch (rad).
+/// Reported, of heave (m), roll, pitch (rad).
 fn deviations(p: &VesselPrediction<VesselClock>, sds: &StageDeviations) -> Option<[f64; 3]> {
     let x = AHEAD_S / f64::from(p.step_s);
     let (i, f) = (x.floor() as usize, x.fract());

@@ -1,11 +1,11 @@
-//! Probability of a rare unsafe landing, by splitting on the distance of a landing from a limit.
+//! Probability of a rare unsafe landing, by splitting on a landing's distance from a limit.
 //!
-//! A population of landings is flown. The quarter closest to a limit is kept, and each of these is moved several times:
-//! all its random numbers change, by much or by little, and the new landing replaces it if it comes at least as close.
-//! After `k` levels the probability is the product of the kept fractions, times the fraction of the last population
-//! beyond a limit: `P = p_1 p_2 ... p_k p_last` (Kahn and Harris 1951; subset simulation, Au and Beck 2001). Each
-//! population is flown from the start; no state of a flight is copied. Independent runs yield mean and interval. The
-//! estimate has an upward bias of the order of one over the population.
+//! The quarter of a population that comes closest to a limit is kept. Each of these landings is moved several
+//! times: all its random numbers change, by much or little, and the new landing replaces it if it comes
+//! at least as close. After `k` levels, `P = p_1 p_2 ... p_k p_last` multiplies the kept fractions and the
+//! fraction of the last population beyond a limit (Kahn and Harris 1951; subset simulation, Au and Beck
+//! 2001). Every landing is flown from the start; no state is copied. Independent runs yield mean and
+//! interval. The estimate has an upward bias of the order of one over the population.
 
 use rand::RngExt;
 use rayon::prelude::*;
@@ -19,20 +19,19 @@ use crate::harness::world::World;
 use crate::physics::streams::{MOVES, Stream, Streams};
 use crate::studies::statistics::{at_most_95, student_95};
 
-/// Fraction of a population that is kept.
 const KEPT: f64 = 0.25;
-/// Maximum number of levels, each of which is a move: reaches a probability of 1e-6.
+/// Each level is a move; reaches a probability of 1e-6.
 const MAX_LEVELS: usize = MOVES;
-/// Maximum exponent of the power of two by which a move is smaller than the range of a number. It is drawn, because the
+/// Maximum exponent of the power of two by which a move is smaller than a number's range. Drawn, because the
 /// step that suits landings near their limit is not known in advance.
 const SMALLEST: u32 = 9;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
-    /// A quarter of the last population was beyond a limit.
+    /// A quarter of the last population exceeded a limit.
     Limit,
-    /// No landing of the last population was closer than the others, as when every landing is aborted.
+    /// No landing of the last population was closer than the others; for instance, all were aborted.
     Plateau,
     /// Ten levels were not enough.
     Levels,
@@ -41,29 +40,28 @@ pub enum End {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingRun {
     pub probability: f64,
-    /// Product of the kept fractions: the probability of the set from which the last population is drawn.
+    /// Product of the kept fractions: probability of the set from which the last population is drawn.
     pub reached: f64,
     pub beyond: usize,
     pub end: End,
-    /// Levels: required limit ratio of a landing; 1 is the limit.
+    /// Required limit ratios; 1 is the limit.
     pub levels: Vec<f64>,
     pub landings: usize,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingEstimate {
-    /// Mean of the runs' probabilities.
+    /// Mean over the runs.
     pub probability: f64,
-    /// 95 % interval by Student's distribution over the runs; starts at 0 with one run. Its upper end is at least the
-    /// bound by the last populations alone (Clopper and Pearson 1934). With few runs of a rare event its coverage is
-    /// lower.
+    /// Student's 95 % interval over the runs; from 0 with one run. Its upper end is at least the bound by the
+    /// last populations alone (Clopper and Pearson 1934). Coverage is lower with few runs of a rare event.
     pub interval: [f64; 2],
     pub landings: usize,
     pub runs: Vec<SplittingRun>,
 }
 
 impl SplittingEstimate {
-    /// Estimate of these runs, with populations of `population`; None without runs.
+    /// None without runs.
     pub fn of(runs: Vec<SplittingRun>, population: usize) -> Option<SplittingEstimate> {
         let probabilities: Vec<f64> = runs.iter().map(|r| r.probability).collect();
         let n = runs.len() as f64;
@@ -82,10 +80,10 @@ impl SplittingEstimate {
     }
 }
 
-/// Random streams, and the limit ratio of their landing.
+/// Random streams, and their landing's limit ratio.
 type Particle = (Streams, f64);
 
-/// One run with populations of `population`; `near` flies a landing and returns its limit ratio.
+/// `near` flies a landing and returns its limit ratio.
 pub fn split<E: Send>(
     population: usize,
     seed: u64,
@@ -137,7 +135,7 @@ pub fn split<E: Send>(
     }
 }
 
-/// Limit ratio that the closest quarter reaches; if all landings reach it, the next larger one. None if all are equal.
+/// Limit ratio of the closest quarter; the next larger one if all landings reach it; None if all are equal.
 fn next_level(particles: &[Particle]) -> Option<f64> {
     let mut near: Vec<f64> = particles.iter().map(|(_, n)| *n).collect();
     near.sort_by(|a, b| b.total_cmp(a));
@@ -149,12 +147,11 @@ fn next_level(particles: &[Particle]) -> Option<f64> {
     near.into_iter().rev().find(|n| *n > lowest)
 }
 
-/// Moves all numbers.
 fn moved(streams: &Streams, draw: &mut Stream) -> Streams {
     streams.moved(draw.random(), draw.random_range(0..=SMALLEST))
 }
 
-/// Flies a landing in the world of these streams, and returns its limit ratio ([`Outcome::limit_ratio`]).
+/// Flies a landing, and returns its [`Outcome::limit_ratio`].
 pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Result<f64, SetupError> {
     let watch = Watch {
         on_event: &mut |_| {},
@@ -170,8 +167,8 @@ pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Resu
 mod tests {
     use super::*;
 
-    /// A landing whose limit ratio is the maximum of one uniform number from each of three streams, so that it exceeds
-    /// `limit` with the probability `1 - limit^3`; a fraction `broken_off` has no contact.
+    /// The limit ratio is the maximum of three uniform numbers, and exceeds `limit` with the probability `1 -
+    /// limit^3`; a fraction `broken_off` has no contact.
     fn near(limit: f64, broken_off: f64) -> impl Fn(&Streams) -> Result<f64, ()> {
         move |streams| {
             let uniform = |name: &str| streams.stream(name).random::<f64>();
@@ -195,7 +192,7 @@ mod tests {
             let (truth, [low, high]) = (rarity * (1.0 - broken_off), estimate.interval);
             assert!(low < truth && truth < high, "{rarity}: {estimate:?}");
             assert!(high < 3.0 * truth, "{rarity}: {estimate:?}");
-            // Direct simulation needs some ten thousand landings for a probability of a thousandth.
+            // Direct simulation of a probability of 1e-3 needs some 10 000 landings.
             assert!(estimate.landings < 16_000, "{}", estimate.landings);
             assert!(estimate.runs.iter().all(|r| r.end == End::Limit), "{estimate:?}");
         }

@@ -5,7 +5,6 @@ use serde::Serialize;
 
 use crate::harness::outcome::{Ending, Outcome};
 
-/// Mean, standard deviation, 95th percentile and maximum of a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SampleStatistics {
     pub mean: f64,
@@ -15,8 +14,7 @@ pub struct SampleStatistics {
 }
 
 impl SampleStatistics {
-    /// Statistics of the given values; None without values. Percentile and maximum apply to signed values as they are;
-    /// the spread of signed values is `sd`.
+    /// None without values. Percentile and maximum apply to signed values as they are; `sd` is their spread.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
         let mut v: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
         let p95 = quantile(&mut v, 0.95)?;
@@ -44,22 +42,22 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
     ((centre - half).max(0.0), (centre + half).min(1.0))
 }
 
-/// Number of successes without a failure for which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2) >= rate`.
-/// A rate of 1 cannot be shown; the count stays below 40 000.
+/// Number of successes without a failure for which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2)
+/// >= rate`. Stays below 40 000, since a rate of 1 cannot be shown.
 pub fn successes_to_show(rate: f64) -> usize {
     let z2 = 1.959_964_f64.powi(2);
     let n = (z2 * rate / (1.0 - rate).max(1e-4)).ceil();
     n.max(1.0) as usize
 }
 
-/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): the largest `p` for which `P(X <=
-/// events) >= 0.05`, with X binomial of `trials` and `p`. Its coverage is at least 95 % for any rate.
+/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): largest `p` with `P(X <=
+/// events) >= 0.05`, X binomial of `trials` and `p`. Coverage is at least 95 % at any rate.
 pub fn at_most_95(events: usize, trials: usize) -> f64 {
     if events >= trials {
         return 1.0;
     }
     let n = trials as f64;
-    // P(X <= events), each term from the previous one in logarithms, since (1 - p)^n alone underflows f64.
+    // In logarithms, each term from the one before: (1 - p)^n alone underflows f64.
     let tail = |p: f64| {
         let (mut log_term, odds) = (n * (-p).ln_1p(), (p / (1.0 - p)).ln());
         let mut sum = log_term.exp();
@@ -81,9 +79,10 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     high
 }
 
-/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None without values.
+/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None
+/// without.
 pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
-    // Quantiles by degrees of freedom, from 1 on.
+    // By degrees of freedom, from 1.
     const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
     let SampleStatistics { mean, sd, .. } = SampleStatistics::of(values.iter().copied())?;
     let half = match values.len() {
@@ -94,8 +93,8 @@ pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
     Some([mean - half, mean + half])
 }
 
-/// Percentile bootstrap (Efron 1979) of the mean: 95 % interval from 1000 resamples of a fixed stream, so that a report
-/// is reproducible; None without values.
+/// Percentile bootstrap (Efron 1979) of the mean: 95 % interval from 1000 resamples of a fixed stream, for
+/// reproducible reports; None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
@@ -114,10 +113,9 @@ pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     ])
 }
 
-/// A named metric of an outcome.
 pub type OutcomeMetric = (&'static str, fn(&Outcome) -> Option<f64>);
 
-/// All metrics of the summary: name (as in the outcome) and source.
+/// Name as in the outcome, and source.
 pub const METRICS: &[OutcomeMetric] = &[
     ("position_error_m", |o| o.position_error_m),
     ("rest_position_error_m", |o| o.rest_position_error_m),
@@ -137,18 +135,17 @@ pub const METRICS: &[OutcomeMetric] = &[
     ("wall_time_s", |o| Some(o.wall_time_s)),
 ];
 
-/// Trials with the same ending and reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailureCount {
     pub outcome: &'static str,
     /// Reason, with `N` for each number.
     pub reason: String,
     pub count: u32,
-    /// Seed of the first of these trials.
+    /// Seed of the first trial.
     pub seed: u64,
 }
 
-/// Counts failures (ending, reason, seed) by ending and reason, most frequent first.
+/// Counts failures by ending and reason, most frequent first.
 fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
     let mut counts: Vec<FailureCount> = Vec::new();
     for (ending, reason, seed) in failures {
@@ -170,7 +167,7 @@ fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) ->
     counts
 }
 
-/// Replaces each number in a text, including its sign, by `N`.
+/// Replaces each number and its sign by `N`.
 fn without_numbers(text: &str) -> String {
     let is_figure = |part: &str| {
         let digits = part.trim_start_matches(['-', '+']);
@@ -188,52 +185,47 @@ fn without_numbers(text: &str) -> String {
     out.join(" ")
 }
 
-/// Summary of a set of trials; metrics cover the trials that touched the deck.
+/// Metrics cover trials that touched the deck.
 #[derive(Clone, Debug)]
 pub struct Summary {
     pub trials: usize,
     pub successes: usize,
-    /// Number of descents begun, and of those that ended badly: neither at rest on the deck nor aborted without a
-    /// contact.
+    /// Begun descents, and those that ended badly: neither at rest on the deck nor aborted without contact.
     pub descents: [u32; 2],
-    /// Number of trials that neither succeeded nor ended without a landing and safely ([`Outcome::is_rejected`]).
+    /// Neither a success nor [`Outcome::is_rejected`].
     pub unsafe_trials: usize,
     pub unsafe_contacts: u32,
     pub water_contacts: u32,
-    /// Number of entries into keep-out volumes; None without volumes.
+    /// Entries into keep-out volumes; None without volumes.
     pub keep_out_collisions: Option<u32>,
     pub contacts_above_2_mps: u32,
     pub failures: Vec<FailureCount>,
-    /// Endings of the trials' last descents, by the predicted probability of success.
+    /// Endings of last descents, by predicted probability of success.
     pub likelihood: Vec<OddsBin>,
-    /// Unsafe contacts of the trials' last descents, by their predicted probability.
+    /// Unsafe contacts of last descents, by predicted probability.
     pub harm: Vec<OddsBin>,
-    /// Metrics under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
-/// Bounds of the bins of success probability, and of unsafe-contact probability.
+/// Bin bounds of success probability, and of unsafe-contact probability.
 const LIKELIHOODS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
 const HARMS: [f64; 7] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 1.0];
 
-/// Descents within a range of predicted probability.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OddsBin {
-    /// Range of predicted probability.
     pub between: [f64; 2],
     pub descents: usize,
-    /// Number of descents in which the event occurred.
+    /// Number of descents with the event.
     pub came: usize,
     pub predicted: f64,
-    /// Wilson's 95 % interval of the fraction in which the event occurred.
+    /// Wilson's 95 % interval of that fraction.
     pub interval: (f64, f64),
 }
 
-/// Distance from the deck's centre beyond which a drone has certainly left it, m: half the diagonal of the default
-/// deck.
+/// Distance from the deck's centre of a drone that has left the deck, m: half the default deck's diagonal.
 const LEFT_M: f64 = 1.5;
 
-/// Bins of predicted probabilities, each with whether the event occurred.
+/// `all`: predicted probability, and whether the event occurred.
 fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     let bins = bounds.windows(2).filter_map(|b| {
         let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
@@ -250,12 +242,11 @@ fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     });
     bins.collect()
 }
-/// Whether a trial's last descent ended at rest on the deck, and the drone stayed there while it was observed.
+/// The last descent ended at rest on the deck, and the drone stayed there while observed.
 fn has_landed(o: &Outcome) -> bool {
     o.success && o.stay_position_error_m.is_none_or(|m| m < LEFT_M)
 }
 
-/// Whether the last descent of a trial ended badly.
 fn ended_badly(o: &Outcome) -> bool {
     let waited = matches!(o.outcome, Ending::Timeout | Ending::GaveUp);
     let untouched = o.position_error_m.is_none() && o.unsafe_contacts == 0 && o.water_contacts == 0;

@@ -1,5 +1,5 @@
-//! A vessel located by its beacon alone: the drone flies to the beacon's position, searches for the tags there and
-//! lands by them.
+//! A vessel located by its beacon alone: the drone flies to the beacon's position, searches for the tags
+//! there and lands by them.
 
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
 use alight_sim::harness::outcome::Outcome;
@@ -26,7 +26,7 @@ fn nodes() -> NodeConfigs {
     nodes
 }
 
-/// Time at which the tags were found, s, and ending of a flight.
+/// Time of the tags' detection, s, and ending.
 struct Flown {
     found_s: Option<f64>,
     outcome: Outcome,
@@ -68,7 +68,7 @@ fn deck_found_by_its_beacon() {
     assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
 }
 
-/// Thirty metres to the side of its beacon the deck is not found, and the search ends.
+/// The deck is 30 m to the side of its beacon: it is not found, and the search ends.
 #[test]
 fn deck_that_is_not_at_its_beacon() {
     let mut scenario = scenario();
@@ -88,8 +88,8 @@ fn deck_that_is_not_at_its_beacon() {
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
 }
 
-/// A vessel with a hull from a table, 150 m away and without ultraviolet markers, is received until the drone is on its
-/// way, and then never again. The drone flies to the vessel's predicted position and searches for the tags there.
+/// A vessel 150 m away without ultraviolet markers, received until the drone is on its way, then never again.
+/// The drone flies to its predicted position and searches for the tags.
 #[test]
 fn radio_lost_for_good_on_the_way() {
     let (mut scenario, mut nodes) = (Scenario::default(), nodes());

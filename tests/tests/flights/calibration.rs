@@ -1,4 +1,4 @@
-//! Calibrations of the simulated vehicles, whose true parameters only this test knows.
+//! Calibrations of simulated vehicles, whose true parameters only this test knows.
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::step::Step;
@@ -20,7 +20,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::at_sea;
 
-/// Passes the predictor's inputs to the calibration once the drone is on the deck.
+/// Passes the predictor's inputs to the calibration after the landing.
 struct Press {
     calibration: DeckCalibration,
     stands: bool,
@@ -34,7 +34,7 @@ impl WorldObserver for Press {
     }
 }
 
-/// GNSS receivers with corrections, and a tag that the camera detects from the deck.
+/// GNSS with corrections, and a tag that the camera detects from the deck.
 fn scene() -> Scenario {
     let mut s = at_sea("slight");
     s.deck.tag_side_m = Some(0.12);
@@ -46,8 +46,8 @@ fn scene() -> Scenario {
     s
 }
 
-/// Lands, then stays on the deck for `seconds`. Returns the calibration, and the truth: the deck's centre in the
-/// vessel's body frame, and the drone's position on the deck.
+/// Lands and stays for `seconds`. Returns the calibration, and the truth: deck centre in the vessel's body
+/// frame, and drone position on the deck.
 fn press(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -132,7 +132,7 @@ impl WorldObserver for Recorder {
     }
 }
 
-/// Calibration from a recording of `seconds` of this vessel.
+/// Calibration from a recording of `seconds`.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
@@ -145,8 +145,8 @@ fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibra
     recorder.0.identify(&nodes.vessel)
 }
 
-/// Damping and stiffness per mass of small motions. The centre of gravity above the water couples the inertia of sway
-/// with roll, and of surge with pitch; therefore the diagonal of the inverse of M is used.
+/// Damping and stiffness per mass of small motions. The centre of gravity above the water couples the inertia
+/// of sway with roll and of surge with pitch, hence the diagonal of M's inverse.
 fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
     let inertia = Vector3::from(v.inertia_kgm2);
     let added =
@@ -166,14 +166,14 @@ fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
     of
 }
 
-/// A scenario in which every degree of freedom is pushed three times on calm water.
+/// Pushes every degree of freedom three times on calm water.
 fn pushed(strength: f64) -> Scenario {
     let mut s = at_sea("0,5");
-    // A linear model cannot contain drag that is quadratic in speed.
+    // A linear model has no drag quadratic in speed.
     s.vessel.quadratic_drag_ns2pm2 = [0.0; 2];
     s.vessel.quadratic_yaw_drag_nms2 = 0.0;
     let mut t = 20.0;
-    // A load of 3 s, then none; a load of 1 s, then none.
+    // A load of 3 s, a rest, a load of 1 s, a rest.
     for (dof, by, for_s, rest_s) in [
         (ROLL, 800.0, 3.0, 12.0),
         (PITCH, 1200.0, 3.0, 12.0),
@@ -214,7 +214,7 @@ fn vessel_calibration_from_impulses() {
                     "{} {what} {figure:?} truth {truth:.3}, {} impulses",
                     DOF_NAMES[dof], d.impulses
                 );
-                // The hull is not a linear model: 5 % of the error are due to that.
+                // The hull is nonlinear, which causes 5 % of the error.
                 assert!(
                     off <= 3.0 * figure.sd + 0.05 * truth,
                     "{} {what} {figure:?} {truth}",

@@ -1,5 +1,5 @@
-//! Faults at each tenth of the last second before contact and the first second after it: no contact is hard, the motors
-//! stop soon, and nothing takes off again.
+//! Faults at each tenth of the last second before and the first second after contact: no contact is hard,
+//! motors stop soon, nothing takes off again.
 
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
@@ -12,26 +12,26 @@ use crate::{BOTH, at_sea};
 
 const LIMIT_S: f64 = 150.0;
 const STOPPED_S: f64 = 2.0;
-/// Time before the first contact at which the earliest fault begins, s, and the step between faults.
+/// Time from the earliest fault to the first contact, s, and step between faults.
 const BEFORE_S: f64 = 1.0;
 const STEP_S: f64 = 0.1;
-/// Number of steps; the motors stop before the last one.
+/// Motors stop before this step.
 const LAST_STEP: usize = 30;
-/// Maximum height of feet that rest on the deck, m.
+/// Maximum height of resting feet, m.
 const RESTS_M: f64 = 0.05;
-/// Climb above which a drone that rested on the deck has taken off, m, if it is as high above the deck. A deck that
-/// sinks away from a drone held by its autopilot is not a take-off.
+/// Climb from a rest on the deck that counts as a take-off, m, at that height above the deck. A deck that
+/// sinks away below a drone held by its autopilot does not count.
 const TAKES_OFF_M: f64 = 0.4;
 
 #[derive(Debug, Default)]
 struct Flown {
     contact_s: Option<f64>,
     hardest_mps: f64,
-    /// Climb above the deck after a rest on it, m.
+    /// Climb after a rest on the deck, m.
     rose_m: f64,
-    /// Start of the present rest on the deck, s.
+    /// Start of the present rest, s.
     rests_s: Option<f64>,
-    /// Time at which the motors stopped permanently, s.
+    /// Final stop of the motors, s.
     stopped_s: Option<f64>,
     water: bool,
 }
@@ -48,13 +48,13 @@ impl Flown {
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = at_sea("0.5,5");
-    // A short approach, since the test begins above the deck.
+    // The test begins above the deck.
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
     scenario.drone.autopilot.firmware = firmware;
     scenario
 }
 
-/// A landing with one order; calls `fault` after every tick.
+/// One order; calls `fault` after every tick.
 fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> Flown {
     let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
     let (mut flown, mut lowest) = (Flown::default(), None);
@@ -93,7 +93,7 @@ fn link_killed_around_the_contact() {
         for (seed, flown) in &undisturbed {
             assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
         }
-        // Two of each four steps, so that every autopilot flies both seas and both restarts.
+        // Two of each four steps: every autopilot flies both seas and both restarts.
         for k in (0..LAST_STEP).filter(|k| k.div_ceil(2) % 2 == odd) {
             let (seed, flown) = &undisturbed[k % 2];
             let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
@@ -124,8 +124,8 @@ fn link_killed_around_the_contact() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The autopilot lands by itself on the published deck. Nothing is commanded except, if permitted, the disarm. Returns
-/// the flight, the number of disarm commands, and their maximum height above the deck.
+/// The autopilot lands by itself on the published deck; only the disarm is commanded, if permitted. Returns
+/// flight, number of disarm commands, and their maximum height above the deck.
 fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
     let mut scenario = scenario(firmware);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);
@@ -178,7 +178,6 @@ fn disarm_in_the_autopilots_own_landing() {
             "{firmware:?}: {after_s:?} s, {disarms} at {highest_m} m: {flown:?}"
         );
     }
-    // No disarm without permission.
     let (flown, disarms, _) = own_landing(Firmware::Px4, 80, false);
     assert_eq!(disarms, 0, "{flown:?}");
 }

@@ -1,5 +1,4 @@
-//! Reservation of the deck in the whole world: drones request it from the vessel's arbiter over the radio before they
-//! descend.
+//! Reservation of the deck: drones request it from the vessel's arbiter by radio before they descend.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
@@ -9,27 +8,26 @@ use alight_usv::deck::DeckInputs;
 
 use crate::at_sea;
 
-/// Drones above one deck in a slight sea, each commanded to land.
+/// Drones above one deck in a slight sea, all with an order to land.
 fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut scenario = at_sea("slight");
     scenario.drones = drones;
     Rig::landing(&scenario, nodes, seed).unwrap()
 }
-/// Flies two drones until one descends; returns the numbers of the one that descends and of the one that waits.
+/// Flies two drones until one descends; returns the descending and the waiting one.
 fn pair(seed: u64) -> (Rig, usize, usize) {
     let mut fleet = fleet(2, &NodeConfigs::default(), seed);
     fleet.until(120.0, |f| !f.using_the_deck().is_empty());
     let first = fleet.using_the_deck()[0];
     (fleet, first, 1 - first)
 }
-/// Nodes of a drone that must reserve the deck.
+/// Drones must reserve the deck.
 fn reserving() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;
     nodes
 }
 
-/// Flies until a drone is in this state, and asserts that it reaches it.
 #[track_caller]
 fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
     fleet.until(limit_s, |f| f.state(k) == state);
@@ -39,7 +37,7 @@ fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
 fn assert_state(fleet: &Rig, k: usize, state: State) {
     assert_eq!(fleet.state(k), state, "{:?}", fleet.visited(k));
 }
-/// Horizontal distance of a drone from the deck's centre, and its height above the deck, m.
+/// Horizontal distance from the deck's centre, and height above the deck, m.
 fn place(fleet: &Rig, k: usize) -> [f64; 2] {
     let physics = fleet.world.physics();
     let r = physics.drone(k).unwrap().position.0 - physics.deck().position.0;
@@ -72,7 +70,6 @@ fn two_drones_one_after_the_other() {
         waiting.to_string().contains(&format!("drone {}", first + 1)),
         "{waiting}"
     );
-    // The crew removes the first drone.
     fleet.restart_drone(first);
     fly_to(&mut fleet, 60.0, second, State::Landed);
     let on_deck = fleet.world.physics().observation(second, fleet.mission(second));
@@ -125,7 +122,7 @@ fn deck_occupied_during_a_descent() {
     assert!(fleet.using_the_deck().is_empty(), "it breaks off");
     sense(&mut fleet, false);
     fleet.until(120.0, |f| f.state(0) == State::Landed);
-    // The sensor detects the drone's own weight.
+    // The sensor detects the drone's weight.
     sense(&mut fleet, true);
     fleet.run(10.0);
     assert_state(&fleet, 0, State::Landed);

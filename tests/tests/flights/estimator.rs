@@ -1,5 +1,5 @@
-//! The vessel's estimator compared with the truth of the simulated sea, vessel and sensors (which share no model with
-//! it), in the vessel's own GNSS frame: truth plus the receiver's bias at that instant.
+//! The vessel's estimator against the truth (simulated sea, vessel and sensors share no model with it), in
+//! the vessel's GNSS frame: truth plus the receiver's bias at that instant.
 
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
@@ -37,8 +37,8 @@ fn estimate_and_prediction_accuracy() {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
     }
-    // Per axis, compared with Procházka 2024. Position is at the limit of the sensor: a bias of 1 m with 300 s changes
-    // by 0.08 m per second, with 0.3 m of white noise at 10 Hz, sqrt(q r) = 0.088 m.
+    // Per axis; limits by Procházka 2024. The sensor limits position: a bias of 1 m with 300 s changes by
+    // 0.08 m per second, with 0.3 m of white noise at 10 Hz: sqrt(q r) = 0.088 m.
     let errors = state_errors(&runs);
     let names = ["position", "attitude", "velocity", "rates"];
     for ((e, limit), name) in errors
@@ -52,8 +52,7 @@ fn estimate_and_prediction_accuracy() {
     for (d, mean) in errors.nees.iter().enumerate() {
         assert!((0.5..=4.0).contains(mean), "NEES of {d}: {mean} (ideal 2)");
     }
-    // Prediction compared with constant state and constant velocity. Heave includes the 0.09 m of the receiver's slow
-    // bias.
+    // Against constant state and constant velocity. Heave includes 0.09 m of slow receiver bias.
     for dof in [2, 3, 4] {
         for horizon in [0.5, 1.0, 2.0] {
             let e = prediction_error(&runs, dof, horizon);
@@ -67,9 +66,8 @@ fn estimate_and_prediction_accuracy() {
     }
 }
 
-/// Without sideways coupling to the waves, the hull leaves the water on top of the steepest waves and slams. Harmonics
-/// of tilt made the identification use the last half minute only, in which waves this close in frequency cannot be
-/// separated.
+/// Without sideways coupling, the hull leaves the water on the steepest waves and slams. Tilt harmonics once
+/// limited the identification to half a minute, too short to separate waves this close in frequency.
 #[test]
 fn estimate_of_a_slamming_hull() {
     let mut scenario = at_sea("0.8,5");
@@ -80,13 +78,14 @@ fn estimate_of_a_slamming_hull() {
         assert!(r.confidence > 0.5, "seed {seed}: {}", r.confidence);
         runs.push(r);
     }
-    // Formerly 1.7 deg and 0.25 m/s, when slamming was rejected and late fixes were rolled back through it.
+    // 1.7 deg and 0.25 m/s while slamming was rejected and late fixes were rolled back through it.
     let errors = state_errors(&runs).per_axis;
     assert!(errors[1].to_degrees() < 0.7, "attitude: {} rad", errors[1]);
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// Prediction at 1 s for a hull without wave-following motion, in waves steeper than any sum of the components.
+/// Prediction over 1 s for a hull that does not follow the waves, in waves steeper than any sum of
+/// components.
 #[test]
 fn prediction_in_steep_waves() {
     let mut scenario = at_sea("0.8,5");
@@ -98,7 +97,7 @@ fn prediction_in_steep_waves() {
     let [heave, tilt] = [all.heave, all.tilt].map(|t| t.rmse());
     // 0.070 rad with a sum of three waves, 0.055 rad with ridge regression.
     assert!(tilt < 0.04, "{tilt} rad");
-    // 0.33 m with a sum of three waves, 0.26 m with ridge regression: steep waves raise the mean of heave by 0.16 m.
+    // 0.33 m with a sum of three waves, 0.26 m with ridge regression: steep waves raise mean heave by 0.16 m.
     assert!(heave < 0.26, "{heave} m");
 }
 
@@ -117,11 +116,11 @@ fn heave_prediction_at_1_s() {
 #[ignore = "a minute of runs; CI runs them by name"]
 fn prediction_covariance_at_1_s() {
     let mut wrong = Vec::new();
-    // Seas in which the waves keep their phase better than the filter's process noise assumes, steep seas whose
-    // harmonics are not identified, and calm water.
+    // Waves with a steadier phase than the filter's process noise, steep seas with unidentified harmonics,
+    // calm water.
     for sea in ["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"] {
         let scenario = at_sea(sea);
-        // A vessel has one trim and one set of biases, so that a fraction needs many vessels.
+        // One vessel has one trim and one set of biases: a fraction needs many vessels.
         let runs: Vec<_> = (100..124)
             .into_par_iter()
             .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
@@ -159,7 +158,7 @@ fn estimate_on_a_square_course_at_2_mps() {
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv"]
 fn estimator_start_in_violent_motion() {
-    // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run yields estimates in the end.
+    // A deck rocks at 0.7 Hz from the first sample on; every run must yield estimates in the end.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for seed in [404, 405, 406] {
         let scenario = Scenario {
@@ -181,7 +180,7 @@ fn estimator_start_in_violent_motion() {
     }
 }
 
-/// Real boats under way, whose heel changes with each turn. The prediction matches a ridge regression on the same
+/// Real boats under way, whose heel changes with each turn. Compared with ridge regression on the same
 /// estimates: roll within a third, pitch within a half.
 #[test]
 #[ignore = "needs ../shared/data/underway"]

@@ -1,6 +1,6 @@
-//! The fault matrix: at every moment of a landing with one order, over both autopilots, a process of the drone's
-//! computer or the whole computer is killed or frozen, or its cable is silent. Live, `alight land --fault` draws the
-//! same times.
+//! The fault matrix: at every moment of a landing with one order, a process or the whole computer of the
+//! drone is killed or frozen, or its cable is silent, over both autopilots. `alight land --fault` draws these
+//! times live.
 
 use std::path::Path;
 
@@ -20,30 +20,30 @@ use rayon::prelude::*;
 
 use crate::BOTH;
 
-/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, and a
+/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, a
 /// restarted process collects evidence of the landing.
 const MOTORS_ON_S: f64 = 5.0;
-/// Time from the first disarm command for which the autopilot denies it, s: longer than a fault waits after the stop.
+/// Time from the first disarm command until the autopilot accepts one, s; longer than from the stop to a
+/// fault.
 const DENIES_S: f64 = 1.0;
-/// Duration of the cable's silence, s.
 const CABLE_OUT_S: f64 = 1.0;
-/// Maximum tilt beyond the commanded tilt before contact, deg.
+/// Maximum tilt beyond the command before contact, deg.
 const TILT_BEYOND_DEG: f64 = 10.0;
-/// Time constant with which a commanded tilt is forgotten, s, as in the mission.
+/// Time constant of the remembered commanded tilt, s, as in the mission.
 const TILT_MEMORY_S: f64 = 0.5;
-/// Maximum distance from the deck's centre at rest, m.
+/// Maximum distance from the deck's centre, m.
 const REST_ERROR_M: f64 = 1.0;
-/// Minimum height of a hold above the deck, m.
+/// Minimum height above the deck, m.
 const HOLDS_M: f64 = 4.0;
-/// Flight time after the mission gave up, s: the drone climbs clear of the deck.
+/// Flight time after the mission gave up, s, for a climb clear of the deck.
 const CLIMB_S: f64 = 15.0;
-/// Maximum percentage of flights with a contact slightly above the limit. Of 200 landings of ArduCopter in this sea, 2
-/// have one without a fault, and 3 with the predictor killed in the descent.
+/// Maximum percentage of flights with a contact slightly above the limit. Of 200 landings with ArduCopter in
+/// this sea, 2 have one without a fault, and 3 with the predictor killed in the descent.
 const HARD_PERCENT: usize = 3;
-/// Maximum limit ratio of a contact slightly above the limit.
+/// Limit ratio up to which a contact is slightly above the limit.
 const LITTLE_HARD: f64 = 1.2;
 
-/// The fault interrupts pilot, link or computer for longer than the autopilot waits for set-points, so that it holds.
+/// The fault stops pilot, link or computer for longer than the autopilot waits for set-points: it holds.
 const fn is_uncommanded(fault: Option<Fault>) -> bool {
     matches!(
         fault,
@@ -54,15 +54,14 @@ const fn is_uncommanded(fault: Option<Fault>) -> bool {
     )
 }
 
-/// A restarted mission has lost its checkpoint, and does not know of the landing.
+/// A mission restarted without its checkpoint does not know of the landing.
 fn forgets(fault: &Fault) -> bool {
     fault.kind == FaultKind::MissionKilled && fault.size > 0.0
 }
-/// The autopilot's own hold may take off from a sinking deck; a drone that continues then is not pressed back onto it.
+/// The autopilot's hold may take off from a sinking deck; a drone that continues is not pressed back onto it.
 fn may_take_off(fault: &Fault) -> bool {
     fault.kind == FaultKind::ComputerKilled && fault.moment == Moment::In(State::Landed)
 }
-/// Whether the landing continues after this fault.
 fn must_land(fault: &Fault) -> bool {
     use FaultKind::{ComputerKilled, MissionKilled, PredictorKilled};
     let resumes = matches!(fault.kind, MissionKilled | PredictorKilled | ComputerKilled);
@@ -78,15 +77,14 @@ struct Case {
     deck_motion: Option<DeckMotionConfig>,
 }
 
-/// Result of a landing.
 #[derive(Debug)]
 struct Flown {
     outcome: Outcome,
-    /// Times at which the fault began and ended, s.
+    /// Start and end of the fault, s.
     fault_s: [Option<f64>; 2],
     landed: bool,
     armed: bool,
-    /// The drone holds high over the deck, in a state that stays there.
+    /// Holds high over the deck in a final state.
     holds: bool,
     motors_on_deck_s: f64,
     tilt_beyond_deg: f64,
@@ -100,12 +98,12 @@ impl Case {
             ..Scenario::default()
         };
         let autopilot = &mut scenario.drone.autopilot;
-        // Its failsafe waits for the longest permitted time.
+        // The longest permitted wait of its failsafe.
         (autopilot.firmware, autopilot.loss_after_s) = (self.firmware, 0.5);
         scenario
     }
-    /// Whether the autopilot denies a disarm at `now_s`, as if its detector had not found the landing yet: when a fault
-    /// follows the stop of the motors.
+    /// Whether the autopilot denies a disarm at `now_s`, as if it had not detected the landing, because a
+    /// fault follows the stop of the motors.
     fn is_denied(&self, autopilot: &SimulatedAutopilot, now_s: f64) -> bool {
         let first = autopilot
             .commands
@@ -170,17 +168,13 @@ impl Case {
     }
 }
 
-/// Commanded tilt, and the drone's tilt beyond it, rad.
 #[derive(Default)]
 struct Tilt {
-    /// Maximum recent command.
     commanded: f64,
-    /// Maximum excess so far.
     beyond: f64,
 }
 
 impl Tilt {
-    /// Takes the drone's attitude.
     fn observe(&mut self, autopilot: &SimulatedAutopilot, attitude: &UnitQuaternion<f64>) {
         let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
         let kept = (-TICK.secs() / TILT_MEMORY_S).exp();
@@ -192,8 +186,9 @@ impl Tilt {
 }
 
 impl Flown {
-    /// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing touched the
-    /// water, and every contact was soft unless pilot or link was frozen, when the autopilot's own hold decides.
+    /// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing
+    /// touched the water, and every contact was soft. The autopilot's hold excuses a hard contact if pilot or
+    /// link was frozen.
     fn is_safe(&self, fault: Option<Fault>) -> bool {
         let o = &self.outcome;
         let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
@@ -207,15 +202,14 @@ impl Flown {
             && (landed || away || holds)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
-    /// Whether its one unsafe contact was slightly above the limit.
+    /// The only unsafe contact was slightly above the limit.
     fn is_little_hard(&self) -> bool {
         let o = &self.outcome;
         o.outcome == Ending::Hard && o.unsafe_contacts == 1 && o.limit_ratio <= LITTLE_HARD
     }
 }
 
-/// Flies all cases and asserts that none is unsafe, tilts too far or ends before its fault, and that few contacts are
-/// slightly above the limit.
+/// No case is unsafe, tilts too far or ends before its fault; few contacts are slightly above the limit.
 fn assert_all_safe(cases: &[Case]) {
     let flown: Vec<_> = cases.par_iter().map(|case| (case, case.fly())).collect();
     let landed = flown.iter().filter(|(_, f)| f.landed).count();
@@ -228,7 +222,7 @@ fn assert_all_safe(cases: &[Case]) {
     .map(|(c, f)| (c.seed, f.outcome.limit_ratio))
     .collect();
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
-    // Output with --nocapture.
+    // Shown by --nocapture.
     println!(
         "{landed} of {} landed, a little hard: {hard:?}, tilt at most {:.2} deg beyond the command",
         cases.len(),
@@ -264,8 +258,8 @@ const KINDS: [FaultKind; 8] = [
     FaultKind::LinkFrozen,
 ];
 
-/// Kills and freezes of predictor, mission, pilot and link at each moment, and of the cable, over both autopilots;
-/// kills of the whole computer, and of a mission whose checkpoint is lost.
+/// Kills and freezes of predictor, mission, pilot and link, and silences of the cable, at each moment over
+/// both autopilots; kills of the computer, and of a mission without its checkpoint.
 #[test]
 fn faults_at_every_moment_over_both_autopilots() {
     let mut all = Vec::new();

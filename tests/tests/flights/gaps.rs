@@ -1,5 +1,5 @@
-//! Interruptions of what a flight depends on while rotors turn: the drone continues, or reports what it does; orders
-//! take effect, and no drone is disarmed in the air or left low over the deck. Storms draw other combinations.
+//! Interruptions while rotors turn: the drone continues, or reports what it does; orders take effect; no
+//! drone is disarmed in the air or stays low over the deck. Storms draw other combinations.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
@@ -20,12 +20,11 @@ const ABEAM: Station = Station {
     for_min: 10,
 };
 
-/// A flight with one gap.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    /// State in which it begins; [`State::Hold`]: on a station, after a take-off.
+    /// Start of the gap; [`State::Hold`]: on a station after a take-off.
     when: State,
-    /// Delay after the entry of that state, s.
+    /// Delay after the state's entry, s.
     after_s: f64,
     gone: FaultKind,
     gap_s: f64,
@@ -35,13 +34,12 @@ struct Cell {
     seed: u64,
 }
 
-/// Maximum time from a gap to the next set-point, s.
 const RESUME_S: f64 = 5.0;
 /// Time after an action of the autopilot alone for which contacts are excused, s.
 const EXCUSED_S: f64 = 1.5;
-/// Maximum time until an order has taken effect, s: the climb of a take-off.
+/// Maximum time until an order has taken effect, s; a take-off climbs.
 const ACTS_S: f64 = 35.0;
-/// Height above which feet are not on the deck, m.
+/// Height of feet off the deck, m.
 const AIR_M: f64 = 0.25;
 
 impl Cell {
@@ -73,7 +71,7 @@ impl Cell {
         }
         rig
     }
-    /// Flies to the state in which the gap begins; true if it is reached.
+    /// Flies to the start of the gap; false if it is not reached.
     fn reach(&self, rig: &mut Rig) -> bool {
         let due = |rig: &mut Rig, state: State, after_s: f64| rig.until(90.0, |r| r.is_due(state, after_s));
         let spins = |rig: &mut Rig| rig.until(90.0, |r| r.state(0) == State::SpinUp && armed(r, 0));
@@ -101,7 +99,7 @@ impl Cell {
             state => due(rig, state, self.after_s),
         }
     }
-    /// Flies; returns the first rule that was broken.
+    /// Returns the first broken rule.
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
@@ -130,7 +128,7 @@ impl Cell {
         watch.bad.or_else(|| self.judge(&rig))
     }
 
-    /// The rule that the flight's end breaks.
+    /// Rule broken by the flight's end.
     fn judge(&self, rig: &Rig) -> Option<String> {
         let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
         let height_m = o.feet_height_m();
@@ -155,7 +153,6 @@ impl Cell {
     }
 }
 
-/// Observations of a flight.
 #[derive(Default)]
 struct Watched {
     bad: Option<String>,
@@ -164,7 +161,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// `since_s`: time since the end of the gap.
+    /// `since_s`: after the end of the gap.
     fn look(&mut self, cell: &Cell, rig: &Rig, since_s: f64) {
         let o = rig.world.observation();
         let stops = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -200,7 +197,7 @@ impl Watched {
             ));
         }
     }
-    /// Whether it has been on the deck with motors off for a second.
+    /// Whether the drone has been on the deck with motors off for 1 s.
     fn rests(&mut self, rig: &Rig) -> bool {
         let o = rig.world.observation();
         let rests = !armed(rig, 0) && !o.in_water && o.feet_height_m().abs() < AIR_M;
@@ -226,11 +223,10 @@ fn gaps_that_ended_badly_once() {
         (SpinUp, 2.8, LinkKilled, 1.0, copter, None, 84),
         (StandDown, 0.05, LinkFrozen, 1.0, px4, None, 85),
         (Hold, 1.0, PilotFrozen, 0.8, px4, hold, 86),
-        // Two cases: a hover whose thrust was taken for less than hover; a stop by a hover thrust that was learned on
-        // the deck.
+        // A hover whose thrust counted as less than hover; a stop by a hover thrust learned on the deck.
         (SpinUp, 0.5, AutopilotSilent, 0.8, px4, abort, 913),
         (SpinUp, 0.5, ComputerKilled, 0.5, px4, abort, 910),
-        // The autopilot alone lets it slide to the deck's edge.
+        // The autopilot alone lets the drone slide to the deck's edge.
         (Flare, 0.1, ComputerFrozen, 1.5, px4, abort, 924),
         (Landed, 0.5, ComputerFrozen, 1.5, px4, abort, 925),
         (Descent, 1.0, MissionFrozen, 0.5, px4, None, 917),

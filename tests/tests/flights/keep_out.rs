@@ -1,5 +1,5 @@
-//! Keep-out volumes: a mast forward of the landing deck and an A-frame abeam, under way in a moderate sea. Drones that
-//! receive them keep clear of both, approach through the sector and leave along the escape direction.
+//! Keep-out volumes under way in a moderate sea: a mast forward of the deck and an A-frame abeam. Drones that
+//! receive them stay clear of both, approach in the sector, and leave along the escape direction.
 
 use alight_shared::surroundings::SurroundingsConfig;
 use alight_sim::harness::outcome::Outcome;
@@ -10,7 +10,7 @@ use alight_sim::studies::aborts::{Interruption, drive, fly};
 
 use crate::at_sea;
 
-/// The mast is 8 m higher than the deck, 1 m above the waiting height without it; the A-frame is 3.5 m higher.
+/// Above the deck, the mast rises 8 m (1 m above the waiting height without it), the A-frame 3.5 m.
 const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
     [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
@@ -46,7 +46,7 @@ fn land((scenario, nodes): &(Scenario, NodeConfigs), seed: u64) -> (Outcome, Vec
 fn landing_next_to_a_mast() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
-    // This drone approaches from the side of the mast.
+    // Approaches from the mast's side.
     let (before, _) = land(&without, 10);
     assert_eq!(before.keep_out_collisions, Some(1));
     let (after, _) = land(&with, 10);
@@ -67,13 +67,13 @@ fn approach_through_the_sector() {
     let mut worst = 0.0_f64;
     for p in &points {
         let (north, east) = (p.drone[0] - p.deck[0], p.drone[1] - p.deck[1]);
-        // Between the deck and a distance clear of the vessel.
+        // Only points between the deck and a distance clear of the vessel count.
         if (3.5..9.5).contains(&north.hypot(east)) {
             let out = around.outside_sector(east.atan2(north) - p.deck_yaw, 0.0);
             worst = worst.max(out.abs().to_degrees());
         }
     }
-    // Tolerance for the yaw of the vessel about its mean heading.
+    // For the vessel's yaw about its mean heading.
     assert!(worst < 5.0, "{worst} deg outside the sector");
 }
 

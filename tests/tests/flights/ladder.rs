@@ -1,5 +1,5 @@
-//! Steps before a first landing: a pilot lands in the mode `shadow`, and a drone follows the deck in the mode `match`
-//! and climbs.
+//! Steps before a first landing: a pilot lands in the mode `shadow`; a drone follows the deck in the mode
+//! `match`, then climbs.
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::step::Step;
@@ -18,7 +18,6 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
     nodes
 }
 
-/// States of the autopilot that the mission received.
 #[derive(Default)]
 struct Received(Vec<AutopilotState>);
 
@@ -28,7 +27,8 @@ impl alight_sim::harness::observer::WorldObserver for Received {
     }
 }
 
-/// Height of a pilot's flight above the deck at `t`, m: approach height, tracking height, 2 m for a while, deck.
+/// Height of a pilot's flight above the deck at `t`, m: approach height, tracking height, 2 m for a while,
+/// deck.
 fn by_hand(t: f64) -> f64 {
     let down = [
         (20.0, 1.0, 15.0, 7.0),
@@ -59,7 +59,7 @@ fn shadow_while_a_pilot_lands() {
         let on_deck = world.observation().feet_height_m() < 0.05;
         let autopilot = &mut world.linked(0).unwrap().autopilot;
         autopilot.hold_at(autopilot.position() + apart);
-        // The pilot disarms once the drone is on the deck.
+        // The pilot disarms on the deck.
         landed_for = if on_deck { landed_for + 1 } else { 0 };
         if landed_for > 30 {
             autopilot.arm(false);
@@ -82,7 +82,7 @@ fn shadow_while_a_pilot_lands() {
     let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
     assert!(compared.len() > 300, "{}", compared.len());
     assert!(compared.iter().all(|s| !s.stops));
-    // Pilot and plan both hover above the deck.
+    // Both hover above the deck.
     let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
     apart.sort_by(f64::total_cmp);
     let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);

@@ -1,5 +1,5 @@
-//! The vessel's GNSS receiver as the moving base of the drone's: a position to centimetres before a tag is in view and
-//! after it is lost, and false fixes.
+//! The vessel's receiver as moving base: a position to centimetres before a tag is in view and after it is
+//! lost; false fixes.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Outcome, TIME_LIMIT_S};
@@ -15,10 +15,10 @@ use rayon::prelude::*;
 use crate::judged;
 
 const HOVERS_S: f64 = 40.0;
-/// Height below which tags are lost permanently, m.
+/// Height at which tags are lost for good, m.
 const BLIND_M: f64 = 3.0;
 
-/// Receivers with which the drone soon has a permanent fix.
+/// The drone soon has a lasting fix.
 fn fixed() -> MovingBaseConfig {
     MovingBaseConfig {
         time_to_fix_s: 2.0,
@@ -32,7 +32,7 @@ fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
     scenario
 }
 
-/// Distance between the forecast and the true position of the deck relative to the drone, at present, m.
+/// Error of the forecast's present deck position relative to the drone, m.
 fn error_m(rig: &Rig) -> Option<f64> {
     let (physics, computer) = (rig.world.physics(), rig.world.drones().first()?);
     let (now, odometry) = (physics.drone_now(0), computer.odometry.as_ref()?);
@@ -41,7 +41,7 @@ fn error_m(rig: &Rig) -> Option<f64> {
     let truth = physics.deck().position.0 - physics.drone(0)?.position.0;
     Some((deck - drone - truth).norm())
 }
-/// Mean of [`error_m`] over the last 10 s of a hover at a height of 10 m without a detection, m.
+/// Mean [`error_m`] over the last 10 s of a hover at 10 m without a detection, m.
 fn hovered_error_m(moving_base: Option<MovingBaseConfig>, seed: u64) -> f64 {
     let mut scenario = at_sea(moving_base);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0; 2], [10.0; 2]);
@@ -65,7 +65,7 @@ fn forecast_at_10_m_before_a_tag_is_in_view() {
     assert!(with < 0.1 && without > 0.3, "{with} {without}");
 }
 
-/// Outcome of a landing whose camera fails permanently in the descent.
+/// The camera fails for good in the descent.
 fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
     let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
     let mut blind = false;
@@ -97,13 +97,12 @@ fn tags_lost_for_good_low_over_the_deck() {
         );
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare has no vision either: with the moving base the drone has a position every quarter of a second, without
-    // it none.
+    // The flare has no vision: the moving base gives a position every quarter of a second, otherwise nothing does.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }
 
-/// Landings with fixes that are wrong by half a metre: none is unsafe.
+/// Fixes are wrong by 0.5 m: no landing is unsafe.
 #[test]
 fn false_fixes_without_an_unsafe_contact() {
     let config = MovingBaseConfig {

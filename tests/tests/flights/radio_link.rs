@@ -1,4 +1,4 @@
-//! Radio link of the whole system: load, loss, recovery.
+//! Load, loss and recovery of the radio link in the whole system.
 
 use alight_shared::msg::State;
 use alight_sim::harness::observer::NoObserver;
@@ -15,8 +15,8 @@ fn land(scenario: &Scenario, seed: u64) -> Outcome {
     trial::outcome(scenario, &NodeConfigs::default(), seed, "test").unwrap()
 }
 
-/// Rate to the drone in bytes per second, and fraction of packets dropped by a full queue, over the second half of a
-/// warm-up of a minute.
+/// Bytes per second to the drone, and fraction dropped by a full queue, in the second half of a warm-up of a
+/// minute.
 fn load(scenario: &Scenario) -> (f64, f64) {
     let mut world = World::new(scenario, &NodeConfigs::default(), 102).unwrap();
     let mut counts = Vec::new();
@@ -37,7 +37,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 #[test]
 fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&at_sea("slight"));
-    // Estimates are 4.6 kB/s, predictions 1.0 kB/s and wave models at least 1.4 kB/s: less would not be the full rates.
+    // Full rates: estimates 4.6 kB/s, predictions 1.0 kB/s, wave models at least 1.4 kB/s.
     assert!((7_000.0..9_000.0).contains(&bytes_per_s), "{bytes_per_s}");
     assert_eq!(overflowed, 0.0);
 }

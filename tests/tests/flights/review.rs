@@ -1,5 +1,3 @@
-//! `alight_usv::review` of recordings with known truth.
-
 use std::path::Path;
 
 use alight_shared::estimation::moments;
@@ -14,8 +12,8 @@ use alight_usv::sensors::{Measurement, Mount};
 
 use crate::at_sea;
 
-/// Recordings of the vessel's sensors and of a motion sensor at 10 Hz, the standard deviations of the true heave (m),
-/// roll and pitch (rad), and the period of the highest wave (s).
+/// Recordings at 10 Hz of the vessel's sensors and of a motion sensor; standard deviations of true heave (m),
+/// roll and pitch (rad); period of the highest wave (s).
 fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRecording, [f64; 4]) {
     let scenario = at_sea(sea);
     let mut physics = Physics::new(&scenario, seed).unwrap();
@@ -32,7 +30,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRec
         truth.push([state.position.0.z, roll, pitch]);
         if k % 10 == 0 {
             let header = Header::new(1, 0, 1, k as u32, physics.vessel_now());
-            // A reproducible error of the size configured for the sensor.
+            // A reproducible error of the configured size.
             let error = |n: f64| (0.7 * n * k as f64).sin() * 2.0_f64.sqrt();
             let sd = 0.003;
             motion.measurements.push(Measurement::Attitude(AttitudeFix {
@@ -90,7 +88,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
         .iter()
         .filter(|p| ["heave", "roll", "pitch"].contains(&p.what))
     {
-        // At 2 s, 0.4 of a period, a constant estimate has the largest error.
+        // 2 s is 0.4 of a period, where a constant estimate has the largest error.
         assert!(
             p.rms[2] < 0.35 * p.hold_rms[2],
             "{}: {:?} {:?}",
@@ -113,7 +111,7 @@ fn review_of_a_simulated_recording() {
     }
     assert_eq!((r.restarts, r.notes.len()), (0, 0));
 
-    // A motion sensor alone, without an inertial sensor.
+    // A motion sensor without an IMU.
     let r = review(&config, &motion);
     assert_sea(&r, sd);
     let channels: Vec<InnovationChannel> = r.innovations.iter().map(|f| f.channel).collect();
@@ -141,7 +139,6 @@ fn review_of_reordered_and_far_dated_measurements() {
             bad.measurements.push(*m);
         }
         if k % 400 == 11 {
-            // Stamped a day ahead.
             let ahead = m.at() + alight_shared::time::Span::from_secs(86_400.0);
             bad.measurements.push(m.of(m.source(), ahead));
         }
@@ -181,7 +178,8 @@ fn review_of_a_recorded_platform() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // It rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error shows.
+        // It rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error
+        // shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }
@@ -189,8 +187,7 @@ fn review_of_a_recorded_platform() {
 
 #[test]
 fn review_of_quantities_on_rows_of_their_own() {
-    // 100 s of a boat in a figure of eight, from the repository canboat/canboat, samples/ (Apache-2.0), with the
-    // longitude shifted.
+    // A boat in a figure of eight for 100 s, from canboat/canboat, samples/ (Apache-2.0), longitude shifted.
     let recorded = log::read(
         include_bytes!("data/figure-of-eight.csv"),
         "eight",
@@ -204,7 +201,7 @@ fn review_of_quantities_on_rows_of_their_own() {
             Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
         })
     };
-    // All of them: every fix that has a row is kept.
+    // Every fix that has a row is kept.
     let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
     let (rated, heaved) = (
         attitudes().filter(|a| a.rates.is_some()),
@@ -235,7 +232,6 @@ fn review_of_quantities_on_rows_of_their_own() {
             "{channel:?}: {fit:?}"
         );
     }
-    // Flat water.
     let [heave, roll, pitch] = r.motion_sd.map(Option::unwrap);
     assert!(heave < 0.1 && roll < 2.5 && pitch < 1.5, "{heave} {roll} {pitch}");
 }

@@ -1,4 +1,4 @@
-//! Sorties in the simulated world: away from the deck in the autopilot's own mission, and back.
+//! Sorties in the simulated world: away in the autopilot's own mission, and back to the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
@@ -13,8 +13,7 @@ use super::BOTH;
 use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
 use crate::at_sea;
 
-/// Uploads a mission of three waypoints to the autopilot of drone `k`, at a distance (m) from its position and 20 m
-/// higher.
+/// Uploads a mission of three waypoints, `far_m` from the drone and 20 m higher.
 fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     if let Some(linked) = rig.world.linked(k) {
         let here = linked.autopilot.position();
@@ -24,7 +23,7 @@ fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     }
 }
 
-/// Charges the drone by a charger on the vessel, while it is disarmed on the deck.
+/// A charger on the vessel charges the drone while it is disarmed on the deck.
 fn charge(rig: &mut Rig, k: usize, to: f64) {
     if let Some(linked) = rig.world.linked(k)
         && !linked.autopilot.armed()
@@ -32,7 +31,7 @@ fn charge(rig: &mut Rig, k: usize, to: f64) {
         linked.autopilot.battery = to;
     }
 }
-/// Flies with a charger on the vessel until `done`, for at most `limit_s`; returns whether it was done.
+/// Runs with the charger until `done`; false if `limit_s` passes first.
 fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
     let mut ended = false;
     rig.each(limit_s, |rig| {
@@ -43,7 +42,7 @@ fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> boo
     ended
 }
 
-/// From one order on: two sorties in the autopilot's own mission with a charge between them, without a crew.
+/// One order, no crew: two sorties in the autopilot's own mission, and a charge between them.
 #[test]
 fn unattended_cycles() {
     for firmware in BOTH {
@@ -85,7 +84,7 @@ fn unattended_cycles() {
     }
 }
 
-/// The autopilot flies its own mission to a distance from a vessel under way or adrift.
+/// The autopilot's own mission leads away from a vessel under way or adrift.
 fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
     if under_way {
@@ -108,8 +107,8 @@ fn is_away(rig: &mut Rig, by_m: f64) -> bool {
     rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > by_m)
 }
 
-/// The battery runs low out of radio range: the drone flies to the predicted position of the vessel, receives it there,
-/// and lands.
+/// The battery runs low out of radio range: the drone flies to the vessel's predicted position, receives it
+/// there, and lands.
 #[test]
 fn sortie_ended_out_of_radio_range() {
     let mut rig = on_its_mission(Firmware::Px4, 67, 300.0, true);
@@ -131,11 +130,10 @@ fn sortie_ended_out_of_radio_range() {
     lands(&mut rig, 200.0);
 }
 
-/// A companion computer that reboots on a sortie keeps the purpose of the flight: the drone returns after the
-/// autopilot's own mission.
+/// A companion computer that reboots on a sortie keeps its purpose: the drone returns after the autopilot's
+/// own mission.
 #[test]
 fn sortie_after_a_reboot() {
-    // The mission ends while the computer restarts.
     let mut rig = on_its_mission(Firmware::ArduCopter, 82, 60.0, false);
     assert!(is_away(&mut rig, 50.0));
     rig.world.kill_computer(0);
@@ -145,7 +143,7 @@ fn sortie_after_a_reboot() {
     lands(&mut rig, 300.0);
 }
 
-/// Two drones of a vessel with a charger: while one is on the deck, the other is away, without further orders.
+/// Two drones of a vessel with a charger: one is on the deck while the other is away, without further orders.
 #[test]
 fn two_drones_that_take_turns_on_one_deck() {
     let mut scenario = at_sea("slight");
@@ -159,9 +157,9 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
-    // Each on the side of its waiting place, since nothing separates the missions of two autopilots.
+    // Nothing separates the missions of two autopilots: each flies on the side of its waiting place.
     (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
-    // The first takes off; the second, which was in the air, lands and stays.
+    // The first takes off; the second lands from the air and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
     let m = rig.mission(0);
@@ -177,7 +175,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !armed(r, 1)));
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
-    // Distance while Alight flies both; in its own mission each follows its waypoints.
+    // Distance while Alight flies both; in its own mission each drone follows its waypoints.
     let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {

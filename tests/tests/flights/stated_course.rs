@@ -1,4 +1,4 @@
-//! A course stated by the helm in the whole world, from the order on the vessel to the drone's descent.
+//! A course stated by the helm, from the order on the vessel to the drone's descent.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
@@ -6,7 +6,6 @@ use alight_sim::harness::scenario::NodeConfigs;
 
 use crate::at_sea;
 
-/// A drone that tracks the deck in a slight sea.
 fn tracking() -> Rig {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;
@@ -15,7 +14,7 @@ fn tracking() -> Rig {
     assert!(reaches(&mut rig, 60.0, State::Tracking));
     rig
 }
-/// Flies until the drone is in this state, for at most `limit_s`; returns whether it is.
+/// Flies until the drone is in `state`; false if `limit_s` passes first.
 fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
     rig.until(limit_s, |rig| rig.state(0) == state)
 }
@@ -27,7 +26,7 @@ fn descent_with_a_turn_or_a_short_promise() {
         (DeckOrder::Steady(10), ReasonCode::CourseEnds),
     ] {
         let mut rig = tracking();
-        // Stated before a descent can begin.
+        // Before a descent can begin.
         rig.world.deck_order(stated);
         assert!(!reaches(&mut rig, 8.0, State::Descent), "{stated:?}");
         assert_eq!(rig.mission(0).waiting.code, why);

@@ -1,4 +1,4 @@
-//! Stations next to a turning vessel, in the simulated world.
+//! Stations next to a turning vessel.
 
 use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
 use alight_sim::harness::rig::Rig;
@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 use super::sorties::apart_m;
 use super::takeoff::until;
 
-/// Above the deck and abeam.
 const ABEAM: Station = Station {
     ahead_m: 0,
     right_m: 20,
@@ -17,7 +16,7 @@ const ABEAM: Station = Station {
     for_min: 10,
 };
 
-/// Distance of the drone from its station relative to the true deck and heading, without the deck's heave, m.
+/// Distance from the station relative to the true deck and heading, without heave, m.
 fn off_m(rig: &Rig) -> f64 {
     let physics = rig.world.physics();
     let (deck, drone) = (physics.deck(), physics.drone(0).unwrap());
@@ -26,7 +25,7 @@ fn off_m(rig: &Rig) -> f64 {
     (drone.position.0 - deck.position.0 - place).xy().norm()
 }
 
-/// Around a square at 2 m/s in Moderate and wind: the drone keeps its station for a minute, and lands when ordered.
+/// A square at 2 m/s in Moderate and wind: the drone keeps its station for a minute, then lands when ordered.
 #[test]
 fn station_off_a_vessel_that_turns() {
     let mut scenario = Scenario::default();
@@ -56,8 +55,8 @@ fn station_off_a_vessel_that_turns() {
     assert!(met.others == 0 && !met.water, "{met:?}");
 }
 
-/// Two drones of one vessel are ordered to one station above both waiting places: one keeps it, the other reports why
-/// it does not, and they keep their distance.
+/// Two drones are ordered to one station above both waiting places: one keeps it, the other reports why it
+/// does not, and they keep their distance.
 #[test]
 fn one_station_of_two_drones() {
     let scenario = Scenario {

@@ -9,7 +9,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::BOTH;
 use crate::at_sea;
 
-/// A drone on the deck in a sea of this amplitude (m) with a period of 5 s, with take-offs permitted.
+/// A drone on the deck in a sea of this amplitude (m) and a period of 5 s, with take-offs permitted.
 pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea(&format!("{amplitude_m},5"));
     scenario.start.on_deck = true;
@@ -30,18 +30,18 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
     rig
 }
 
-/// Contacts of the drone's parts during the flight, and its distance from the deck.
+/// Contacts of the drone's parts, and its distance from the deck.
 #[derive(Debug, Default)]
 pub(super) struct Contacts {
     pub(super) others: u32,
     pub(super) fastest_mps: f64,
     pub(super) water: bool,
-    /// Number of take-offs begun, and the sum of their predicted probabilities.
+    /// Number of begun take-offs, and sum of their predicted probabilities.
     take_offs: u32,
     predicted: f64,
 }
 
-/// Flies until `state`, for at most `limit_s`; returns whether it was reached, and the contacts.
+/// Flies until `state`. Returns the contacts; false if `limit_s` passes first.
 pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contacts) {
     let mut met = Contacts::default();
     let mut before = rig.state(0);
@@ -62,7 +62,7 @@ pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contact
     (rig.state(0) == state, met)
 }
 
-/// No take-off starts without the crew's clearance, and none continues after the deck is closed.
+/// No take-off starts without clearance; none continues after the deck is closed.
 #[test]
 fn take_off_without_clearance_or_after_its_end() {
     let (scenario, nodes) = on_deck(0.3, Firmware::Px4);
@@ -95,7 +95,7 @@ pub(super) fn rests_on_deck(rig: &Rig) -> bool {
     feet.iter().all(|[_, _, height]| height.abs() < 0.03)
 }
 
-/// A strap on one foot, and one on each foot: the thrust is cut before the drone tips over.
+/// Straps on one foot or all feet: thrust is cut before the drone tips over.
 #[test]
 fn feet_that_are_held() {
     for (firmware, feet) in [
@@ -133,7 +133,7 @@ fn feet_that_are_held() {
 #[derive(Debug, Default)]
 struct Cycles {
     done: u32,
-    /// Number of take-offs that were stopped on the deck with a reason.
+    /// Take-offs stopped on the deck with a reason.
     stopped: u32,
     met: Contacts,
 }
@@ -152,7 +152,7 @@ impl Cycles {
     }
 }
 
-/// From deck to deck in one world. A take-off that is stopped on the deck is ordered again, twice.
+/// Flies from deck to deck in one world. A take-off that stops on the deck is ordered again, at most twice.
 fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cycles {
     let mut rig = Rig::new(scenario, nodes, seed).unwrap();
     let mut all = Cycles::default();
@@ -187,7 +187,8 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
     all
 }
 
-/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind up to 8 m/s. It takes minutes: run it with --ignored.
+/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind up to 8 m/s. Takes minutes: run with
+/// --ignored.
 #[test]
 #[ignore = "minutes"]
 fn hundred_cycles_from_deck_to_deck() {
@@ -206,9 +207,9 @@ fn hundred_cycles_from_deck_to_deck() {
         all.stopped += flown.stopped;
         all.add(&flown.met);
     }
-    // Each take-off is predicted to be safe with a probability; a world has about five take-offs, each followed by a
-    // landing whose probability is at least as high. The number of unsafe contacts is at most 3 standard deviations
-    // above its mean, by the normal approximation of the binomial distribution.
+    // Each take-off has a predicted probability of safety. A world has about five take-offs, each followed by
+    // a landing of at least that probability. Unsafe contacts are at most 3 standard deviations above their
+    // mean, by the normal approximation of the binomial distribution.
     let (n, p) = (f64::from(all.met.take_offs), all.met.predicted);
     let expected = 2.0 * (n - p);
     let most = expected + 3.0 * (2.0 * p * (n - p) / n).sqrt();

@@ -1,4 +1,4 @@
-//! Forecast of the drone above a real boat under way: a recording whose heel changes with each turn, in almost flat
+//! Forecast of the drone above a real boat under way, whose heel changes with each turn, in almost flat
 //! water.
 
 use std::path::Path;
@@ -18,7 +18,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
-/// Flight time above the boat, s; the first part is not judged, because the filters start in it.
+/// Flight time above the boat, s; filters start in its first part, which is not judged.
 const FLOWN_S: f64 = 38.0;
 const BEGINS_S: f64 = 10.0;
 
@@ -27,16 +27,16 @@ struct ForecastSample {
     forecast: DeckForecast,
 }
 
-/// Record collected by an observer from the warm-up on.
+/// Collected from the warm-up on.
 #[derive(Default)]
 struct PredictorFlight {
-    /// Error of the drone's odometry at each tick, in whose frame the forecast is.
+    /// Error of the drone's odometry, in whose frame the forecast is, at each tick.
     frames: Vec<Vector3<f64>>,
     truth: Vec<RigidState<Deck>>,
     samples: Vec<ForecastSample>,
-    /// The vessel's estimates as received by the drone.
+    /// As received by the drone.
     estimates: Vec<VesselEstimate<DroneClock>>,
-    /// Tick at which the test begins to fly.
+    /// Start of the test's flight, ticks.
     began: usize,
     drone: Vector3<f64>,
 }
@@ -66,7 +66,7 @@ impl WorldObserver for PredictorFlight {
     }
 }
 
-/// Flies above the recorded boat, kept level with it by the truth: at 7 m, then down to 1.5 m.
+/// The truth keeps the drone level with the recorded boat: at 7 m, then down to 1.5 m.
 fn above_the_boat() -> PredictorFlight {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/flights/data/figure-of-eight.csv");
     let mut scenario = Scenario {
@@ -105,8 +105,8 @@ fn above_the_boat() -> PredictorFlight {
     flight
 }
 
-/// Standard deviation of the forecasts' roll and pitch errors at a horizon (s), deg. A constant error is the trim of
-/// the inertial unit, which is not measured.
+/// Standard deviation of the forecasts' roll and pitch errors at a horizon (s), deg. The inertial unit's
+/// trim, a constant error, is not measured.
 fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     let mut errors = [Vec::new(), Vec::new()];
     for s in &flight.samples {
@@ -124,7 +124,7 @@ fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     errors.map(|e| moments(&e).1)
 }
 
-/// Root mean square difference in roll and pitch between a forecast and the vessel's estimate at the same time, deg.
+/// Root mean square difference between a forecast's start and the vessel's estimate in roll and pitch, deg.
 fn beginning_deg(flight: &PredictorFlight) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for e in &flight.estimates {

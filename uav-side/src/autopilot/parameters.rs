@@ -277,7 +277,7 @@ mod tests {
         assert_eq!(why.code, ReasonCode::AutopilotParameter);
         assert!(
             why.to_string()
-                .starts_with("GUID_TIMEOUT is 3 s, 0.1 to 0.5 s is needed"),
+                .starts_with("GUID_TIMEOUT is 3 s; 0.1 to 0.5 s is needed"),
             "{why}"
         );
         let news: Vec<String> = p.news().collect();

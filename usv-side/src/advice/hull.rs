@@ -22,7 +22,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Complex, Vector3};
 
-/// Averaging time of slopes, the same as for the apparent slope, s.
+/// Averaging time of slopes, s, as for the apparent slope.
 const MEAN_S: f64 = 1.0;
 
 /// Number of compared signals of the deck's motion.
@@ -71,7 +71,6 @@ impl HullMotion {
     }
 }
 
-/// Wave as encountered by a hull.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Encounter {
     /// Angular frequency of the wave, rad/s.
@@ -118,7 +117,7 @@ pub(super) struct HullModel {
 }
 
 impl HullModel {
-    /// Hull of the vessel model; a degree of freedom without stiffness follows the water.
+    /// Hull with the parameters of the vessel model; a degree of freedom without stiffness follows the water.
     pub(super) fn of(model: &VesselModelConfig) -> HullModel {
         let (m, d, g) = (
             model.inertia_kg_kgm2,

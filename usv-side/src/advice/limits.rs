@@ -1,13 +1,11 @@
-//! Limits on the advice set by the skipper: maximum change of heading, range of speeds, and headings to avoid, also
-//! while turning.
+//! Limits on the advised course set by the skipper: change of heading, speeds, and keep-out sectors.
 
 use alight_shared::config;
 use alight_shared::frames::wrap_angle;
 
 /// Angular step for checking headings, rad: 1 deg.
 const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
-/// Maximum turn if there are keep-out sectors, rad (150 deg): a vessel may make a half turn either way, but only one
-/// way is checked.
+/// Maximum turn if there are keep-out sectors, rad (150 deg), because only the shorter way is checked.
 const SURE_TURN_RAD: f64 = 2.62;
 const MAX_SECTORS: usize = 8;
 
@@ -40,8 +38,8 @@ config! {
 }
 
 impl AdviceConfig {
-    /// Whether the skipper permits a change from the heading `now` (rad) to this heading (rad) and speed (m/s). The
-    /// vessel turns the shorter way, and may turn out of a sector that it is in.
+    /// Whether the skipper permits a turn by the shorter way from the heading `now` (rad) to this heading
+    /// (rad) and speed (m/s). The turn may lead out of a sector.
     pub(super) fn permits(&self, [heading, speed]: [f64; 2], now: f64) -> bool {
         let turn = wrap_angle(heading - now);
         let steps = (turn.abs() / STEP_RAD).ceil().max(1.0);
@@ -62,7 +60,7 @@ impl AdviceConfig {
     }
     fn keeps_out(&self, heading_rad: f64) -> bool {
         let deg = heading_rad.to_degrees();
-        // Half a step wider, so that rounding never leads into a sector.
+        // Half a step wider, so that no turn enters a sector by rounding.
         let within = |[from, to]: &[f64; 2]| {
             (deg - from + 0.5).rem_euclid(360.0) <= (to - from).rem_euclid(360.0) + 1.0
         };
@@ -117,8 +115,7 @@ mod tests {
         };
         let clear = |from: f64, to: f64| permits(&shore, from, to, 3.0);
         assert!(clear(0.0, 15.0) && clear(30.0, 60.0), "out of a sector");
-        // Turns into a sector, through a sector, from one sector into another, and a half turn that may lead through
-        // any sector.
+        // Turns into, through and between sectors, and a half turn that may lead through any sector.
         for (from, to) in [
             (0.0, 30.0),
             (60.0, 30.0),

@@ -5,11 +5,11 @@
 //! and the wind over the deck give the probability of a landing by the drone's own definition
 //! ([`alight_shared::landing`]): speed and angle of the contact, four feet on the deck, and staying at rest.
 //!
-//! The slopes that move a landed drone are those measured over the last two minutes, as in the drone's own calculation.
-//! On another course they are scaled by the ratio of the modelled deviations on both courses.
+//! The slopes that move a landed drone are those of the last two minutes, as in the drone's own calculation,
+//! scaled on another course by the ratio of the modelled deviations.
 //!
-//! A course costs the time until it is steady. Waiting costs as much as in the drone's mission
-//! ([`WAITING_COST_PER_MIN`]). A course is worth it if its probability minus that cost exceeds the present one's.
+//! A change costs the time until the new course is steady, at the price of waiting in the drone's mission
+//! ([`WAITING_COST_PER_MIN`]).
 //!
 //! One course is evaluated per step to keep steps short; a round begins every [`PERIOD_S`].
 
@@ -51,11 +51,11 @@ const TURN_RADPS: f64 = 0.1;
 const SPEED_CHANGE_MPS2: f64 = 0.3;
 /// Maximum time to reach an advised course, s.
 const MAX_TURN_S: f64 = 30.0;
-/// Turn rate above which the sea is not evaluated, rad/s.
+/// Turn rate above which the sea is not estimated, rad/s.
 const TURNING_RADPS: f64 = 0.1;
-/// Age after which a known sea is discarded, s.
+/// Age after which the estimated sea is discarded, s.
 const MAX_SEA_AGE_S: f64 = 600.0;
-/// Typical standard deviation of the forecast position on one axis, m.
+/// Typical standard deviation of the forecast position per axis, m.
 const PLACE_SD_M: f64 = 0.05;
 /// Wind assumed while it is unknown.
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
@@ -65,7 +65,6 @@ const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 pub struct CourseOutlook {
     pub heading_rad: f64,
     pub speed_mps: f64,
-    /// Standard deviations of roll and pitch, rad.
     pub tilt_sd_rad: [f64; 2],
     /// Standard deviation of the deck's vertical speed, m/s.
     pub heave_rate_sd_mps: f64,
@@ -79,7 +78,6 @@ impl CourseOutlook {
     pub fn tilt_rad(&self) -> f64 {
         self.tilt_sd_rad[0].hypot(self.tilt_sd_rad[1])
     }
-    /// Time to change from `other` to this course, s.
     pub fn time_from_s(&self, other: &CourseOutlook) -> f64 {
         let turn = wrap_angle(self.heading_rad - other.heading_rad).abs() / TURN_RADPS;
         turn.max((self.speed_mps - other.speed_mps).abs() / SPEED_CHANGE_MPS2)
@@ -89,7 +87,7 @@ impl CourseOutlook {
         let made = self.speed_mps * (self.heading_rad - other.heading_rad).cos();
         60.0 * (other.speed_mps - made)
     }
-    /// Value of this course for a vessel on `other`: its probability minus the cost of the time to reach it.
+    /// Probability of this course minus the cost of the time to reach it from `other`.
     fn worth(&self, other: &CourseOutlook) -> f64 {
         self.likelihood - WAITING_COST_PER_MIN / 60.0 * self.time_from_s(other)
     }
@@ -105,14 +103,12 @@ pub struct Advice {
 }
 
 impl Advice {
-    /// Whether another course is worth its cost.
     pub fn is_change(&self) -> bool {
         self.best != self.here
     }
     pub fn turn_s(&self) -> f64 {
         self.best.time_from_s(&self.here)
     }
-    /// Distance that the best course loses per minute, m.
     pub fn way_lost_m(&self) -> f64 {
         self.best.way_lost_m(&self.here)
     }
@@ -203,7 +199,7 @@ impl Advisor {
         }
     }
 
-    /// All courses of the last round, present one first; empty while no sea is known.
+    /// All courses of the last round, present one first; empty before a sea is estimated.
     pub fn outlooks(&self) -> &[CourseOutlook] {
         &self.outlooks
     }
@@ -247,7 +243,7 @@ impl Advisor {
         }
     }
 
-    /// Restarts after a gap, during which course and wind may have changed.
+    /// Restarts after a gap in the samples, during which course and wind may have changed.
     fn resume(&mut self, now: Time<VesselClock>) {
         if self.stepped.is_some_and(|t| now - t > Span::from_secs(PERIOD_S)) {
             (self.round, self.begun) = (None, None);
@@ -283,7 +279,7 @@ impl Advisor {
         });
     }
 
-    /// Evaluates the next course of the round; the last one publishes the round's results.
+    /// Evaluates the next course; the last one of a round publishes the results.
     fn evaluate(&mut self) {
         let (Some(mut round), Some((_, sea))) = (self.round.take(), &self.sea) else {
             return;
@@ -299,8 +295,8 @@ impl Advisor {
         }
     }
 
-    /// Outlook for a course with these powers of the deck's signals. `here` is the modelled standard deviation of the
-    /// apparent slope on the present course, by which the slopes measured there are scaled.
+    /// Outlook for a course with these powers of the deck's signals. `here` scales the measured slopes: the
+    /// modelled standard deviation of the apparent slope on the present course.
     fn outlook(
         &self,
         now: &Conditions,
@@ -384,8 +380,7 @@ impl Conditions {
     }
 }
 
-/// Compared headings and speeds, the present ones first: all headings at the present speed and at each slower steering
-/// speed.
+/// Compared headings and speeds, present ones first: every heading at the present and each slower speed.
 fn courses(heading: f64, speed_mps: f64) -> Vec<[f64; 2]> {
     let slower = (1..MAX_SPEEDS)
         .map(|k| SPEED_STEP_MPS * k as f64)

@@ -4,8 +4,8 @@ use alight_shared::vessel_model::DOFS;
 
 use super::*;
 
-/// Advisor with samples of a hull that follows these waves (height m, angular frequency rad/s, direction rad) on this
-/// heading at this speed: heave and slope of the water, with a roll of `roll` times the slope.
+/// Advisor after samples of a hull in these waves (height m, angular frequency rad/s, direction rad): heave
+/// and slope of the water, with `roll` times the slope.
 fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds: f64) -> Advisor {
     let mut advisor = Advisor::new(
         &VesselModelConfig::default(),
@@ -133,7 +133,7 @@ fn advice_from_before_a_gap_in_the_estimate() {
         advisor.advice().is_some()
     };
     assert!(advises(300.0) && advises(304.0));
-    assert!(!advises(310.0), "the sea may be another");
+    assert!(!advises(310.0), "the sea may have changed");
 }
 
 #[test]

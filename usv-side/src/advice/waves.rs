@@ -1,5 +1,4 @@
-//! Directional wave spectrum and powers of the deck's motion, from the vessel's own motion at the frequencies of
-//! encounter.
+//! Directional wave spectrum and powers of the deck's motion, from the vessel's motion as it meets the waves.
 //!
 //! The spectra are averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s.
 //! Water and hull move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the
@@ -30,10 +29,10 @@ const BINS: usize = 13;
 const MEMORY: f64 = 16.0;
 /// Minimum number of segments for an estimate of the sea: 45 s.
 const MIN_SEGMENTS: f64 = 4.0;
-/// Change of heading within a segment, or of its mean from the previous one, that counts as a turn, rad.
+/// Change of heading within a segment, or between means of two segments, that counts as a turn, rad.
 const TURN_RAD: f64 = 15.0 * TAU / 360.0;
-/// Frequency of the shortest waves that move a boat, rad/s. A change of speed `dU` that shifts them by one bin in a
-/// head sea (`omega² dU / g`) counts as another course ([`course_change_mps`]).
+/// Frequency of the shortest waves that move a boat, rad/s: a change of speed that shifts them by one bin in
+/// a head sea counts as another course ([`course_change_mps`]).
 const SHORT_RADPS: f64 = 1.3;
 const DIRECTIONS: usize = 24;
 /// Maximum length of the mean direction vector, because the directions in a sea always have some spread.
@@ -42,9 +41,9 @@ const MAX_DIRECTED: f64 = 0.95;
 const MIN_DIRECTED: f64 = 0.3;
 /// Minimum heave power of the hull per wave power for identifying a wave.
 const MIN_RESPONSE: f64 = 0.1;
-/// Fraction of a signal's power at the strongest frequency that serves as prior in the correction.
+/// Prior of the correction, as a fraction of a signal's power at the strongest frequency.
 const PRIOR: f64 = 0.1;
-/// Fraction of the variance below which waves are dropped.
+/// Fraction of the total variance below which waves are dropped.
 const NEGLIGIBLE: f64 = 1e-4;
 /// Frequencies that represent the width of a bin, as offsets from its centre in bins.
 const LINES: [f64; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
@@ -95,7 +94,6 @@ pub(super) struct WaveComponent {
     pub variance: f64,
 }
 
-/// Estimated sea, with the ratio of the deck's measured motion to the model's.
 #[derive(Clone, Debug)]
 pub(super) struct EstimatedSea {
     pub waves: Vec<WaveComponent>,
@@ -161,8 +159,7 @@ impl WaveSpectrum {
         self.add_segment()
     }
 
-    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None if the vessel turns or changes speed
-    /// during the segment.
+    /// Mean heading (rad) and velocity (NED, m/s) of the segment; None if the vessel changes course or speed.
     fn course(&self) -> Option<(f64, Vector2<f64>)> {
         let n = self.record.len() as f64;
         let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
@@ -181,8 +178,7 @@ impl WaveSpectrum {
         (steady && known).then(|| (wrap_angle(first + sum / n), velocity))
     }
 
-    /// Adds the recorded segment unless the vessel changes course or speed during it. Segments of another course or
-    /// speed are discarded.
+    /// Adds the segment unless course or speed change in it; discards segments of another course or speed.
     fn add_segment(&mut self) -> bool {
         let Some((heading, velocity)) = self.course() else {
             return false;
@@ -347,8 +343,8 @@ pub(super) fn ahead(velocity: &Vector2<f64>, heading: f64) -> f64 {
     velocity.x * heading.cos() + velocity.y * heading.sin()
 }
 
-/// Frequency of the longest wave met at `met` rad/s by a vessel with the speed `along` (m/s) in the direction of
-/// propagation, rad/s: `omega - omega² along / g = met`.
+/// Frequency of the longest wave met at `met` rad/s, for the speed `along` (m/s) in its direction, rad/s:
+/// `omega - omega² along / g = met`.
 fn own_frequency(met: f64, along: f64) -> f64 {
     let a = along / GRAVITY;
     let root = 1.0 - 4.0 * a * met;
@@ -416,7 +412,7 @@ mod tests {
         let c = correction(&measured, &modelled, &paired(&modelled));
         assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
         assert_eq!(correction(&measured, &[0.0; SIGNALS], &[0.0; SIGNALS])[2], 1.0);
-        // At a frequency without waves, the remains of a manoeuvre do not count as a response.
+        // At a frequency without waves, a small remainder of a manoeuvre is not a response.
         let quiet = correction(&[0.01; SIGNALS], &[1e-6; SIGNALS], &paired(&modelled));
         assert!(quiet.iter().all(|c| *c < 1.2), "{quiet:?}");
     }

@@ -13,10 +13,9 @@
 use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Minimum ratio of a push to the standard deviation at rest. Noise alone reaches a ratio of four within minutes. In
-/// waves there is no rest to compare with.
+/// Minimum ratio of a push to the standard deviation at rest; noise alone reaches four within minutes.
 const STANDS_OUT: f64 = 6.0;
-/// Ratio below which a push has ended.
+/// Ratio at which a push has ended.
 const OVER: f64 = 3.0;
 /// Minimum strength of a push relative to the strongest; weaker ones belong to another degree of freedom.
 const STRONG: f64 = 0.2;
@@ -61,8 +60,7 @@ pub enum NotObservable {
         /// Ratio of the largest value to the standard deviation at rest.
         stands_out: f64,
     },
-    /// The detected motion is not a free decay: the vessel was held or driven by waves, or moved in another degree of
-    /// freedom.
+    /// The motion is not a free decay: the vessel was held, driven by waves, or moved in another way.
     NoDecay {
         /// Fraction of the motion explained by a free decay.
         explained: f64,
@@ -122,7 +120,6 @@ fn impulses(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     (found, highest / spread)
 }
 
-/// Basis functions of a push, one per column.
 fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
     let (a, b) = (p.x.exp(), p.y.exp());
     match order {
@@ -185,7 +182,6 @@ fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: DecayOrder) -> 
     let mut h = Matrix2::from_fn(|i, k| dot(&j[i], &j[k]));
     let mut g = Vector2::from_fn(|i, _| dot(&j[i], r));
     if order == DecayOrder::Free {
-        // There is no second parameter.
         (h[(0, 1)], h[(1, 0)], h[(1, 1)], g.y) = (0.0, 0.0, 1.0, 0.0);
     }
     (h, g)

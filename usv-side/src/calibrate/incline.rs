@@ -15,7 +15,7 @@ use alight_shared::geometry::GRAVITY;
 
 use super::decay::{Decay, DecaySignal};
 
-/// Length of pieces, s; the level at rest is the median of their medians. Longer than a push and its decay.
+/// Length of pieces, s, longer than a push and its decay; the level at rest is the median of their medians.
 const PIECE_S: f64 = 5.0;
 const MIN_PIECES: usize = 4;
 const KNOWN: f64 = 0.1;
@@ -27,10 +27,10 @@ pub struct Weight {
     pub at_m: [f64; 2],
 }
 
-/// Roll and pitch of a vessel at rest, rad; None if recorded too briefly.
+/// Roll and pitch of a vessel at rest, rad; None if the record is too short.
 pub type RestTilt = [Option<ValueWithSd>; 2];
 
-/// Stiffness in roll and pitch, Nm/rad; as error the insufficient tilt, rad, or None if not measured.
+/// Stiffness in roll and pitch, Nm/rad; if the tilt is too small, the tilt (rad), or None if not measured.
 pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
 /// Level of a signal at rest; occasional impulses shift it by a fraction of the sensor's noise.
@@ -58,7 +58,6 @@ pub fn level(signal: &DecaySignal) -> Option<ValueWithSd> {
     Some(ValueWithSd::new(value, sd))
 }
 
-/// Stiffness from the tilt under `weight`.
 pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffness {
     let [x, y] = weight.at_m;
     // Roll is positive to starboard, pitch with the bow up.
@@ -78,7 +77,7 @@ pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffn
     })
 }
 
-/// Inertia including added mass in a stiff degree of freedom, kg m², from its stiffness and its free decay.
+/// Inertia including added mass, kg m², from the stiffness and the free decay of a degree of freedom.
 pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
     let value = stiffness.value / decay.stiffness.value;
     let relative_sd = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);

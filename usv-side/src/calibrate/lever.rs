@@ -4,9 +4,8 @@
 //! v_gnss(t) = v_0 + integral of (R f + g) + R (omega x r)
 //! ```
 //!
-//! Over a few seconds, the initial value `v_0` and the ramp caused by a tilt error and the accelerometer's bias are
-//! unknown for each window. They are projected out (Frisch, Waugh and Lovell), and the remaining problem is linear in
-//! `r`.
+//! Over a few seconds, the initial value `v_0` and the ramp caused by tilt error and accelerometer bias are
+//! unknown in each window. They are projected out (Frisch, Waugh and Lovell); the rest is linear in `r`.
 
 use alight_shared::estimation::ValueWithSd;
 use alight_shared::msg::GnssFix;
@@ -19,15 +18,14 @@ const MIN_FIXES: usize = 10;
 const MIN_WINDOWS: usize = 5;
 /// Number of samples on each side for averaging rates, whose noise biases `r` towards zero.
 const AROUND: usize = 2;
-/// Minimum standard error, m, and as a fraction of the distance. Distances of the simulated vessel are estimated 5 to 8
-/// % too short (seeds 1 and 2, pushed and in waves).
+/// Minimum standard error, m, and as a fraction of the distance (estimated 5 to 8 % short in simulation).
 const FLOOR_M: f64 = 0.005;
 const FLOOR_FRACTION: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
 pub struct InertialState {
     pub t_s: f64,
-    /// Number of the gap-free run of samples.
+    /// Number of the uninterrupted run of samples.
     pub run: u32,
     /// Rotation NED from body.
     pub attitude: UnitQuaternion<f64>,
@@ -94,7 +92,7 @@ impl Lever {
         });
     }
 
-    /// Ends a window and removes mean and slope of every column.
+    /// Ends a window, and removes mean and slope of every column.
     fn close(&mut self) {
         let rows = core::mem::take(&mut self.window);
         if rows.len() < MIN_FIXES {

@@ -28,11 +28,9 @@ use lever::{InertialState, Lever};
 pub const DOF_NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
 /// Maximum length of a record, samples: an hour and a half at 100 Hz.
 const MAX_SAMPLES: usize = 600_000;
-/// Time constant with which accelerometer and heading correct the attitude, s. Waves of 5 s then cause an error of
-/// 0.001 rad.
+/// Time constant of the attitude's correction by accelerometer and heading, s: 0.001 rad off in 5 s waves.
 const LEVELLED_S: f64 = 100.0;
-/// Number of samples on each side for the slope of the rates that gives the angular acceleration: 60 ms at 100 Hz, a
-/// tenth of the roll period of a small boat.
+/// Samples on each side for the slope of the rates, which gives the angular acceleration: 60 ms at 100 Hz.
 const SLOPE: usize = 3;
 /// Gap between inertial samples that ends an integrated record, s.
 const GAP_S: f64 = 0.1;
@@ -113,8 +111,7 @@ impl Record {
         signals.each_ref().map(incline::level)
     }
 
-    /// Gyroscope bias: the mean rates of roll and pitch of a floating vessel are zero, and its mean yaw rate is that of
-    /// the heading.
+    /// Gyroscope bias: mean roll and pitch rates afloat are zero, and the mean yaw rate is the heading's.
     fn gyro_bias(&self) -> Vector3<f64> {
         let n = self.imu.len().max(1) as f64;
         let mean = self
@@ -295,7 +292,7 @@ mod tests {
 
     #[test]
     fn antenna_place_in_waves() {
-        // The stated error is at least 5 % of the distance of 1.6 m, so an accuracy of 0.1 m can be required.
+        // The stated error is at least 5 % of the distance of 1.6 m, hence the limit of 0.1 m.
         let antenna = Vector3::new(-0.9, 0.35, -1.3);
         let found = rocked(0.12, antenna).identify(&VesselNodeConfig::default());
         for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {

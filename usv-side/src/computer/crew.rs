@@ -8,13 +8,12 @@ use alight_shared::topics;
 
 use super::VesselEvent;
 
-/// Newest accepted orders; a repetition is not another order.
+/// Newest accepted orders, by which repetitions are recognised.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CrewOrders(VecDeque<u32>);
 
 impl CrewOrders {
-    /// Orders that are accepted now, and events for the rejected ones. A late order is rejected because the situation
-    /// may have changed.
+    /// Orders accepted now, and events for those that are too late, because the situation may have changed.
     pub(super) fn take(
         &mut self,
         now: Time<VesselClock>,
@@ -73,7 +72,7 @@ mod tests {
         let text = "crew order: deck closed: too late and rejected: give it again";
         assert_eq!(late, Some((true, text.to_owned())));
         assert_eq!(events.len(), 2);
-        // The newest accepted orders remain known after any number of earlier ones.
+        // Earlier orders, however many, do not displace the newest ones.
         let many: Vec<_> = (10..10 + 2 * MAX_ORDERS as u32)
             .map(|boot| given(boot, 99.0))
             .collect();

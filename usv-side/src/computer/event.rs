@@ -40,10 +40,9 @@ pub enum VesselEvent {
         /// Time since its landing, s.
         for_s: f32,
     },
-    /// An inertial sensor repeats one sample, or measures again.
+    /// An inertial sensor repeats one sample, or delivers new samples again.
     StuckImu {
         source: usize,
-        /// The sensor repeats one sample.
         stuck: bool,
     },
     /// A drone with a low battery waits for the deck, whose owner is silent.
@@ -128,7 +127,7 @@ impl fmt::Display for VesselEvent {
             }
             VesselEvent::ClearanceEnded { drone, why } => write!(
                 f,
-                "drone {drone} is no longer cleared for a take-off: {why}; see that no one is near it, then clear the deck again"
+                "drone {drone} is no longer cleared for a take-off: {why}; make sure that no one is near it, then clear the deck again"
             ),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),

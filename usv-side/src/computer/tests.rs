@@ -73,7 +73,7 @@ fn status_with_an_old_mission_state() {
         )
     };
     assert_eq!(received(5.0, status(7, 1, State::Descent)), (Some(3), 0, 1));
-    // The mission's process hangs while the bridge runs: the drone's state is unknown.
+    // The mission's process hangs while the bridge still sends: the drone's state is unknown.
     let mut last = None;
     for k in 2..30 {
         let mut old = status(7, k, State::Descent);
@@ -87,7 +87,7 @@ fn status_with_an_old_mission_state() {
     );
 }
 
-/// Drones follow one boot of a vessel: that of its main process, not of its sensor process.
+/// Drones follow the boot of the vessel's main process, not that of its sensor process.
 #[test]
 fn frames_of_a_base_with_the_computers_boot() {
     let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
@@ -106,7 +106,7 @@ fn frames_of_a_base_with_the_computers_boot() {
     assert!(computer.step(now, &ComputerIn::default()).rtcm.is_empty());
 }
 
-/// A drone with a valid certificate publishes under another drone's number during its landing.
+/// A drone with a valid certificate publishes under the number of another drone, which is landing.
 #[test]
 fn message_for_another_drone() {
     let config = VesselNodeConfig::default();
@@ -173,7 +173,6 @@ fn message_for_another_drone() {
     assert_eq!(computer.relay().unacknowledged().collect::<Vec<_>>(), [3]);
     assert_eq!(computer.node().rate_fraction(), 1.0);
     assert_eq!(computer.on_other_keys(), 23);
-    // Its own messages are accepted.
     let own = ComputerIn {
         statuses: vec![acknowledged],
         ..ComputerIn::default()

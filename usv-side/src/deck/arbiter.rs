@@ -8,8 +8,8 @@
 //! silence never transfers the deck to another drone without the crew. While another drone waits with a low battery,
 //! the arbiter raises an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
 //!
-//! A drone that is switched on without a position may stand on the deck. Until it reports its position, no drone
-//! receives the deck, but the present owner keeps it.
+//! A drone switched on without a position may stand on the deck. Until it reports its position, no other
+//! drone receives the deck, but the present owner keeps it.
 //!
 //! Every flying drone gets a waiting place off the deck. Only the owner may be within [`OWNER_ONLY_M`] of the deck:
 //! another drone receives the deck only when the previous owner is beyond that distance. A silent drone keeps its
@@ -26,8 +26,7 @@
 //! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]), but in both
 //! cases only until somebody approaches the deck. A clearance ends with this process.
 //!
-//! The grant also contains the course that the helm intends ([`Course`]). The arbiter also reports whether a drone asks
-//! for a steady course.
+//! The grant also contains the helm's intended course ([`Course`]); requests for a steady one are reported.
 
 use core::mem::discriminant;
 
@@ -60,8 +59,8 @@ const PERIOD: Span = Span::from_millis(500);
 const FRESH: Span = Span::from_millis(2000);
 /// Time for which one of two drones with the same number must be silent to end the conflict.
 const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
-/// Battery of a waiting drone that counts as low, 0 to 1: one and a half times the mission's reserve, which gives the
-/// crew time to look at the deck.
+/// Battery of a waiting drone that counts as low, 0 to 1: 1.5 times the mission's reserve, so that the crew
+/// can look at the deck.
 const LOW_BATTERY: f64 = 0.3;
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -96,7 +95,7 @@ pub struct DeckArbiter {
     /// Clearance in the newest grant.
     take_off: bool,
     stations: [u8; PLACES],
-    /// Closure by an order or by the checkpoint's state, until the crew opens the deck.
+    /// Closure by an order or by a checkpoint, until the crew opens the deck.
     closed: Option<Closure>,
     switch: Option<Reading>,
     sensor: Option<Reading>,
@@ -143,8 +142,7 @@ impl DeckArbiter {
     pub fn course(&self, now: Time<VesselClock>) -> Course {
         self.course.at(now, &self.config)
     }
-    /// Whether a drone descends or waits for a steady course. A silent drone may be descending for as long as a descent
-    /// lasts.
+    /// Whether a drone descends or waits for a steady course, or is silent and may still be descending.
     pub fn wants_steady(&self, now: Time<VesselClock>) -> bool {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         self.drones.iter().any(|d| d.wants_steady && lasts(d))
@@ -153,7 +151,7 @@ impl DeckArbiter {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         Some((now - owner.received).secs())
     }
-    /// Numbers used by two drones, with the boot ids of both: neither is given the deck.
+    /// Numbers used by two drones, with the boot ids of both. Neither receives the deck.
     pub fn doubles(&self) -> impl Iterator<Item = (u32, [u32; 2])> {
         let double = |d: &Drone| {
             let rival = d.rival.filter(|_| d.is_double())?;
@@ -161,12 +159,11 @@ impl DeckArbiter {
         };
         self.drones.iter().filter_map(double)
     }
-    /// Number of rejected statuses: from another vessel or version, out of order, from a drone beyond [`MAX_DRONES`],
-    /// or from a second drone with the same number.
+    /// Number of rejected statuses: other vessel or version, out of order, surplus or duplicate drone.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
-    /// Drones switched on without a position. No drone receives the deck until they report one.
+    /// Drones switched on without a position.
     pub fn unplaced(&self) -> impl Iterator<Item = u32> {
         let unplaced = |d: &&Drone| d.unplaced;
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
@@ -265,7 +262,7 @@ impl DeckArbiter {
         }
     }
 
-    /// State of the drone after an admitted status. Its rival is dropped.
+    /// State of the drone after an admitted status, without the rival sender.
     fn updated(&mut self, now: Time<VesselClock>, status: &DroneStatus, before: Option<Drone>) -> Drone {
         let h = &status.header;
         let former = before.map_or(Claim::Away, |d| d.claim);
@@ -289,7 +286,7 @@ impl DeckArbiter {
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
-            // The drone may still approach until it receives the grant that takes the deck from it.
+            // A drone that has not received the new grant may still approach.
             Some(_) => !claim::is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
@@ -364,7 +361,6 @@ impl DeckArbiter {
         self.vacated.is_some_and(|t| now - t <= topics::DECK.stale_after)
     }
 
-    /// Selects the owner.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
         let c = &self.config;
         for d in &mut self.drones {
@@ -378,8 +374,7 @@ impl DeckArbiter {
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
         let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
-        // Facts take precedence over permissions: a drone on the deck or in descent owns it, the present owner before
-        // others.
+        // Facts before permissions: a drone on the deck or in descent owns it; the present owner comes first.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
             .max_by_key(|d| (d.claim, owns(d)));
@@ -393,7 +388,7 @@ impl DeckArbiter {
         // A silent drone may be descending, and a drone that flies elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
-        // Another drone may be above or on the deck, or may not know yet that it has lost the deck.
+        // Another drone may be at the deck, or may not know yet that it has lost the deck.
         let free = |next: &&Drone| {
             let may_be_there = |d: &Drone| d.inside || d.unplaced;
             !drones().any(|d| may_be_there(d) && d.header.drone != next.header.drone)
@@ -426,8 +421,8 @@ impl DeckArbiter {
             owner => owner.unwrap_or(0),
         }
     }
-    /// Heights of the stations of the drones at the waiting places, m; 0: the drone has no station, or an earlier
-    /// station has its height. A silent drone keeps its station for the ordered time.
+    /// Heights of the stations at the waiting places, m; 0: no station, or another has its height. A silent
+    /// drone keeps its station for the ordered time.
     fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
         let keeps = |d: &Drone| {
             let (station, since) = d.station?;
@@ -489,8 +484,7 @@ impl Node for DeckArbiter {
             }
             if owner.is_none() {
                 self.vacated = Some(now);
-                // A previous owner may have missed the grant that took the deck from it. Until it reports from beyond
-                // the distance, it may still approach.
+                // A previous owner that missed this grant may approach until it reports from far away.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;
                 self.drones
@@ -523,7 +517,7 @@ impl Node for DeckArbiter {
                 occupied: self.occupied(now),
                 stations,
                 places: core::array::from_fn(|k| {
-                    // Two drones with the same number would both fly to this place.
+                    // Two drones with this number would both fly there.
                     let occupant = self.drones.iter().find(|d| d.place == Some(k));
                     occupant.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
                 }),

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 pub enum Claim {
     #[default]
     Away,
-    /// The drone is above the deck, but not steady: it keeps the deck, but does not request it.
+    /// Above the deck, but not steady: the drone keeps the deck, but does not request it.
     Above,
-    /// The drone is on its way, waiting, or steady above the deck.
+    /// On its way, waiting, or steady above the deck.
     Requesting,
-    /// The drone is in descent or flare.
+    /// In descent or flare.
     Landing,
     OnDeck,
 }
@@ -39,7 +39,7 @@ pub struct DeckCheckpoint {
 }
 
 impl DeckCheckpoint {
-    /// Replacement for a missing or unreadable checkpoint: no drone is known, so the deck is closed.
+    /// Checkpoint in place of a missing or unreadable one: no drone is known, so the deck is closed.
     pub fn unknown(closure: Closure) -> DeckCheckpoint {
         DeckCheckpoint {
             closed: Some(closure),
@@ -54,7 +54,6 @@ pub struct GivenCommand {
     pub operator: Sender,
     /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// The command is still repeated to its drone: it is not acknowledged, replaced, given up, or cancelled by an
-    /// abort.
+    /// The command is still repeated: not acknowledged, replaced, given up, or cancelled by an abort.
     pub open: bool,
 }

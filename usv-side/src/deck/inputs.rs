@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 /// Age after which an input counts as unread: four periods.
 const FRESH: Span = Span::from_millis(2000);
 
-/// Levels of the digital inputs read since the last step; None: not read, unreadable or not configured.
+/// Levels of the digital inputs since the last step; None: unread, unreadable or not configured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeckInputs {
     pub closed: Option<bool>,
     pub occupied: Option<bool>,
-    /// The helm's switch states that the vessel turns or may turn.
+    /// The helm's switch shows that the vessel turns or may turn.
     pub turning: Option<bool>,
 }
 

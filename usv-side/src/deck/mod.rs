@@ -1,5 +1,4 @@
-//! Deck arbiter and operator relay, the vessel's nodes that exchange messages with drones, and the monitor of drone
-//! reports.
+//! Deck arbiter, operator relay, and the monitor of drone reports.
 
 pub mod arbiter;
 pub mod checkpoint;

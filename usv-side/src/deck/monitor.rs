@@ -15,8 +15,7 @@ const MAX_WIND_AGE_S: f64 = 600.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct News {
     pub(crate) state: bool,
-    /// Time since the landing, s, in the first status that reports the drone still armed after its disarm should have
-    /// finished.
+    /// Time since landing, s, in the first status that reports a drone still armed past its disarm.
     pub(crate) still_armed: Option<f32>,
 }
 
@@ -80,8 +79,7 @@ impl DroneMonitor {
     pub fn received(&self) -> u64 {
         self.received
     }
-    /// Number of rejected statuses: from another vessel or version, damaged, repeated, or from a drone beyond
-    /// [`MAX_DRONES`].
+    /// Number of rejected statuses: of another vessel or version, damaged, repeated, or of a surplus drone.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }

@@ -5,8 +5,8 @@
 //! then, and landings ordered by others within a second of the abort, remain rejected afterwards. Each repetition
 //! carries the original time of the command, so that every later command from any source is newer.
 //!
-//! An operator's terminal repeats its command for 12 s. The relay remembers received commands and their times, also
-//! across a restart of the vessel's process ([`GivenCommand`]).
+//! An operator's terminal repeats its command for 12 s. The relay recognises these repetitions, also after a
+//! restart of the vessel's process ([`GivenCommand`]).
 //!
 //! Commands for drones that the radio does not admit are rejected, so there is always room for one command to each
 //! admitted drone. An abort is therefore relayed regardless of what other operators send.
@@ -75,7 +75,6 @@ pub struct OperatorIn {
     pub given: Vec<GivenCommand>,
 }
 
-/// Messages of the relay, and accepted orders.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OperatorOut {
     /// New valid commands of this step, as given by the operators.
@@ -250,7 +249,7 @@ impl Node for OperatorRelay {
         for command in &input.commands {
             match self.accept(now, command) {
                 Ok(()) => out.accepted.push(command.message),
-                // A terminal repeats its command as long as it runs.
+                // The terminal repeats the command while it runs.
                 Err(RejectionReason::Duplicate) => {}
                 Err(reason) => self.rejected.count(reason),
             }

@@ -14,10 +14,10 @@ enum Ordered {
     Turning,
 }
 
-/// Newest statements. A restarted process starts without any, so a promise must be given again.
+/// Newest statements, lost in a restart: a promise must then be given again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StatedCourse {
-    /// State of the helm's switch: the vessel turns or may turn.
+    /// The helm's switch shows that the vessel turns or may turn.
     pub(super) switch: Option<Reading>,
     ordered: Ordered,
 }

@@ -11,14 +11,11 @@ use alight_shared::vessel_model::VesselModelConfig;
 
 /// Time constant of the mean innovation, s (our choice: several periods of a fast platform).
 const MEMORY_S: f64 = 2.0;
-/// Time between two updates, s.
 const PERIOD: Span = Span::from_millis(500);
-/// Fraction of the discrepancy (logarithm of the spread) that an update removes.
+/// Fraction of the discrepancy (logarithm of the spread) removed by an update.
 const GAIN: f64 = 0.4;
-/// Target of the mean normalised innovation squared. The noise parameters give a little more than 1 for a hull in
-/// waves.
+/// Target of the mean normalised innovation squared, a little more than 1 for a hull in waves.
 const CONSISTENT: f64 = 2.0;
-/// Largest factor on a spread.
 const MAX_FACTOR: f64 = 150.0;
 /// Minimum memory of a disturbance, s.
 const MIN_TIME_S: f64 = 0.1;
@@ -28,7 +25,7 @@ const REBUILD_CHANGE: f64 = 0.2;
 /// Factors on the disturbances of the model.
 #[derive(Clone, Debug)]
 pub(crate) struct AdaptiveNoise {
-    /// Mean normalised innovation squared, by degree of freedom.
+    /// Mean normalised innovation squared of each degree of freedom.
     mean: [f64; 6],
     /// Target factor, as a logarithm.
     wanted: [f64; 6],
@@ -47,7 +44,7 @@ impl AdaptiveNoise {
         }
     }
 
-    /// Adds the normalised innovation squared of a channel of degree of freedom `dof`, `dt` s after the previous one.
+    /// Adds the normalised innovation squared of degree of freedom `dof`, `dt` s after the previous one.
     pub(crate) fn observe(&mut self, dof: usize, nis: f64, dt: f64) {
         if let Some(m) = self.mean.get_mut(dof)
             && nis.is_finite()
@@ -56,7 +53,7 @@ impl AdaptiveNoise {
         }
     }
 
-    /// Updates the factors when due. Returns whether the model must be rebuilt with [`AdaptiveNoise::adapted`].
+    /// Updates the factors when due. Returns whether the model must be rebuilt by [`AdaptiveNoise::adapted`].
     pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>) -> bool {
         if at < self.next {
             return false;
@@ -80,8 +77,7 @@ impl AdaptiveNoise {
         self.built.get(dof).map_or(1.0, |b| b.exp())
     }
 
-    /// Spread of the acceleration in surge or sway in excess of the configured one, m/s²; zero for the other degrees of
-    /// freedom.
+    /// Spread of the acceleration in surge or sway beyond the configured one, m/s²; zero for other degrees.
     pub(crate) fn spread(&self, model: &VesselModelConfig, dof: usize) -> f64 {
         if dof > 1 {
             return 0.0;

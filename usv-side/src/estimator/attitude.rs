@@ -14,12 +14,10 @@ const GATE: f64 = 25.0;
 const MAX_REJECTED: u32 = 11;
 /// Silence of the inertial sensor after which the attitude sensor replaces it, s.
 const SILENT_S: f64 = 0.5;
-/// White noise of the rates that come with an attitude, rad/s. Our choice: an INS removes the bias of its rates and
-/// smooths them over tens of milliseconds.
+/// White noise of an attitude's rates, rad/s (our choice: an INS smooths unbiased rates over tens of ms).
 const RATE_SD: f64 = 0.02;
 
 impl VesselFilter {
-    /// Whether inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
         self.imu.measured_at.is_some_and(|t| (at - t).secs() < SILENT_S)
     }

@@ -1,5 +1,5 @@
 //! Innovation statistics: in a consistent filter the normalised innovation squared of a scalar is chi-square
-//! distributed with one degree of freedom, 1 on average and below 3.84 in 95 of 100 cases (Bar-Shalom, Li and
+//! distributed with one degree of freedom: 1 on average, below 3.84 in 95 % of cases (Bar-Shalom, Li and
 //! Kirubarajan 2001, section 5.4).
 
 use alight_shared::estimation::Update;
@@ -8,7 +8,6 @@ use serde::Serialize;
 /// 95 % point of the chi-square distribution with one degree of freedom.
 const CHI_SQUARE_95: f64 = 3.841;
 
-/// Kind of a scalar measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InnovationChannel {
@@ -26,7 +25,7 @@ pub enum InnovationChannel {
 }
 
 impl InnovationChannel {
-    /// All channels, in the order of the table.
+    /// All channels in the order of the table.
     pub const ALL: [InnovationChannel; 8] = [
         InnovationChannel::Gyro,
         InnovationChannel::Accelerometer,
@@ -53,7 +52,6 @@ impl InnovationChannel {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InnovationStatistics {
-    /// Number of fused scalars.
     pub fused: u64,
     /// Sum of the normalised innovations squared of the fused scalars.
     pub sum: f64,

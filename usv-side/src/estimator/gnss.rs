@@ -15,28 +15,26 @@ use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
-/// Standard deviation of a rate of turn, rad/s. Our choice: rates of turn are smoothed and sent in tenths of a degree
-/// per minute.
+/// Standard deviation of a rate of turn, rad/s (our choice: smoothed, sent in tenths of a degree per minute).
 const RATE_SD: f64 = 0.02;
 /// Consecutive rejected fixes after which the position is re-initialised (2 s at 10 Hz).
 const MAX_REJECTED: u32 = 20;
-/// Consecutive rejected velocities of one axis after which they are accepted (0.5 s at 10 Hz). Slamming moves a hull
-/// sideways faster than the inertial gate allows, and errors of Doppler velocities are independent. Position errors
-/// last for seconds, so their limit is higher.
+/// Consecutive rejected velocities of an axis after which they are accepted (0.5 s at 10 Hz). Slamming moves
+/// a hull sideways faster than the inertial gate allows. Doppler errors are independent, whereas position
+/// errors last for seconds.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
 /// Index of the compass bias in the yaw block.
 const COMPASS: usize = HEAD + 1;
-/// Duration of consistent heading rejections, s, after which the rejections are no longer attributed to a disturbance.
+/// Duration of consistent heading rejections after which they are not attributed to a disturbance, s.
 const LASTING_S: f64 = 2.5;
-/// Compass bias that raises no doubt about the heading, in standard deviations.
+/// Compass bias that raises no doubt about the heading, in its standard deviations.
 const USUAL_BIAS: f64 = 5.0;
-/// Standard deviation of course minus heading caused by leeway and current, rad, above the minimum speed below (m/s).
+/// Standard deviation of course minus heading, rad, by leeway and current, above the speed below (m/s).
 const LEEWAY_SD: f64 = 0.1;
 const COURSE_MPS: f64 = 1.5;
-/// Standard deviation of a height before any receiver has measured it, m. It exceeds the distance between the sea and
-/// the ellipsoid.
+/// Standard deviation of an unmeasured height, m: above the distance between sea and ellipsoid.
 const UNKNOWN_HEIGHT_SD: f64 = 200.0;
-/// Age of the better of two height references, s, above which the other one is used.
+/// Age of the better of two height references above which the other one is used, s.
 const REFERENCE_TIMEOUT_S: f64 = 10.0;
 
 /// Reference surface of the receivers' heights. Its error is the same in every fix.
@@ -62,8 +60,7 @@ impl HeightReference {
     fn is_unknown(&self) -> bool {
         self.sd >= UNKNOWN_HEIGHT_SD
     }
-    /// Adopts the height reference of a fix if it is at least as good as the current reference, or if the current
-    /// reference has timed out.
+    /// Adopts a fix's height reference if it is at least as good as the current one, or if that timed out.
     fn take(&mut self, fix: &GnssFix) {
         let gone = (fix.header.at - self.at).secs() > REFERENCE_TIMEOUT_S;
         if gone || fix.height_spread <= self.sd {
@@ -132,8 +129,7 @@ impl VesselFilter {
         rejected
     }
 
-    /// Velocity of a fix (NED, m/s), corrected to the present. The receiver averages it, so it lags the position; the
-    /// course has turned with the vessel during the lag.
+    /// Velocity of a fix (NED, m/s), corrected for the receiver's lag, in which the course has turned.
     fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
         let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
         let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
@@ -190,7 +186,7 @@ impl VesselFilter {
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
         self.rows[ETA][axis].record(fix.header.at, innovation, update.fused());
-        // Components that are not measured are not counted.
+        // Components that are not measured do not count.
         if fix.position_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Position, update);
         }
@@ -219,8 +215,8 @@ impl VesselFilter {
         let r = fix.velocity_sd[axis].powi(2);
         let source = &self.rows[NU][axis];
         if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
-            // Alternatively, the accelerometer has had this error since the last fused velocity. A tilt error does not
-            // affect the vertical axis.
+            // Or the accelerometer was off by this since the last fused velocity (downwards without tilt
+            // error).
             let since = source.fused_at.unwrap_or(self.started);
             let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);
@@ -235,7 +231,7 @@ impl VesselFilter {
         update.fused()
     }
 
-    /// Selects the height reference. The first measured height sets the level and replaces the assumed level.
+    /// Selects the height reference. The first measured height replaces the assumed level.
     fn refer_height(&mut self, config: &VesselNodeConfig, fix: &GnssFix) {
         if self.height_reference.is_unknown() {
             let lever_arm = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
@@ -251,8 +247,8 @@ impl VesselFilter {
         self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
     }
 
-    /// Gate for the position ([`ETA`]) or velocity ([`NU`]) of an axis. It opens after `max_rejected` consecutive
-    /// rejections, and the state's variance is raised to the squared innovation. A jump in height is attributed to the
+    /// Gate for the position ([`ETA`]) or velocity ([`NU`]) of an axis. After `max_rejected` consecutive
+    /// rejections it raises the variance to the squared innovation: of the state, or in height of the
     /// receiver's bias, because the water supports the hull.
     fn gate(&mut self, axis: usize, slot: usize, max_rejected: u32, innovation: f64) -> f64 {
         let gate = self.rows[slot][axis].gate(GATE, max_rejected);
@@ -267,7 +263,7 @@ impl VesselFilter {
         gate
     }
 
-    /// Fuses a heading. Returns false if it was rejected.
+    /// Returns false if rejected.
     pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
         let (at, late) = (fix.header.at, (self.at - fix.header.at).secs());
         let row = [
@@ -280,7 +276,7 @@ impl VesselFilter {
         let (gate, of_state) = self.heading_gate(source, at, innovation);
         let before = self.belief.get(YAW, ETA);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
-        // For a heading error near 180 deg, the wrapped innovations of a run keep the sign of the first one.
+        // Near 180 deg, the wrapped innovations of a run keep the sign of the first one.
         let own = &mut self.headings[source];
         let last = if own.rejections > 0 { own.innovation } else { 0.0 };
         own.record(at, last + wrap_angle(innovation - last), update.fused());
@@ -288,7 +284,6 @@ impl VesselFilter {
             self.turn_means(self.belief.get(YAW, ETA) - before);
         }
         self.consistency.observe(InnovationChannel::Heading, update);
-        // A gyroscope measures the rate of turn better, if there is one.
         if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(at)) {
             let innovation =
                 rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
@@ -300,11 +295,10 @@ impl VesselFilter {
         update.fused()
     }
 
-    /// Gate for a heading. It opens after lasting rejections with consistent innovations, unless another heading source
-    /// contradicts this source. The variance of either the state (returned as true) or the compass bias is then raised
-    /// to the squared innovation. The state is taken to be wrong if no gyroscope propagated it, if the heading was
-    /// accepted for less time than it has been rejected, if the innovation grows, or if another source agrees with this
-    /// one.
+    /// Gate for a heading. It opens after lasting rejections with consistent innovations, unless another
+    /// heading source contradicts this one, and raises the variance of the state (returns true) or of the
+    /// compass bias to the squared innovation. The state is assumed wrong without a gyroscope, if the heading
+    /// was accepted for less time than rejected, if the innovation grows, or if another source agrees.
     fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
         let own = self.headings[source];
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
@@ -335,8 +329,7 @@ impl VesselFilter {
         self.slow.turn(by);
     }
 
-    /// Standard deviation of the doubt about the heading, rad. An unusually large compass bias may in fact be a heading
-    /// error.
+    /// Standard deviation of the doubt about the heading, rad: a large compass bias may be a heading error.
     pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
         let bias = self.belief.get(YAW, COMPASS).abs();
         if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {
@@ -345,8 +338,7 @@ impl VesselFilter {
             0.0
         }
     }
-    /// While the heading is in doubt, uses the course over ground of a vessel under way to separate heading and compass
-    /// error.
+    /// While the heading is in doubt, separates heading and compass error by the course over ground.
     fn weigh_course(&mut self, config: &VesselNodeConfig) {
         let (doubt, [north, east]) = (self.heading_doubt(config), self.mean_velocity.into());
         let apart = wrap_angle(f64::atan2(east, north) - self.mean_heading);

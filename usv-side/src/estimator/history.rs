@@ -1,7 +1,7 @@
 //! States of the last steps, for late measurements.
 //!
-//! Rolling back with the present acceleration is not sufficient: for an antenna 2 m up on a slamming hull (20 rad/s²)
-//! the velocity is wrong by 2 m/s after the 50 ms latency of a fix.
+//! The present acceleration is not enough to go back: at an antenna 2 m up on a slamming hull (20 rad/s²),
+//! the velocity would be wrong by 2 m/s after a latency of 50 ms.
 
 use std::collections::VecDeque;
 
@@ -10,7 +10,7 @@ use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
 
 use super::{Tilt, VesselFilter};
 
-/// Number of steps kept. For older fixes the model rolls the state back.
+/// Number of steps kept; for older fixes the model rolls the state back.
 const STEPS: usize = 32;
 
 /// Position, velocity and tilt at a time.
@@ -49,7 +49,7 @@ impl History {
             },
         })
     }
-    /// Drops all states after a change of their reference frame.
+    /// Drops all states when their frame changes.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
@@ -65,7 +65,6 @@ impl VesselFilter {
             tilt: self.tilt(),
         }
     }
-    /// Stores the state of this step.
     pub(super) fn remember(&mut self) {
         let now = self.present();
         let history = &mut self.history.0;
@@ -113,7 +112,7 @@ mod tests {
     fn history_interpolation() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
-            // The velocity jumps at the third step. The present acceleration does not show the jump.
+            // The velocity jumps at the third step, unknown to the present acceleration.
             eta: [f64::from(k); 3],
             nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
             tilt: Tilt::default(),

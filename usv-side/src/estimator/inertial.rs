@@ -20,7 +20,7 @@ const FORCE_MODEL_SD: f64 = 0.03;
 
 /// Maximum vertical offset of a working accelerometer, in standard deviations of bias and model.
 const MAX_OFFSET: f64 = 5.0;
-/// Maximum innovation attributed to real motion, rad/s, m/s².
+/// Maximum innovation that can be real motion, rad/s, m/s².
 const MAX_MISSED: f64 = 50.0;
 /// Maximum fluctuation of the vertical specific force used to separate tilt from bias, m/s².
 const MAX_LIFT: f64 = 1.0;
@@ -31,7 +31,7 @@ const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Fraction of the excess acceleration that is treated as measurement noise.
 const FAST_FRACTION: f64 = 0.1;
 
-/// Sum or mean of inertial samples, time since the last step (s), and number of samples.
+/// Sum or mean of inertial samples, time since the last step (s), and count.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Samples {
     gyro: Vector3<f64>,
@@ -89,8 +89,7 @@ impl ImuWindow {
         };
         sum.mean()
     }
-    /// Mean rates and forces of the second half minus those of the first. None for a single sample, which cannot
-    /// distinguish an outlier from an impulsive disturbance.
+    /// Mean rates and forces of the second half minus the first. None for one sample: it may be an outlier.
     fn apart(&self) -> Option<[Vector3<f64>; 2]> {
         let [a, b] = self.halves.map(|half| half.mean());
         (b.n > 0.0).then(|| [b.gyro - a.gyro, b.force - a.force])
@@ -100,7 +99,7 @@ impl ImuWindow {
 /// Mean of the samples, and difference between their two halves.
 type Mean = (Vector3<f64>, Option<Vector3<f64>>);
 
-/// Whether a rejected innovation is real motion, i.e. the samples of the step agree. With a single outlier the halves
+/// Whether a rejected innovation is real motion, so that the samples agree: an outlier makes the halves
 /// differ by twice the innovation of the mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
@@ -122,9 +121,8 @@ impl VesselFilter {
         )
     }
 
-    /// Whether the accelerometer works. Averaged over seconds, a vessel's specific force is gravity, and GNSS makes the
-    /// heave bias observable. A bias (m/s²) that its spread and the model error do not explain indicates clipping or a
-    /// defect.
+    /// Whether the accelerometer works. A vessel's mean specific force is gravity, and GNSS makes the heave
+    /// bias observable: a bias (m/s²) beyond its spread and the model error indicates clipping or a defect.
     pub(super) fn measures_gravity(&self, config: &VesselNodeConfig) -> bool {
         let sd = config.imu.accelerometer_bias_sd_mps2.hypot(FORCE_MODEL_SD);
         self.belief.get(HEAVE, HEAD).abs() <= MAX_OFFSET * sd
@@ -140,9 +138,9 @@ impl VesselFilter {
         }
     }
 
-    /// Returns 1 if the channel was rejected, 0 if it was fused. A rejected innovation may have been real motion, so
-    /// the uncertainty of the rate grows by `doubt` per unit of innovation. Otherwise the GNSS gate would reject the
-    /// velocity after an impulse that was only partly fused.
+    /// Returns 1 if the channel was rejected, 0 if fused. A rejected innovation may be real motion, so it
+    /// adds `doubt` per unit to the rate's uncertainty; otherwise the GNSS gate would reject the velocity
+    /// after a partly fused impulse.
     fn reject(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
@@ -155,9 +153,8 @@ impl VesselFilter {
         1
     }
 
-    /// Adds an impulsive disturbance: an acceleration over the last step that is not in the model, and its effect on
-    /// position and velocity. Process noise that is wide enough for a slamming hull would hide the waves of other
-    /// hulls.
+    /// Adds an impulsive disturbance: an unmodelled acceleration over the last step, with its effect on
+    /// position and velocity. Process noise wide enough for slamming would hide the waves of other hulls.
     fn impulse(&mut self, dof: usize, acceleration: f64, eta: f64, nu: f64) {
         let gain = self.model.acceleration_row(dof, dof)[DISTURBANCE];
         if gain > 0.0 {
@@ -175,7 +172,7 @@ impl VesselFilter {
         self.belief.inflate(dof, NU, (IMPULSE_SD_FRACTION * nu).powi(2));
     }
 
-    /// Fuses the mean of the samples, `offset` seconds after the state's time. Returns the number of rejected channels.
+    /// Fuses the mean of the samples, `offset` s after the state's time. Returns the number of rejections.
     pub(super) fn fuse_inertial(
         &mut self,
         config: &VesselNodeConfig,
@@ -196,8 +193,7 @@ impl VesselFilter {
         rejected
     }
 
-    /// Fuses the gyroscope: `n_dot = (R omega) x n` gives the rates of roll and pitch at the reference heading. `r` is
-    /// the variance of a rate.
+    /// Fuses the gyroscope: roll and pitch rates at the reference heading, `n_dot = (R omega) x n`.
     fn fuse_rates(&mut self, (gyro, apart): Mean, r: f64, offset: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let tilt = self.tilt();
@@ -220,8 +216,7 @@ impl VesselFilter {
         rejected
     }
 
-    /// Fuses the accelerometer: `f = R' (a + lever arm - g)` in the reference-parallel frame. `white` is the variance
-    /// of a force.
+    /// Fuses the accelerometer: `f = R' (a + lever arm - g)`, reference-parallel; `white`: its variance.
     fn fuse_force(&mut self, config: &VesselModelConfig, (force, apart): Mean, white: f64, gate: f64) -> u64 {
         let mut rejected = 0;
         let lever_arm = self.imu_lever_arm;
@@ -242,7 +237,7 @@ impl VesselFilter {
             let known = noise.factor(SURGE).max(noise.factor(SWAY));
             let lift = GRAVITY - (f.z + GRAVITY).clamp(-MAX_LIFT, MAX_LIFT) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
-            // During fast motion, the error of the sampling time also counts.
+            // In fast motion, the error of the sampling time also counts.
             let fast = noise.spread(config, axis);
             let r = white + (FAST_FRACTION * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);
@@ -281,9 +276,9 @@ mod tests {
 
     #[test]
     fn impulse_test_of_outlier_and_growing_rate() {
-        // The second of two samples has an outlier of 2 rad/s: the mean is off by 1, the halves differ by 2.
+        // One of two samples is off by 2 rad/s: the mean is off by 1, the halves differ by 2.
         assert!(!is_impulse(1.0, 2.0, MAX_IMPULSE[0]));
-        // A rate that grows by 20 rad/s² has an innovation of 0.4 after one step; its samples differ by 0.2.
+        // After one step, a rate that grows by 20 rad/s² has an innovation of 0.4; its samples differ by 0.2.
         assert!(is_impulse(0.4, 0.2, MAX_IMPULSE[0]) && is_impulse(-0.4, -0.2, MAX_IMPULSE[0]));
         assert!(!is_impulse(5.0, 0.1, MAX_IMPULSE[0]), "no hull turns like that");
         // A single outlier of a fast sensor, at any position in the step.

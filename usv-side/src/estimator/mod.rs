@@ -1,10 +1,10 @@
 //! The vessel's state estimator: a Kalman filter on the wave-augmented model of [`alight_shared::vessel_model`], linear
 //! in the vessel-parallel frame at a reference heading that follows the mean heading.
 //!
-//! The filter runs at 50 Hz on the mean of each step's inertial samples, whatever their rate. Surge is estimated with
-//! pitch and sway with roll, because an accelerometer does not distinguish a horizontal acceleration from a tilt: on a
-//! hull that follows the water it measures almost none, and the gyroscope determines the tilt. Late measurements (GNSS,
-//! heading) are compared with the state at their time.
+//! The filter runs at 50 Hz on the mean of each step's inertial samples. Surge is estimated with pitch and
+//! sway with roll, because an accelerometer does not distinguish horizontal acceleration from tilt: on a hull
+//! that follows the water it measures almost none, and the gyroscope determines the tilt. Late measurements
+//! (GNSS, heading) are compared with the state at their time.
 
 mod adaptive_noise;
 mod attitude;
@@ -35,13 +35,13 @@ pub use tilt::Tilt;
 
 /// Length of a filter step, s.
 pub(crate) const STEP_S: f64 = 0.02;
-/// Longest gap that is bridged by prediction, s.
+/// Longest gap bridged by prediction, s.
 const MAX_GAP_S: f64 = 2.0;
 /// Deviation from the mean heading that counts as a turn, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
-/// Index, in the heave block, of the offset between GNSS heights and heave: mean water level plus the receiver's slow
-/// bias. The vessel's NED plane moves with it.
+/// Index in the heave block of GNSS height minus heave: mean water level plus the receiver's slow bias. The
+/// vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
 /// Numbers of rejected measurements since start.
@@ -62,9 +62,9 @@ pub struct Estimator {
     /// First measurements, used to initialise the filter.
     start: Start,
     filter: Option<VesselFilter>,
-    /// Innovation statistics of the filters before the last restart.
+    /// Innovation statistics up to the last restart.
     consistency: Consistency,
-    /// Motion model of the filter before the last restart, passed to the next filter.
+    /// Motion model of the previous filter, passed on at a restart.
     motion: MotionModel<VesselClock>,
 }
 
@@ -92,7 +92,7 @@ pub(crate) struct VesselFilter {
     pub(crate) motion: MotionModel<VesselClock>,
     /// Prediction errors of position (north, east, m) and heading (rad).
     course_errors: MeasuredErrors<3, VesselClock>,
-    /// Slow motion of the vessel. Waves are measured relative to it.
+    /// Slow motion, relative to which waves are measured.
     pub(crate) slow: SlowMotion,
     step: BeliefStep,
     window: inertial::ImuWindow,
@@ -111,7 +111,7 @@ pub(crate) struct VesselFilter {
     row: Vec<Term>,
 }
 
-/// Velocity along and across the mean heading, and heading, averaged over several waves.
+/// Velocity along and across the mean heading, and heading, averaged over some waves.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SlowMotion {
     velocity: Vector2<f64>,
@@ -130,7 +130,7 @@ impl SlowMotion {
         let fraction = STEP_S / self.known_s.min(SLOW_S);
         self.velocity += (Rotation2::new(-mean_heading) * velocity - self.velocity) * fraction;
         let off = wrap_angle(heading - self.heading);
-        // Waves turn a vessel by at most this angle. Any excess is a turn and is followed at once.
+        // Waves turn a vessel by no more than this angle; any excess is a turn and is followed at once.
         let turned = off - off.clamp(-TURN_RAD, TURN_RAD);
         self.heading = wrap_angle(self.heading + turned + (off - turned) * fraction);
     }
@@ -138,7 +138,7 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
-    /// Corrects a heading error of `by` (rad). The velocity in NED was correct and stays.
+    /// Corrects a heading error of `by` (rad). The velocity in NED stays.
     fn turn(&mut self, by: f64) {
         self.heading = wrap_angle(self.heading + by);
         self.velocity = Rotation2::new(-by) * self.velocity;
@@ -149,10 +149,9 @@ impl SlowMotion {
     }
 }
 
-/// Number of rejected values, of six, at which a fix counts as lost.
+/// Number of rejected values (of six) at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// Number of consecutive rejected fixes (2 s), followed by a lost one, after which the filter restarts: the filter is
-/// wrong, not the receiver.
+/// Consecutive rejected fixes (2 s) before a lost one that restart the filter: not the receiver is wrong.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
@@ -173,8 +172,8 @@ impl Estimator {
     pub fn level(&self) -> Option<f64> {
         self.filter.as_ref().map(VesselFilter::level)
     }
-    /// Standard deviation of heave about the level (m), roll and pitch (rad) as predicted `ahead_s` seconds from now.
-    /// For studies only: the broadcast value includes the uncertainty of the level.
+    /// Standard deviation of heave about the level (m), roll and pitch (rad) predicted `ahead_s` from now,
+    /// for studies: the broadcast value includes the uncertainty of the level.
     pub fn deck_sd(&self, ahead_s: f64) -> Option<[f64; 3]> {
         self.filter.as_ref().map(|f| f.deck_sd(ahead_s))
     }
@@ -192,7 +191,6 @@ impl Estimator {
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
         let ahead = (sample.header.at - f.at).secs();
         f.window.push(sample, ahead, period);
-        // A step ends with the sample nearest to its end.
         if ahead + 0.5 * period >= STEP_S {
             let window = core::mem::take(&mut f.window);
             let ahead = window.mean().ahead;
@@ -209,7 +207,7 @@ impl Estimator {
         self.guard();
     }
 
-    /// Fuses an admitted GNSS fix. Returns the number of rejected components.
+    /// Returns the number of rejected components.
     pub fn gnss(&mut self, fix: &GnssFix) -> u64 {
         let mut rejected = 0;
         match self.filter.as_mut() {
@@ -226,7 +224,7 @@ impl Estimator {
         rejected
     }
 
-    /// Fuses an admitted heading. Returns false if it was rejected.
+    /// Returns false if rejected.
     pub fn heading(&mut self, heading: &HeadingFix) -> bool {
         let mut fused = true;
         match self.filter.as_mut() {
@@ -240,8 +238,8 @@ impl Estimator {
         fused
     }
 
-    /// Fuses an admitted attitude. Without an inertial sensor it drives the filter and the identification. Returns
-    /// whether it was used, and the number of rejected components.
+    /// Fuses an admitted attitude, which drives the filter if there is no inertial sensor. Returns whether it
+    /// was used, and the number of rejected components.
     pub fn attitude(&mut self, fix: &AttitudeFix) -> (bool, u64) {
         let at = fix.header.at;
         let Some(f) = self.filter.as_mut() else {
@@ -268,8 +266,8 @@ impl Estimator {
         self.consistency.and(&running.unwrap_or_default())
     }
 
-    /// Called once per tick, after the measurements. Bridges gaps between inertial samples, adapts the process noise
-    /// and performs part of the motion identification.
+    /// Called once per tick after the measurements: bridges inertial gaps, adapts the process noise,
+    /// identifies motion.
     pub fn tick(&mut self, now: Time<VesselClock>) {
         let Some(f) = self.filter.as_mut() else { return };
         f.adapt(&self.config);
@@ -290,7 +288,7 @@ impl Estimator {
     fn restart(&mut self) {
         self.outliers.restarts += 1;
         self.consistency = self.consistency();
-        // The motion model stays valid even if the filter's position was wrong.
+        // The motion model stays valid if only the filter's position was wrong.
         if let Some(filter) = self.filter.take() {
             self.motion = filter.motion;
         }
@@ -320,7 +318,7 @@ impl Estimator {
     }
 }
 
-/// States estimated in addition to the vessel's motion, and their initial spread.
+/// States in addition to the vessel's motion, and their initial spread.
 fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
     let bias = |sd: f64, time_s: f64| Extra {
         sd,
@@ -410,7 +408,7 @@ impl VesselFilter {
         self.belief.propagate(&self.step);
         self.at += Span::from_secs(STEP_S);
     }
-    /// Ends a step, with or without a measurement. A gap would discard the identification's record so far.
+    /// Ends a step with or without a measurement; a gap would discard the identification's record.
     fn end_step(&mut self) {
         self.remember();
         self.follow_heading();
@@ -455,10 +453,9 @@ impl VesselFilter {
         core::array::from_fn(|d| self.belief.acceleration(&self.model, d))
     }
 
-    /// Updates the mean motion and, when the mean heading has turned far enough, the reference heading.
+    /// Updates the mean motion and, after a sufficient turn of the mean heading, the reference heading.
     fn follow_heading(&mut self) {
-        // First-order low-pass on the part that the modes do not explain: 1 s for the velocity and the heading rate.
-        // Until the modes are known, the slow velocity is used.
+        // First-order low-pass (1 s) of the motion outside the modes; before they are known, slow velocity.
         let b = &self.belief;
         let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
         let waves = self.motion.waves(self.at);
@@ -491,7 +488,7 @@ impl VesselFilter {
         }
     }
 
-    /// Inflates the covariance of the fast states after too many consecutive rejections.
+    /// Inflates the covariance of the fast states after too many rejections.
     fn open(&mut self) {
         for d in 0..6 {
             let sd = self.model.config().disturbance_sd_mps2_m_rad_radps2[d];

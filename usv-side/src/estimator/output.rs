@@ -15,10 +15,10 @@ use super::{GNSS_BIAS, Tilt, VesselFilter};
 use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
-/// Course of the vessel: mean velocity (which turns with the mean heading), modes, and the residual of both.
+/// Course of the vessel: mean velocity (turning with the mean heading), modes, and the residual of both.
 struct Course<'a> {
     modes: &'a Modes<VesselClock>,
-    /// Time from the modes' validity to now, s, and the displacement by the waves in that time, north and east, m.
+    /// Time from the modes' validity to now, s, and the waves' displacement in it, north and east, m.
     since: f64,
     moved: Vector2<f64>,
     /// Present values, NED: m, m/s, rad, rad/s.
@@ -31,12 +31,11 @@ struct Course<'a> {
     left_yaw: f64,
 }
 
-/// Point of the course, NED.
 struct CoursePoint {
-    /// m, m/s.
+    /// North and east: m, m/s.
     place: Vector2<f64>,
     velocity: Vector2<f64>,
-    /// rad, rad/s.
+    /// Heading: rad, rad/s.
     mean_heading: f64,
     heading: f64,
     heading_rate: f64,
@@ -82,7 +81,7 @@ impl VesselFilter {
         Rotation2::new(self.reference) * Vector2::new(x, y)
     }
 
-    /// Estimate at `now`, at most a few steps after the state's time: extrapolated by a second-order series.
+    /// Estimate at `now`, at most a few steps after the state's time, by a second-order series.
     pub(crate) fn estimate(
         &self,
         config: &VesselNodeConfig,
@@ -183,8 +182,7 @@ impl VesselFilter {
         })
     }
 
-    /// Motion as needed by the advice, for this true wind (towards, NED, m/s), with the steepest apparent slopes of the
-    /// deck.
+    /// Motion for the advice, with the true wind (towards, NED, m/s) and the deck's steepest apparent slopes.
     pub(crate) fn underway(
         &self,
         wind: Option<Vector2<f64>>,
@@ -200,7 +198,6 @@ impl VesselFilter {
         }
     }
 
-    /// Passes the present motion to the identification.
     pub(super) fn observe_motion(&mut self) {
         if !self.motion.is_due(self.at) {
             return;
@@ -213,7 +210,7 @@ impl VesselFilter {
         let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
         let v = velocity - self.slow.velocity(self.mean_heading);
         let acceleration = self.accelerations();
-        // Excludes turns of the course and accelerations by the engine.
+        // Without turns of the course and accelerations by the engine.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x)
             - self.gain.acceleration() * (Rotation2::new(self.mean_heading) * Vector2::x());
@@ -234,8 +231,7 @@ impl VesselFilter {
         self.measure_course();
     }
 
-    /// Prediction from the newest sample of the identification on: the modes about the mean motion, plus the present
-    /// residual, which fades.
+    /// Prediction from the identification's newest sample: modes about the mean, and a fading residual.
     pub(crate) fn prediction(
         &self,
         config: &VesselNodeConfig,
@@ -319,9 +315,8 @@ impl VesselFilter {
         }
         self.course_errors = errors;
     }
-    /// Standard deviation that predicting position (north, east, m) and heading (rad) `ahead` seconds adds to the
-    /// estimate's own. The measured values are used; until there are measurements, the values are derived from the
-    /// uncertainty of the rates.
+    /// Standard deviation that predicting position (north, east, m) and heading (rad) by `ahead` seconds adds
+    /// to the estimate's own: as measured, or else derived from the uncertainty of the rates.
     fn course_deviation(&self, ahead: f64) -> [f64; 3] {
         let of_rate = |d| ahead * self.belief.variance(d, NU).max(0.0).sqrt();
         let measured = self.course_errors.deviation(ahead);
@@ -333,8 +328,8 @@ impl VesselFilter {
         self.belief.get(HEAVE, GNSS_BIAS)
     }
 
-    /// Standard deviation of heave about that level (m), roll and pitch (rad) predicted `ahead` seconds from now: the
-    /// estimate's own error plus that of the prediction.
+    /// Standard deviation of heave about the mean water level (m), roll and pitch (rad) `ahead` seconds from
+    /// now: estimate and prediction.
     pub(crate) fn deck_sd(&self, ahead: f64) -> [f64; 3] {
         let b = &self.belief;
         let propagated = self.motion.spread(ahead);
@@ -350,8 +345,8 @@ impl VesselFilter {
                 // A slow error of heave is an error of the level.
                 return propagated[d].max(within(1.0 / omega).sqrt());
             }
-            // Predictions are compared with later estimates. A slow error is in both and cancels, so it is added here;
-            // an error that changes within the prediction is already part of the measured error.
+            // Predictions are compared with later estimates, in which a slow error cancels, so it is added
+            // here; a changing error is already part of the measured one.
             let changed = within(ahead.min(1.0 / omega));
             (propagated[d] * propagated[d])
                 .max(changed)

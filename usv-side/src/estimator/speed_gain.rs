@@ -2,7 +2,6 @@
 
 use super::STEP_S;
 
-/// Acceleration of the mean motion along the course.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SpeedGain {
     /// Measured acceleration, m/s².
@@ -12,8 +11,7 @@ pub(crate) struct SpeedGain {
     known_s: f64,
 }
 
-/// Averaging times of the acceleration (half that of the mean velocity) and of its mean square (that of the
-/// identification), s.
+/// Averaging times, s: of the acceleration, half that of the mean velocity, and of its mean square.
 const GAIN_S: f64 = 0.5;
 const USUAL_S: f64 = 100.0;
 /// Multiple of the mean square that is statistically significant: two standard deviations.
@@ -28,9 +26,8 @@ impl SpeedGain {
         let memory_s = self.known_s.min(USUAL_S);
         self.usual += (self.measured * self.measured - self.usual) * STEP_S / memory_s;
     }
-    /// Acceleration in excess of the waves' residual, m/s²: `g (1 - (2 sigma)² / g²)`, zero within two standard
-    /// deviations and nearly `g` far beyond (the shrinkage of James and Stein 1961 with a bound on chance results: 1 %
-    /// of the variance without engines).
+    /// Acceleration in excess of the waves' residual, m/s²: `g (1 - (2 sigma)² / g²)`, zero below two
+    /// standard deviations (James and Stein 1961); without engines, 1 % of the variance remains.
     pub(crate) fn acceleration(&self) -> f64 {
         let g = self.measured;
         if g == 0.0 {

@@ -1,26 +1,21 @@
-//! Tilt kinematics in the reference-parallel frame, exact for any tilt. The deck's normal (down axis of the body) at
-//! the reference heading is `n = (sin theta cos phi, -sin phi, cos theta cos phi)`, and its derivative is `n_dot =
-//! omega x n`.
+//! Tilt kinematics in the reference-parallel frame, exact for any tilt. The deck's normal (down) at the
+//! reference heading is `n = (sin theta cos phi, -sin phi, cos theta cos phi)`, with `n_dot = omega x n`.
 
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{Rotation3, Vector3};
 
-/// Roll and pitch at the reference heading, their rates, and the heading relative to the reference and its rate (rad,
-/// rad/s).
+/// Roll and pitch at the reference heading, heading minus reference, and their rates (rad, rad/s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tilt {
     pub angles: [f64; 2],
     pub rates: [f64; 2],
-    /// Heading minus reference heading.
     pub heading: f64,
     pub heading_rate: f64,
 }
 
-/// Deck normal for these angles.
 fn normal([roll, pitch]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos())
 }
-/// Derivative of the normal.
 fn normal_rate([roll, pitch]: [f64; 2], [dr, dp]: [f64; 2]) -> Vector3<f64> {
     let ((sr, cr), (sp, cp)) = (roll.sin_cos(), pitch.sin_cos());
     Vector3::new(
@@ -36,8 +31,7 @@ fn rates_of([roll, pitch]: [f64; 2], d: Vector3<f64>) -> [f64; 2] {
 }
 
 impl Tilt {
-    /// Roll and pitch at the actual heading, and heading relative to the reference: ZYX Euler angles of the body in the
-    /// reference-parallel frame.
+    /// ZYX Euler angles of the body in the reference-parallel frame: roll, pitch, heading minus reference.
     pub fn euler(&self) -> [f64; 3] {
         let (r, p) = turn_tilt(self.angles[0], self.angles[1], self.heading);
         [r, p, self.heading]
@@ -60,8 +54,7 @@ impl Tilt {
         let [r, p, _] = self.euler();
         alight_shared::frames::body_rates(r, p, Vector3::from(self.euler_rates()))
     }
-    /// Rates of roll and pitch at the reference heading and of the heading, from gyroscope rates at this tilt: `n_dot =
-    /// (R omega) x n`.
+    /// Rates of roll, pitch (at the reference heading) and heading from gyro rates: `n_dot = (R omega) x n`.
     pub fn rates_from_gyro(&self, body: Vector3<f64>) -> [f64; 3] {
         let w = self.rotation() * body;
         let d = w.cross(&normal(self.angles));

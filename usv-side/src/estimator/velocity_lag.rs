@@ -3,9 +3,9 @@
 //! Marine receivers average speed and course over ground for several seconds but stamp them with the present time: a
 //! recorded satellite compass lags by 2.4 s. In a turn, such a velocity points along the vessel's past course.
 //!
-//! The lag is the `tau` at which the integral of the velocities best matches the path of the positions: it minimises
-//! the mean square of `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course all lags fit
-//! equally well; no correction is needed then, and zero is assumed. Otherwise a velocity is rotated by the change of
+//! The lag is the `tau` that minimises the mean square of `p(t) - p(t - T) - integral of v over [t - T + tau,
+//! t + tau]`: the integral of the velocities then best matches the path of the positions. On a straight
+//! course all lags fit equally well, and zero is used. Otherwise a velocity is rotated by the change of
 //! heading over the lag, because in a turn the course follows the heading.
 
 use std::collections::VecDeque;
@@ -23,16 +23,16 @@ const MAX_LAG_S: f64 = STEP_S * (LAGS - 1) as f64;
 const PAIR_S: f64 = 1.0;
 /// Maximum time between fixes of one path, s.
 const GAP_S: f64 = 3.0;
-/// Memory of the mean squares in pairs (a minute), and the number of pairs required before a lag is estimated.
+/// Memory of the mean squares in pairs (a minute), and number of pairs required for an estimate.
 const MEMORY: f64 = 60.0;
 const FIRST: f64 = 20.0;
-/// Ratio of a pair's smallest square to the mean above which the pair counts as a jump of the receiver, and number of
-/// consecutive jumps after which they are accepted.
+/// Ratio of a pair's smallest square to the mean that makes it a receiver's jump, and number of consecutive
+/// jumps after which they are accepted.
 const JUMP: f64 = 25.0;
 const JUMPS: u32 = 5;
-/// Minimum gain in log likelihood over zero lag. Chance exceeds it once in 10^5 cases.
+/// Minimum gain in log likelihood over zero lag, exceeded by chance once in 10^5 cases.
 const SURE: f64 = 10.0;
-/// Maximum number of waiting samples: 25 velocities per second over more than the maximum lag.
+/// Maximum number of waiting samples: 25 velocities per second for more than the maximum lag.
 const MAX_WAITING: usize = 256;
 
 /// Integral of the velocities up to a time.
@@ -45,12 +45,10 @@ struct Travelled {
     heading: f64,
 }
 
-/// Velocity lag of each receiver.
 #[derive(Clone, Debug, Default)]
 pub(super) struct VelocityLags([VelocityLag; MAX_SOURCES]);
 
 impl VelocityLags {
-    /// Lag of this source; None for an unknown source number.
     pub(super) fn of(&mut self, source: u8) -> Option<&mut VelocityLag> {
         self.0.get_mut(usize::from(source))
     }
@@ -92,8 +90,8 @@ impl VelocityLag {
         }
         self.positions.push_back((at, place));
     }
-    /// Adds a velocity, north and east, m/s, received at the vessel heading `heading`, rad. Returns the change of
-    /// heading since the time at which the velocity was true, rad; zero for a velocity that is not newer than the last.
+    /// Adds a velocity (north, east, m/s) at the vessel's `heading`, rad. Returns the change of heading since
+    /// the velocity was true, rad; zero if it is not newer than the last.
     pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
             Some(last) if at <= last.at => return 0.0,
@@ -148,7 +146,7 @@ impl VelocityLag {
         let fraction = (at - a.at).secs() / (b.at - a.at).secs();
         (fraction >= 0.0).then_some((a, b, fraction))
     }
-    /// Change of heading since the time at which the newest velocity was true, rad.
+    /// Change of heading since the newest velocity was true, rad.
     fn turned_since(&self) -> f64 {
         let lag_s = self.lag_s();
         let Some(newest) = self.travelled.back().filter(|_| lag_s > 0.0) else {
@@ -196,8 +194,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Estimated lag after 90 s at 3.9 m/s, turning by `turn` (rad/s), with positions at 5 Hz and noise `sd` (m), and
-    /// velocities at 4 Hz that lag by `lag` (s).
+    /// Lag estimated after 90 s at 3.9 m/s, turning by `turn` (rad/s): positions at 5 Hz with noise `sd` (m),
+    /// velocities at 4 Hz behind by `lag` (s).
     fn lag_of(turn: f64, sd: f64, lag: f64) -> f64 {
         let heading = |t: f64| turn * t;
         let place = |t: f64| {

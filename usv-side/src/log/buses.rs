@@ -1,5 +1,5 @@
-//! Recordings of a boat's networks and serial lines: NMEA 2000 as text of a gateway or logger and Signal K deltas, one
-//! message per line; UBX and MAVLink as received. They are decoded as in live operation.
+//! Recordings of networks and serial lines, decoded as in live operation: NMEA 2000 text and Signal K deltas,
+//! one message per line; UBX and MAVLink as received.
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording};
 use crate::sensors::{Format, Mount, Mounting, SensorDecoder, SourceMeasurement};
 
-/// Number of lines inspected, and minimum number of valid messages among them.
+/// Number of lines inspected, and minimum number of valid messages in them.
 const LOOKED_AT: usize = 40;
 const ENOUGH: u64 = 5;
 const CHUNK: usize = 512;
@@ -22,7 +22,7 @@ const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_
 pub(super) const LINES: [Format; 2] = [Format::N2k, Format::SignalK];
 pub(super) const STREAMS: [Format; 2] = [Format::Ubx, Format::Mavlink];
 
-/// Format of a file that begins with `head`, if it is one of `these`.
+/// Format among `these` of a file that begins with `head`.
 pub(super) fn format(these: &[Format], head: &[u8]) -> Option<Format> {
     these.iter().copied().find(|format| begins(*format, head))
 }
@@ -45,7 +45,7 @@ fn begins(format: Format, head: &[u8]) -> bool {
 fn has_lines(format: Format) -> bool {
     format == Format::Nmea || LINES.contains(&format)
 }
-/// Splits the bytes: lines without their logger's wrapping, packets, or chunks.
+/// Pieces of the file: lines without their logger's wrapping, packets, or chunks.
 fn pieces(format: Format, bytes: &[u8]) -> Box<dyn Iterator<Item = Peeled<'_>> + '_> {
     let whole = |content| Peeled {
         arrival_ns: None,
@@ -60,7 +60,7 @@ fn pieces(format: Format, bytes: &[u8]) -> Box<dyn Iterator<Item = Peeled<'_>> +
     }
 }
 
-/// Feeds the bytes to a decoder of the sensor node and collects its output; `each` observes every piece.
+/// Decodes the bytes as the sensor node does; `each` observes every piece.
 pub(super) fn play<D: SensorDecoder + ?Sized>(
     format: Format,
     bytes: &[u8],
@@ -134,7 +134,7 @@ fn stamped(bytes: &[u8]) -> Option<usize> {
     packet_bytes(rest).filter(|_| STAMPS.contains(&u64::from_be_bytes(*stamp)))
 }
 
-/// Packets of a telemetry log without their times; bytes in between are returned one by one.
+/// Packets of a telemetry log without their times; other bytes one by one.
 fn packets(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     let mut rest = bytes;
     core::iter::from_fn(move || {

@@ -1,5 +1,5 @@
-//! Conversion of tables ([`super::table`]) to measurements: one row per time, one column per quantity. An empty cell
-//! means that the quantity was not measured. A quantity may have rows of its own.
+//! Conversion of tables ([`super::table`]) to measurements: one row per time, one column per quantity. An
+//! empty cell is not measured. A quantity may have rows of its own.
 //!
 //! | column | what |
 //! |---|---|
@@ -15,8 +15,8 @@
 //! | `north_mps`, `east_mps` | its velocity; both or none |
 //! | `down_mps` | its velocity |
 //!
-//! Rates without accelerations are interpolated to the times of the attitudes. Heaves and rates on separate rows are
-//! combined with attitudes and accelerations that are interpolated to their times.
+//! Rates without accelerations are interpolated to the times of attitudes; heaves and rates on rows of their
+//! own are joined with interpolated attitudes and accelerations.
 
 use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
@@ -31,7 +31,6 @@ use super::table::{CsvRow, CsvTable, Quantity, TableError};
 use super::{Gather, LogError, MAX_MEASUREMENTS, SensorRecording};
 use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement};
 
-/// Columns that must occur together.
 const TOGETHER: [&[Quantity]; 6] = [
     &[Roll, Pitch],
     &[Surge, Sway],
@@ -49,13 +48,13 @@ const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, headi
 const PLACE_SD_M: f64 = 0.02;
 /// Standard deviation of GNSS position and velocity, m, m/s.
 const GNSS_SD: [f64; 2] = [0.5, 0.1];
-/// Maximum gap for interpolation, in usual steps and in s.
+/// Maximum interpolation gap in usual steps, and in s.
 const APART: (f64, f64) = (3.0, 2.0);
 /// Range of the mean specific force that includes gravity, m/s²; it is 9.8 on a boat.
 const WITH_GRAVITY: core::ops::Range<f64> = 7.0..13.0;
 /// Minimum number of samples for the gravity check.
 const MIN_SAMPLES: usize = 20;
-/// Attitude rate below which the fast part of the motion is missing, Hz.
+/// Attitude rate below which fast motion is missing, Hz.
 const SLOW_HZ: f64 = 4.9;
 
 type Timed<const N: usize> = Option<(f64, [f64; N])>;
@@ -63,7 +62,7 @@ type Timed<const N: usize> = Option<(f64, [f64; N])>;
 struct Series<const N: usize> {
     t: Vec<f64>,
     y: Vec<[f64; N]>,
-    /// Maximum time between two values for interpolation, s.
+    /// Maximum interpolation gap, s.
     apart_s: f64,
 }
 
@@ -157,7 +156,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
     let mut reading = Reading::of(&table, mount);
     reading.check_gravity(&table, origin)?;
     let mut gather = Gather::default();
-    // Times are relative to the first row, because nanoseconds since 1970 are coarse in floating point.
+    // Relative to the first row, because nanoseconds since 1970 are coarse in floating point.
     let begin = table.rows.first().map_or(0.0, |r| r.t);
     for row in &table.rows {
         let at_ns = ((row.t - begin) * 1e9).round() as i64;
@@ -190,11 +189,9 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
     })
 }
 
-/// Quantities of the rows, and counts of their use.
 struct Reading {
     mounting: Mounting,
     mean_heading: f64,
-    /// The table contains inertial samples.
     inertial: bool,
     gyro: Series<3>,
     tilt: Series<2>,
@@ -213,7 +210,7 @@ struct Reading {
 impl Reading {
     fn of(table: &CsvTable, mount: &Mount) -> Self {
         let rows = &table.rows;
-        // Surge and sway are along the mean heading, taken as north if not recorded.
+        // Surge and sway are along the mean heading, or north before the first heading.
         let (mut s, mut c) = (0.0, 0.0);
         for heading in rows.iter().filter_map(|r| r.get(Heading)) {
             let (a, b) = heading.to_radians().sin_cos();
@@ -243,7 +240,7 @@ impl Reading {
         }
     }
 
-    /// Checks that accelerations contain gravity, upwards: they must be specific force in forward, right, down.
+    /// Checks that accelerations are specific force (forward, right, down) with gravity upwards.
     fn check_gravity(&self, table: &CsvTable, origin: &str) -> Result<(), LogError> {
         let forces: Vec<[f64; 3]> = table.rows.iter().filter_map(|r| r.all(FORCE)).collect();
         if forces.len() < MIN_SAMPLES || !self.inertial {
@@ -346,7 +343,7 @@ impl Reading {
             return None;
         }
         self.own_velocities += u64::from(place.is_none() && velocity.is_some());
-        // A measured position is the origin of its own plane. Without one, the nearest measured position is the origin.
+        // A position is the origin of its own plane; a row without one uses the nearest.
         let near = self.place.at(row.t).or_else(|| self.place.nearest(row.t));
         let [latitude_deg, longitude_deg] = place.or(near).unwrap_or_default();
         let level = || self.altitude.nearest(row.t).map(|[a]| a);

@@ -12,24 +12,24 @@ use thiserror::Error;
 
 use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
-/// Text about the supported formats, for errors.
+/// Supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
-/// Signatures of recordings that must be converted before reading, with their formats.
+/// Signatures and formats of recordings that must be converted first.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
     (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
     (b"#ROSBAG V", "a bag of ROS 1"),
     (b"SQLite format 3\0", "a bag of ROS 2"),
 ];
-/// Start of a VectorNav sentence with its solution.
+/// Start of VectorNav's sentence with the solution.
 const VNINS: &[u8] = b"$VNINS,";
-/// Begin of a message of UBX.
+/// Start of a UBX message.
 const UBX: [u8; 2] = [0xb5, 0x62];
-/// Times of fixes or headings that lie further behind the newest attitude before them in the file, or before it, s, are of
-/// another clock. A decoder gives the attitudes of two seconds after the fix that begins them; an estimator takes fixes 0.6 s
-/// old. The differences of one clock from another spread less.
+/// Distance of fixes or headings from the newest attitude before them in the file above which they are of
+/// another clock, s. A decoder outputs up to two seconds of attitudes after the fix that begins them, and an
+/// estimator accepts fixes 0.6 s old.
 const BEHIND_S: f64 = 0.6;
 const BEFORE_S: f64 = 2.5;
 const SPREAD_S: f64 = 1.0;
@@ -80,7 +80,6 @@ struct Gather {
 }
 
 impl Gather {
-    /// Adds a measurement of `source`.
     fn push(&mut self, SourceMeasurement { at_ns, measurement }: SourceMeasurement, source: u8) {
         let first = *self.first_ns.get_or_insert(at_ns);
         if self.measurements.len() >= MAX_MEASUREMENTS {
@@ -105,7 +104,7 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
-    /// Dates fixes and headings of another clock than the attitudes' by their order; notes on them.
+    /// Dates fixes and headings of another clock by their order in the file; returns notes on them.
     fn align(&mut self) -> Vec<String> {
         let mut notes = Vec::new();
         for (kind, name) in [(1, "positions"), (2, "headings")] {
@@ -132,13 +131,13 @@ impl Gather {
             }
             let side = if middle > 0.0 { "before" } else { "after" };
             notes.push(format!(
-                "{name} are dated {:.1} s {side} the attitudes next to them: two clocks; they are dated by the order of the file",
+                "{name} are dated {:.1} s {side} the attitudes next to them: two clocks; their order in the file dates them",
                 middle.abs()
             ));
         }
         notes
     }
-    /// The recording of a decoder that counted `decoded`; `found` is what the file holds, for people.
+    /// Recording of a decoder that counted `decoded`; `found` describes the file's content.
     fn recording(
         mut self,
         origin: &str,
@@ -162,7 +161,7 @@ impl Gather {
             notes,
         })
     }
-    /// All measurements, or the reason why they are unusable; `found` describes the file's content.
+    /// All measurements, or why they are unusable; `found` describes the file's content.
     fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
         let whole = |message: String| LogError::new(origin, message);
         if self.overflowed {
@@ -193,8 +192,7 @@ impl Gather {
     }
 }
 
-/// Reads a recording and drops implausible channels with a note. `origin` names it in errors, and `mount` is the
-/// mounting of its sensors.
+/// Reads a recording from `origin` with sensors at `mount`, and drops implausible channels with a note.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let recorded = read_format(bytes, origin, mount)?;
     let (measurements, remarks) = plausible::sift(recorded.measurements);
@@ -230,7 +228,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
         return csv::read(bytes, origin, mount);
     }
     if sentences::is_nmea(head) {
-        // VectorNav's sentence has the NMEA 0183 layout, but is not supported live.
+        // VectorNav's sentence looks like NMEA 0183, but is not supported live.
         let is_vectornav = head.windows(VNINS.len()).any(|w| w == VNINS);
         let error = |e: LogError| match is_vectornav {
             true => LogError {
@@ -240,7 +238,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
             false => e,
         };
         let sentences = sentences::read(bytes, origin, mount).map_err(error);
-        // A port may have both: of a file the one counts that has more measurements.
+        // A port may send both; the format with more measurements counts.
         let is_mixed = bytes.windows(2).any(|w| w == UBX);
         let ubx = is_mixed.then(|| buses::read(Format::Ubx, bytes, origin, mount));
         return match (sentences, ubx) {
@@ -250,7 +248,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
             (Err(_), Some(Err(ubx))) if buses::format(&[Format::Ubx], head).is_some() => Err(ubx),
             (_, Some(Ok(mut ubx))) => {
                 ubx.notes
-                    .push("its sentences of NMEA 0183 have no more than its UBX, and are passed over".into());
+                    .push("its NMEA 0183 sentences add nothing to its UBX, and are ignored".into());
                 Ok(ubx)
             }
             (sentences, _) => sentences,
@@ -280,7 +278,6 @@ mod tests {
     use crate::fixtures::{damage, damaged, sentence};
     use proptest::prelude::*;
 
-    /// A table and a log of sentences, 20 s each.
     fn good() -> [Vec<u8>; 2] {
         let mut table =
             String::from("t_s,roll_deg,pitch_deg,heave_m,latitude_deg,longitude_deg,altitude_m\n");
@@ -361,7 +358,7 @@ mod tests {
 
     #[test]
     fn ubx_between_sentences() {
-        // A TXT sentence first, NAV-PVT at 5 Hz, TXT each second: as u-center records a port that has both.
+        // As u-center records a port with both: a TXT sentence, NAV-PVT at 5 Hz, TXT each second.
         let mut bytes = sentence("GNTXT,01,01,02,u-blox AG").into_bytes();
         for k in 0..100_u32 {
             let mut p = [0_u8; 92];
@@ -378,7 +375,7 @@ mod tests {
         }
         let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
         assert_eq!((r.format, r.measurements.len()), ("UBX", 100));
-        // With positions in its sentences, too, these count where they are more.
+        // Positions in the sentences count if there are more of them.
         for k in 0..200 {
             let body = format!(
                 "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
@@ -430,7 +427,7 @@ mod tests {
 
     #[test]
     fn positions_of_another_clock() {
-        // Attitudes by the server's clock; positions by a receiver's that is behind, or 1024 weeks.
+        // Attitudes dated by the server; positions dated by a receiver that is behind, also by 1024 weeks.
         for (behind, text) in [
             ("11:59:{}", "positions are dated 60.0 s before"),
             ("12:00:{}", ""),

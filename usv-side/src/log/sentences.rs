@@ -7,7 +7,7 @@ use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording, buses};
 use crate::sensors::{ANGLES, Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
 
-/// Maximum number of kinds distinguished, and of kinds named.
+/// Maximum number of kinds distinguished, and of kinds listed.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
 
@@ -66,7 +66,7 @@ impl Kinds {
             } += 1;
         }
     }
-    /// Text for display, most frequent kind first.
+    /// Counts as text, most frequent kind first.
     fn text(&self) -> String {
         let mut all: Vec<(&String, &Fate)> = self.0.iter().collect();
         all.sort_by_key(|(_, fate)| core::cmp::Reverse(fate.total()));
@@ -95,8 +95,7 @@ fn sentence(line: &[u8]) -> Option<(String, &[u8])> {
     (3..=8).contains(&end).then(|| (address.to_owned(), content))
 }
 
-/// Whether the text contains the start of a sentence (a dollar, an address of capitals, a comma), or an iKonvert
-/// sentence with NMEA 2000.
+/// Whether the text contains the start of a sentence (`$`, capitals, comma), or iKonvert's NMEA 2000.
 pub(super) fn is_nmea(head: &[u8]) -> bool {
     let mut lines = head.split(|b| *b == b'\n');
     lines.any(|line| Peeled::of(line).content.starts_with(b"!PDGY,")) || has_sentence(head)
@@ -129,7 +128,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
             ((gather, kinds), decoder) = (dated, by_counter);
         }
     }
-    // What became of each kind is counted; findings are in addition.
+    // The table already counts each kind's results, so only findings are added.
     let (carried, mut remarks) = (decoder.carried_remarks(), decoder.remarks());
     remarks.retain(|r| r.remedy.is_some() || r.text.contains(ANGLES) || carried.contains(r));
     gather.recording(origin, "NMEA 0183", &kinds.text(), decoder.decoded(), remarks)

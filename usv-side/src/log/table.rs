@@ -1,8 +1,7 @@
 //! Alight's table (CSV): a header line of known columns, then one row per line with comma-separated cells.
 //!
 //! An empty cell, or NaN, means that the quantity was not measured. A quantity may have rows of its own.
-//! `deploy/docs/sensors.md` lists the columns. Tables of other programs are converted first
-//! (`deploy/docs/recordings.md`).
+//! Columns: `deploy/docs/sensors.md`; tables of other programs: `deploy/docs/recordings.md`.
 
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use thiserror::Error;
@@ -12,7 +11,7 @@ pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
 const TIME: &str = "t_s";
 const MAX_TIME_S: f64 = 1e10;
 const MAX_ROWS: usize = 2_000_000;
-/// Maximum fraction of rows whose time equals that of the previous row. Above it, the times are too coarse.
+/// Maximum fraction of rows with the time of the previous row; above it, the times are too coarse.
 const COARSE: f64 = 0.2;
 /// Cell without a value, like an empty one.
 const NAN: &str = "nan";
@@ -26,7 +25,7 @@ const PACKED: [(&[u8], &str, &str); 5] = [
     (b"BZh", "bzip2", "bunzip2 it"),
 ];
 
-/// Quantity in a column, in the unit of the column's name.
+/// Quantity of a column, in the unit of the column's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Roll, starboard down, deg.
@@ -196,7 +195,6 @@ pub fn is_table(head: &[u8]) -> bool {
     first_line(head).split(|b| *b == b',').any(is_time)
 }
 
-/// Whether the file is text in columns of any kind.
 pub fn has_columns(head: &[u8]) -> bool {
     let is_text = |b: &u8| !b.is_ascii_control() || b.is_ascii_whitespace();
     head.iter().all(is_text) && first_line(head).iter().any(|b| b",;\t|".contains(b))
@@ -400,8 +398,7 @@ impl CsvTable {
         }
     }
 
-    /// Requires the columns of each group to occur together. Rows with a partial group are bad if some row has all of
-    /// it.
+    /// Requires the columns of each group together. A row with a partial group is bad if another row has all.
     pub fn require_together(&mut self, groups: &[&[Quantity]]) -> Result<(), TableError> {
         for group in groups {
             let there = group.iter().find(|q| self.has(**q));
@@ -439,7 +436,7 @@ impl CsvTable {
     }
 }
 
-/// Merges rows of one time with different quantities.
+/// Merges rows with one time and different quantities.
 fn joined(rows: Vec<CsvRow>) -> Vec<CsvRow> {
     let mut out: Vec<CsvRow> = Vec::with_capacity(rows.len());
     for row in rows {
@@ -493,7 +490,7 @@ mod tests {
         ] {
             assert!(e.contains(part), "{part}: {e}");
         }
-        // A roll and a heave at one time come from two sensors.
+        // Roll and heave at one time are from two sensors.
         let two: String = (0..100).map(|k| format!("{k},1,2,\n{k},,,3\n")).collect();
         let table =
             CsvTable::read(("t_s,roll_deg,pitch_deg,heave_m\n".to_owned() + &two).as_bytes()).unwrap();

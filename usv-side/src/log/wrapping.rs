@@ -11,13 +11,12 @@ const MILLIS_DIGITS: usize = 13;
 pub(super) struct Peeled<'a> {
     /// Arrival time recorded by the logger, ns since 1970.
     pub(super) arrival_ns: Option<i64>,
-    /// The line with its end.
+    /// Line with its terminator.
     pub(super) content: Cow<'a, [u8]>,
 }
 
 impl<'a> Peeled<'a> {
-    /// Removes the milliseconds and the name in a Signal K server's raw log (`milliseconds;name;line`), and the quotes
-    /// of a table cell.
+    /// Removes time and name of a Signal K raw log (`milliseconds;name;line`), or the quotes of a table cell.
     pub(super) fn of(line: &'a [u8]) -> Self {
         let (arrival_ns, rest) = match raw_log(line) {
             Some((at_ns, rest)) => (Some(at_ns), rest),
@@ -39,7 +38,7 @@ fn raw_log(line: &[u8]) -> Option<(i64, &[u8])> {
     Some((millis.checked_mul(1_000_000)?, rest))
 }
 
-/// Longest quoted cell of a line, as a separate line. Quotes inside a sentence or object belong to it.
+/// Longest quoted cell of a line, as a line. Quotes inside a sentence or object belong to it.
 fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     let first = line.iter().find(|b| matches!(b, b'"' | b'{' | b'$' | b'!'))?;
     if *first != b'"' || line.len() > MAX_QUOTED {

@@ -1,4 +1,4 @@
-//! Tests that invalid input to the node is counted, and causes neither a panic nor an unsafe message.
+//! Invalid input to the node is counted, and causes neither a panic nor an unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
@@ -76,7 +76,7 @@ fn stuck_inertial_sensor_with_a_good_one() {
     for k in 0..500 {
         step(k, &|k| vec![imu(k)]);
     }
-    // The sensor sticks with fresh stamps, and the other replaces it as after a silence.
+    // The sensor sticks with fresh stamps; the other one replaces it as after a silence.
     let both = |k: i64| vec![frozen(k), ImuSample { source: 1, ..imu(k) }];
     let mut at = (SourceCounts::default(), SourceCounts::default());
     for k in 500..700 {
@@ -120,12 +120,11 @@ fn accelerometer_that_clips_for_a_while() {
     let observed_s = filter.map(|f| f.motion.observed_s());
     assert!(
         observed_s.is_some_and(|s| s < 15.0),
-        "{observed_s:?}: the modes start again"
+        "{observed_s:?}: the identification starts again"
     );
 }
 
-/// The node of a vessel that heads north at this speed (m/s) with compasses that read `off` (second) more, rad, and an
-/// estimate of each second.
+/// Node and estimates each second of a vessel heading north at `speed` m/s, with compasses off by `off` rad.
 fn headed<const N: usize>(
     (until_s, speed): (i64, f64),
     off: impl Fn(f64) -> [f64; N],
@@ -175,7 +174,7 @@ proptest! {
     }
 }
 
-/// By its gyroscope the vessel has not turned: the compass is off, or was before.
+/// According to the gyroscope the vessel has not turned: the compass is wrong now, or was wrong before.
 #[test]
 fn compass_that_is_corrected() {
     for (speed, limit) in [(0.0, 0.35), (2.0, 0.15)] {
@@ -242,13 +241,12 @@ fn estimate_of_a_vessel_at_rest() {
         "{e:?}"
     );
     assert!(e.eta[HEAVE].abs() < 0.05 && e.eta[ROLL].abs() < 0.005 && e.eta[PITCH].abs() < 0.005);
-    // The expected numbers are those of 20 s at 30, 5 and 1 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (19..=20).contains(&predictions));
     assert_eq!(n.rejected(), Rejections::default());
 }
 
-/// Height above the ellipsoid and its standard deviation, m, of the last estimate in `ticks` at rest with these fixes.
+/// Height above the ellipsoid and its standard deviation, m, after `ticks` at rest with these fixes.
 fn height_of(
     n: &mut VesselNode,
     ticks: core::ops::Range<i64>,
@@ -273,12 +271,11 @@ fn height_whose_reference_is_uncertain() {
         height_spread: 3.0,
         ..g
     };
-    // The error is common to all fixes and does not average out.
+    // An error common to all fixes does not average out.
     let mut n = node();
     let [_, sd] = height_of(&mut n, 0..6000, |g| vec![uncertain(g)]);
     assert!((3.0..3.5).contains(&sd), "{sd}");
-    // A receiver that reports the height above the ellipsoid is more accurate, and the uncertain one does not bias the
-    // height.
+    // A better receiver, with heights above the ellipsoid, is not biased by the uncertain one.
     let [height, sd] = height_of(&mut n, 6000..12_000, |g| {
         let up = GnssFix {
             source: 2,
@@ -288,7 +285,6 @@ fn height_whose_reference_is_uncertain() {
         vec![g, up]
     });
     assert!(sd < 1.2 && (height - 0.0).abs() < 1.0, "{height} +- {sd}");
-    // Without that receiver, only the uncertain one remains.
     let [_, sd] = height_of(&mut n, 12_000..13_500, |g| vec![uncertain(g)]);
     assert!((3.0..4.0).contains(&sd), "{sd}");
 }
@@ -336,8 +332,8 @@ fn lateral_push_observed_by_gnss_only() {
     assert_eq!(n.estimator.outliers().restarts, 0);
 }
 
-/// Angular frequency of the strongest roll mode, rad/s, identified with an inertial sensor of this rate on a vessel
-/// that rolls by 0.1 rad with a period of 2.5 s; the sensor is silent in these ticks.
+/// Frequency of the strongest roll mode, rad/s, identified at this inertial rate on a vessel that rolls by
+/// 0.1 rad at 2.5 s; the sensor is silent in these ticks.
 fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
     let omega = 2.0 * core::f64::consts::PI / 2.5;
     let mut n = node();
@@ -372,8 +368,7 @@ fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
     most.map_or(f64::NAN, |m| m.pole.im.abs())
 }
 
-/// The identification assumes the actual sampling step: pairs of 50 Hz samples, 40 ms apart, taken for 20 ms would give
-/// frequencies one fifth too high.
+/// Pairs of 50 Hz samples are 40 ms apart; taken for 20 ms, they would give frequencies a fifth too high.
 #[test]
 fn identified_frequency_at_any_inertial_rate() {
     for rate_hz in [20, 50, 80, 100, 125, 400] {
@@ -382,7 +377,7 @@ fn identified_frequency_at_any_inertial_rate() {
     }
 }
 
-/// A gap must not restart the motion record, which would leave no known mode for 5.7 s.
+/// A gap must not restart the motion record, which would leave no mode for 5.7 s.
 #[test]
 fn modes_half_a_second_after_an_inertial_gap() {
     for gap in [20, 50, 90] {
@@ -391,8 +386,7 @@ fn modes_half_a_second_after_an_inertial_gap() {
     }
 }
 
-/// Measurements of a vessel on a circle at 2 m/s and 0.05 rad/s that rolls by 3 deg with a period of 2.5 s about a heel
-/// of 3 deg.
+/// Measurements on a circle at 2 m/s and 0.05 rad/s, rolling by 3 deg at 2.5 s about a heel of 3 deg.
 fn circling(k: i64) -> Readings {
     let (speed, turn, omega) = (2.0, 0.05, 2.0 * core::f64::consts::PI / 2.5);
     let t = k as f64 * 1e-2;
@@ -417,8 +411,8 @@ fn circling(k: i64) -> Readings {
     input
 }
 
-/// In a turn, the recent mean trim differs from the present heel, and the mean velocity from the present one. The
-/// prediction still starts at the estimate, and its interval covers the later position.
+/// In a turn the mean trim and velocity are not the present ones. The prediction still starts at the
+/// estimate, and its interval covers the later position.
 #[test]
 fn prediction_that_begins_at_the_estimate() {
     let mut n = node();
@@ -435,7 +429,7 @@ fn prediction_that_begins_at_the_estimate() {
             alight_shared::frames::wrap_angle(a - b)
         }
     };
-    // Estimate at a time; the newest sample of the identification is up to a tenth of a second old.
+    // Estimate at a time; the identification's newest sample is up to 0.1 s old.
     let at = |t: Time<VesselClock>| -> Option<[f64; 6]> {
         let k = estimates.partition_point(|e| e.header.at <= t);
         let (a, b) = (estimates.get(k.checked_sub(1)?)?, estimates.get(k)?);
@@ -455,7 +449,7 @@ fn prediction_that_begins_at_the_estimate() {
             let limit = if d < 3 { 0.02 } else { 4e-3 };
             assert!(
                 off.abs() < limit,
-                "{:?}: degree of freedom {d} starts {off} off",
+                "{:?}: the start of degree of freedom {d} is off by {off}",
                 p.header.at
             );
         }
@@ -507,7 +501,6 @@ fn output_before_all_sensors_and_after_imu_loss() {
         let out = n.step(time(k), &VesselIn::default());
         assert!(k < 505 || out.estimate.is_none(), "{k}");
     }
-    // The estimate returns.
     let mut back = false;
     for k in 700..900 {
         back |= n.step(time(k), &rest(k).into()).estimate.is_some();
@@ -565,7 +558,6 @@ fn time_replies() {
 fn modes_of_identified_motion() {
     let mut n = node();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    // An inertial sensor always has noise.
     let mut noisy =
         |v: f64, sd: f64| v + sd * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
     let modes: Vec<usize> = (0..3000)
@@ -651,7 +643,7 @@ proptest! {
                 prop_assert!(p.check().is_ok());
             }
         }
-        // The estimate has returned to the vessel at rest, or is not published.
+        // The estimate is back at the vessel at rest, or withheld.
         let mut last = None;
         for k in 700..2200 {
             last = n.step(time(k), &rest(k).into()).estimate.or(last);

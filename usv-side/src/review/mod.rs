@@ -1,7 +1,6 @@
 //! Offline evaluation of a recording with the vessel's node.
 //!
-//! The truth of a recording is unknown. The evaluation uses the filter's innovations, and compares the node's
-//! predictions with its own later estimates.
+//! Without a known truth, it uses the filter's innovations, and compares predictions with later estimates.
 
 mod predictions;
 pub mod ridge;
@@ -24,41 +23,39 @@ pub use predictions::{HORIZONS_S, PredictionReview};
 
 /// Step of the node, as in the vessel's process.
 const TICK: Span = Span::from_millis(10);
-/// Silence of all sources that is skipped instead of stepped through, s.
+/// Silence of all sources that is skipped, s.
 const JUMP_S: f64 = 5.0;
-/// Number of following measurements among which one must return to the former time for a lead to count as an outlier.
+/// Number of measurements after a lead of which one must return to the former time if it is an outlier.
 const LOOK_AHEAD: usize = 20;
-/// Start of the evaluation, s: the record length needed to identify the sea. A shorter recording is evaluated after its
-/// first third.
+/// Start of the evaluation, s, by which the sea is identified; after a third of a shorter recording.
 const WARM_UP_S: f64 = 60.0;
-/// Minimum length of a gap in usual steps, but at least `GAP_S`, s.
+/// Minimum length of a gap in usual steps, and in s.
 const GAP_STEPS: f64 = 5.0;
 const GAP_S: f64 = 0.3;
-/// Standard deviations of assumed position and velocity without a recorded receiver, m, m/s: a boat on station.
+/// Standard deviations of assumed position and velocity without a receiver, m, m/s: a boat on station.
 const STANDING_SD: [f64; 2] = [5.0, 1.0];
-/// Standard deviation of an assumed heading without a recorded sensor, rad.
+/// Standard deviation of an assumed heading without a sensor, rad.
 const UNKNOWN_HEADING_SD: f64 = 0.2;
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SourceReview {
-    /// Kind of measurement, of [`KINDS`].
+    /// Kind of measurement from [`KINDS`].
     pub kind: &'static str,
     /// Number of the source within its kind.
     pub source: usize,
     pub samples: u64,
     /// Usual rate (median step), Hz.
     pub rate_hz: f64,
-    /// Number of silences that are longer than five usual steps and longer than 0.3 s.
+    /// Number of silences longer than five usual steps and 0.3 s.
     pub gaps: u64,
     pub longest_gap_s: f64,
-    /// Use of the measurements by the node.
     #[serde(flatten)]
     pub counts: SourceCounts,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SeaReview {
-    /// Median of the significant height, 4 standard deviations of heave, m; None if heave is not observable.
+    /// Median significant height (4 standard deviations of heave), m; None if heave is not observable.
     pub significant_height_m: Option<f64>,
     /// Median period of the strongest mode, s.
     pub peak_period_s: Option<f64>,
@@ -107,8 +104,7 @@ pub struct Review {
     /// Standard deviation of heave (m), roll and pitch (deg) of the estimates.
     pub motion_sd: [Option<f64>; 3],
     pub sea: SeaReview,
-    /// Courses at the end, last one first: the deck's motion and the probability of a landing. Empty if the wave
-    /// directions are unknown.
+    /// Courses at the end, last one first, with their probabilities; empty if wave directions are unknown.
     pub courses: Vec<CourseOutlook>,
     pub innovations: Vec<FitReview>,
     pub predictions: Vec<PredictionReview>,
@@ -181,7 +177,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     }
 }
 
-/// Measurements that are not dated far ahead of the following ones.
+/// Measurements without those dated far ahead of the following ones.
 fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
     let mut newest: Option<Time<VesselClock>> = None;
     let mut out = Vec::with_capacity(all.len());
@@ -212,7 +208,6 @@ fn heave_is_observable(all: &[&Measurement]) -> bool {
     })
 }
 
-/// Assumed measurements in place of missing sensors.
 struct Substitute {
     next: Time<VesselClock>,
     place: bool,

@@ -26,7 +26,7 @@ pub struct PredictionReview {
     pub count: u64,
     /// Root mean square difference from the later estimate, per horizon.
     pub rms: [f64; 3],
-    /// RMS of a ridge regression on the estimates of the last two minutes; None if it makes no prediction.
+    /// RMS of a ridge regression on the estimates of the last two minutes; None without a prediction.
     pub ridge_rms: [Option<f64>; 3],
     /// RMS of holding the last estimate.
     pub hold_rms: [f64; 3],
@@ -41,7 +41,6 @@ struct Pending {
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
-    /// Prediction of the regression for roll, pitch and height.
     ridge: Option<[f64; 3]>,
 }
 
@@ -55,7 +54,6 @@ struct Sums {
     ridge_squares: [f64; 3],
 }
 
-/// Pending predictions, and errors of past ones.
 #[derive(Default)]
 pub(super) struct Predictions {
     pending: VecDeque<Pending>,

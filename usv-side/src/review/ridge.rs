@@ -1,7 +1,7 @@
 //! Model-free reference predictor: ridge regression on the node's published estimates.
 //!
-//! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
-//! ahead (Hoerl and Kennard 1970). The fit uses the last 120 s.
+//! Roll, pitch, heave and their rates at 24 lags over 5.6 s predict roll, pitch and heave one horizon ahead
+//! (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
 use alight_shared::msg::VesselEstimate;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -50,7 +50,6 @@ impl PublishedMotion {
             ],
         );
     }
-    /// Adds a motion later than its predecessors.
     pub fn push_motion(&mut self, at: Time<VesselClock>, motion: RollPitchHeave) {
         self.times.push(at);
         self.values.push(motion);
@@ -75,7 +74,7 @@ impl PublishedMotion {
     }
 }
 
-/// Estimates published until a given time.
+/// Estimates published until a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     times: &'a [Time<VesselClock>],
@@ -83,8 +82,7 @@ pub struct Past<'a> {
 }
 
 impl Past<'_> {
-    /// Motion at time `t`: cubic between two estimates, extrapolated by the rates after the last; None before the
-    /// first.
+    /// Motion at `t`: cubic between estimates, by the rates after the last; None before the first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
@@ -115,8 +113,7 @@ pub struct Ridge {
 }
 
 impl Ridge {
-    /// Fits to estimates published in the two minutes before `t` and not before `valid_from`, for these horizons (s). None
-    /// if there are too few.
+    /// Fits for these horizons (s) to two minutes of estimates before `t` since `valid_from`; None: too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,
@@ -198,12 +195,12 @@ impl Ridge {
 pub struct RefittedRidge {
     began: Time<VesselClock>,
     horizons_s: Vec<f64>,
-    /// Number of the current 10 s interval, and the fit at its start; `None` in it: the fit failed.
+    /// Number of the current 10 s interval, and the fit at its start; inner `None`: the fit failed.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 
 impl RefittedRidge {
-    /// Regression for these horizons (s) and a node that began to publish at `began`.
+    /// Regression for these horizons (s), for a node that publishes since `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,

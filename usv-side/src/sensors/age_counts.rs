@@ -1,8 +1,8 @@
-//! Ages of measurements at arrival. The estimator rejects old ones; the source's report gives the reason.
+//! Ages of measurements at arrival, for reports: the estimator rejects old ones without a reason.
 
 use super::Remark;
 
-/// Number of late measurements among the newest 32 above which lateness is not an isolated delay of the line.
+/// Number of late measurements among the newest 32 above which the cause is not a single delay.
 const OFTEN: u32 = 8;
 
 /// Ages of one kind of measurement of a source.
@@ -15,12 +15,12 @@ pub(super) struct AgeCounts {
     late: u64,
     /// Age of the newest late measurement, s.
     age_s: f64,
-    /// Bit mask of the late ones among the newest measurements.
+    /// Bit mask of the newest measurements; set if late.
     lately: u32,
 }
 
 impl AgeCounts {
-    /// No measurements yet; `max_s` is the maximum accepted age, s.
+    /// `max_s`: maximum accepted age, s.
     pub(super) fn new(kind: &'static str, max_s: f64) -> Self {
         AgeCounts {
             kind,
@@ -47,13 +47,13 @@ impl AgeCounts {
             return None;
         }
         let text = format!(
-            "{}: {} of {} came more than {} s after their time, the newest of them {:.1} s: too old (vessel.{}.max_age_s)",
+            "{}: {} of {} arrived more than {} s after their time, the newest of them {:.1} s: too old (vessel.{}.max_age_s)",
             self.kind, self.late, self.count, self.max_s, self.age_s, self.kind
         );
         Some(if self.lately.count_ones() >= OFTEN {
             Remark::fault(
                 text,
-                "let the source send what is of one time together and at once: fewer sentences, a faster line",
+                "let the source send everything of one time at once: fewer sentences, a faster line",
             )
         } else {
             Remark::fine(text)
@@ -77,7 +77,7 @@ mod tests {
         assert!(remark.remedy.is_some());
         assert!(
             remark.text.starts_with(
-                "gnss: 17 of 65 came more than 0.6 s after their time, the newest of them 1.0 s"
+                "gnss: 17 of 65 arrived more than 0.6 s after their time, the newest of them 1.0 s"
             ),
             "{remark:?}"
         );

@@ -1,10 +1,10 @@
 //! Measurements from the devices of a boat's network: heading, rate of turn, attitude, heave, position, velocity.
 //!
-//! Several devices may send the same group. The first device is used until the configuration selects another or another
-//! proves better ([`devices`]); while the device in use is silent, another replaces it. Related values come from one
-//! device: positions and whole fixes are one group, and the velocity is taken from the receiver that provides the
-//! positions, unless a device is selected for it. Positions arrive ten times per second without a height, and whole
-//! fixes once per second with a height. The height is attached to the next quick position, which is newer.
+//! Several devices may send one group. The first is used until another is selected by the configuration or
+//! proves better ([`devices`]); another replaces it while it is silent. Related values come from one device:
+//! positions and whole fixes are one group, and unless a device is selected for the velocity, it comes from
+//! the receiver of the positions. Positions arrive ten times per second without a height, whole fixes once
+//! per second; their height is attached to the next quick position.
 
 mod devices;
 mod network;
@@ -22,7 +22,7 @@ pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, TILTS, TURNS, is_near}
 use devices::{RATES, VELOCITIES};
 pub(super) use network::{Devices, Variations};
 
-/// Maximum age of a whole fix whose quality and height are used, ns; whole fixes have a period of one second.
+/// Maximum age of a whole fix whose quality and height are used, ns; their period is one second.
 const FIX_NS: i64 = 2_500_000_000;
 /// Factor on the standard deviation of a fix that its receiver marks with caution. Chosen.
 const CAUTION: f64 = 3.0;
@@ -32,7 +32,6 @@ const VARIATION_SD: f64 = 0.007;
 /// Newest value from a device, and its time, ns.
 pub(super) type LatestValue<T> = Option<(T, i64)>;
 
-/// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
     /// Heading relative to true or magnetic north (rad), with the compass's own variation and deviation.
@@ -89,7 +88,6 @@ impl GnssReport {
 }
 
 impl Content {
-    /// Index of the content's group.
     pub(super) const fn group(&self) -> usize {
         match self {
             Content::Heading { .. } => 0,
@@ -128,15 +126,14 @@ pub(super) struct SensorBus {
     rate: LatestValue<f64>,
     rates: LatestValue<[f64; 3]>,
     heave: LatestValue<f64>,
-    /// Newest velocity, with its device.
     velocity: LatestValue<([f64; 2], u32)>,
     fix: LatestValue<(GnssReport, u32)>,
-    /// The height of the newest whole fix has not been attached to a position yet.
+    /// The newest height has not been attached to a position yet.
     height_due: bool,
     /// Device and time of the last position without a height.
     quick: LatestValue<u32>,
     geoid: LocalGeoid,
-    /// Number of heights that can only be above the sea, and number of all heights.
+    /// Number of heights that are only plausible above the sea, and of all heights.
     above_sea: u64,
     heights: u64,
     /// Number of whole fixes marked with caution, and number of all whole fixes.
@@ -145,7 +142,6 @@ pub(super) struct SensorBus {
 }
 
 impl SensorBus {
-    /// No values yet, for devices with this mounting.
     pub(super) fn new(mounting: &Mounting) -> Self {
         SensorBus {
             mounting: mounting.clone(),
@@ -153,12 +149,11 @@ impl SensorBus {
             ..SensorBus::default()
         }
     }
-    /// Names a device: the name under which it sends, and the name that it claimed (or empty). The caller limits the
-    /// number of devices.
+    /// Names a device as it sends, and as it claimed (or empty). The caller limits the number of devices.
     pub(super) fn name(&mut self, device: u32, names: [&str; 2]) {
         self.devices.names.insert(device, names);
     }
-    /// Measurements from a message of `device`, possibly combined with earlier messages.
+    /// Measurements from a message of `device`, combined with earlier messages.
     pub(super) fn take(
         &mut self,
         device: u32,
@@ -179,7 +174,6 @@ impl SensorBus {
         }
         Ok(given)
     }
-    /// Evaluates a message as evidence for or against its device.
     fn observe(&mut self, device: u32, at_ns: i64, content: &Content) {
         let k = content.group();
         if let Content::Variation(variation)
@@ -210,7 +204,7 @@ impl SensorBus {
             places.note_part(device, part, at_ns);
         }
     }
-    /// Value and standard deviation of a message. None if the value is magnetic and the variation is unknown.
+    /// Value and standard deviation of a message; None if magnetic without a known variation.
     fn sample(&self, device: u32, content: &Content) -> Option<DeviceSample> {
         let mounting = &self.mounting;
         let (value, sd, stated_sd) = match content {
@@ -245,8 +239,7 @@ impl SensorBus {
         };
         Some(DeviceSample { value, sd, stated_sd })
     }
-    /// Angle to add to an angle measured from true or magnetic north to refer it to true north, rad. Uses the variation
-    /// of the device, or that of the network.
+    /// Angle to add to refer an angle to true north, rad: the device's variation, or the network's.
     fn north(
         &self,
         device: u32,
@@ -292,7 +285,7 @@ impl SensorBus {
             Content::Gnss(fix) => {
                 (self.fix, self.height_due) = (Some(((fix, device), at_ns)), true);
                 (self.fixes, self.cautions) = (self.fixes + 1, self.cautions + u64::from(fix.caution));
-                // If there are quick positions, they carry the height.
+                // Quick positions, if any, carry the height.
                 if paired(self.quick, at_ns, PAIR_NS) != Some(device) {
                     return self.position(at_ns, fix.place, device).map(Some);
                 }
@@ -320,7 +313,7 @@ impl SensorBus {
             ..self.mounting.tilt([roll, pitch])
         })
     }
-    /// Fix with the matching velocity and quality, and with the height if that has not been used yet.
+    /// Fix with the matching velocity and quality, and with a height that is not used yet.
     fn position(
         &mut self,
         at_ns: i64,
@@ -357,10 +350,10 @@ impl SensorBus {
         );
         Ok(Measurement::Gnss(GnssFix { height_spread, ..fix }))
     }
-    /// Height above the ellipsoid from a receiver's altitude, and its spread, m. The altitude should be above the
-    /// ellipsoid, but some receivers send it above the sea. At sea an antenna is above the water and below the top of a
-    /// mast, so usually only one interpretation is possible; otherwise the difference becomes the spread. The height of
-    /// the sea is as stated by the receiver, unless that cannot be the geoid (0 means that it states none).
+    /// Height above the ellipsoid from a receiver's altitude, and its spread, m. Some receivers send it above
+    /// the sea. An antenna is between the water and the top of a mast, so usually one interpretation is
+    /// possible; otherwise their difference is the spread. The height of the sea is as stated, unless that
+    /// cannot be the geoid (0: none).
     fn height(&mut self, place: &Datum, altitude: f64, stated: Option<f64>) -> (f64, f64) {
         let geoid = self.geoid.at(place);
         let stated = stated.filter(|s| *s != 0.0 && (s - geoid.height_m).abs() <= DOUBTFUL_M);
@@ -387,12 +380,12 @@ impl SensorBus {
                     "{} of {} whole fixes are marked with caution by their receiver, and count {CAUTION} times less accurate",
                     self.cautions, self.fixes
                 ),
-                "see to the antenna's view of the sky, and to interference",
+                "check the antenna's view of the sky, and look for interference",
             ));
         }
         if self.above_sea > 0 {
             all.push(Remark::fine(format!(
-                "height: {} of {} can only be above the sea, and are taken so",
+                "height: {} of {} are only plausible above the sea, and are used as such",
                 self.above_sea, self.heights
             )));
         }

@@ -1,4 +1,4 @@
-//! Configuration of a vessel's sources: mounting, format, and accuracy if the source does not state its own.
+//! Configuration of a vessel's sources: format, mounting, and accuracy where a source states none.
 
 use alight_shared::config;
 use alight_shared::config::{ConfigError, Keys};
@@ -26,10 +26,10 @@ pub enum HeaveSign {
 }
 
 config! {
-    /// Device of a boat's network that is used for each quantity, as in a plotter's menu. NMEA 2000: its address, "0"
-    /// to "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. NMEA 0183: its talker,
-    /// "HE", or the name of a proprietary sentence, "PASHR". Empty: the first device, until another proves better.
-    /// While a selected device is silent, another replaces it.
+    /// Device of a boat's network for each quantity. NMEA 2000: its address, "0" to "253", or its NAME, "0x"
+    /// and up to 16 hexadecimal digits. Signal K: its `$source`. NMEA 0183: its talker, "HE", or a
+    /// proprietary sentence, "PASHR". Empty: the first device, until another proves better. While a selected
+    /// device is silent, another replaces it.
     pub struct BusDevices {
         /// Device of the heading.
         pub heading: String = String::new();
@@ -84,15 +84,15 @@ impl BusDevices {
 
 /// Highest address of a device on NMEA 2000; higher ones are reserved.
 pub(super) const MAX_ADDRESS: u8 = 253;
-/// Longest name of a device, characters.
+/// Maximum length of a device's name, characters.
 pub(super) const MAX_DEVICE_NAME: usize = 64;
 
-/// Whether a text is the address of an NMEA 2000 device, without leading zeros.
+/// Whether a text is an NMEA 2000 address, without leading zeros.
 fn is_address(text: &str) -> bool {
     text.parse::<u8>()
         .is_ok_and(|a| a <= MAX_ADDRESS && a.to_string() == text)
 }
-/// NAME of an NMEA 2000 device (ISO 11783-5, 64 bits). None for other texts.
+/// NAME of an NMEA 2000 device (ISO 11783-5, 64 bits).
 pub(super) fn device_name(text: &str) -> Option<u64> {
     let digits = text.strip_prefix("0x").or(text.strip_prefix("0X"))?;
     let is_hexadecimal = digits.bytes().all(|b| b.is_ascii_hexdigit());
@@ -102,8 +102,8 @@ pub(super) fn device_name(text: &str) -> Option<u64> {
 config! {
     /// Position, orientation and accuracy of a source's sensors.
     pub struct Mount {
-        /// Orientation of the inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. Equals the
-        /// sensor's reading while the vessel lies level and heads north.
+        /// Orientation of the inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. This is
+        /// its reading while the vessel lies level and heads north.
         pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
         /// Position of the inertial sensor in the vessel's body frame, m; defaults to `vessel.imu.lever_arm_m`.
         #[serde(skip_serializing_if = "Option::is_none")]
@@ -118,11 +118,11 @@ config! {
         /// Standard deviation of roll and pitch, deg.
         /// Chosen: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
         pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
-        /// Positive direction of heave: up, down, or none if it is not measured.
+        /// Positive direction of heave: up, down, or none if not measured.
         pub heave: HeaveSign = HeaveSign::Up;
-        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the stream, not
-        /// to the previous one. Applies to recordings, and live until the pauses between arrivals show the order.
-        /// Source: most receivers start an epoch with a sentence that has its time.
+        /// Sentences without a time (HDT, THS, ROT, VTG, PRDID) belong to the next time, not to the previous
+        /// one. Applies to recordings, and live until pauses between arrivals show the order.
+        /// Source: most receivers start an epoch with a sentence that has a time.
         pub untimed_lead: bool = false;
         /// Standard deviation of heave, m.
         /// Source: data sheets of motion sensors, 0.05 m or 5 %.
@@ -170,8 +170,8 @@ impl Format {
             Format::Rtcm => Box::new(NoMeasurements),
         }
     }
-    /// Whether a datagram may come from such a source. Only complete NMEA sentences of unsupported kinds (wind sensor,
-    /// AIS) may not. Other formats may; the decoder reports them.
+    /// Whether a datagram may come from such a source: not if it has only NMEA sentences of unsupported kinds
+    /// (wind, AIS). The decoder reports other formats.
     pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {
         move |datagram| match self {
             Format::Nmea => {
@@ -189,20 +189,19 @@ config! {
     pub struct SourceConfig {
         /// Name of the source in messages to the crew.
         pub name: String = "source".into();
-        /// URL of the source: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, `can://can0`,
-        /// `ws://HOST:3000` of a Signal K server, ...
-        /// Source: NMEA over UDP as most multiplexers send it.
+        /// URL of the source: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`,
+        /// `can://can0`, `ws://HOST:3000` (Signal K), ...
+        /// Source: most multiplexers send NMEA over UDP like this.
         pub connect: String = "udpin://0.0.0.0:10110".into();
         /// Protocol of the source.
         pub format: Format = Format::Nmea;
-        /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
-        /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
+        /// The vessel's system on a MAVLink link; zero: the first that a heartbeat identifies as a boat.
+        /// Source: MAV_TYPE of the heartbeat; an autopilot set up as another vehicle needs its number here.
         pub system: u8 = 0;
-        /// File with the key for MAVLink 2 signing: a passphrase, whose SHA-256 is the key, or 64 hexadecimal digits.
-        /// If empty, nothing is signed and no signature is checked.
+        /// File with the key for MAVLink 2 signing: a passphrase, whose SHA-256 is the key, or 64 hexadecimal
+        /// digits. Empty: nothing is signed or checked.
         pub signing_key: String = String::new();
-        /// The receiver is the moving base of the drones' receivers: its RTCM 3 frames are forwarded to them. Always on
-        /// with format `rtcm`.
+        /// Forward RTCM 3 frames of this receiver, the drones' moving base. Always on with format `rtcm`.
         pub rtcm: bool = false;
         /// Minimum delay from a measurement to its arrival, s: from the data sheet, or half a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
@@ -229,7 +228,7 @@ config! {
             "empty: only MAVLink is signed",
         )?;
         let has_frames = matches!(this.format, Format::Nmea | Format::Ubx | Format::Rtcm);
-        let formats = "false: sources of nmea, ubx and rtcm alone have frames of RTCM 3";
+        let formats = "false: only sources of nmea, ubx and rtcm have RTCM 3 frames";
         at.require(!this.rtcm || has_frames, "rtcm", this.rtcm, formats)?;
         let devices = &this.mount.devices;
         devices.check_of(this.format, &at.table("mount").table("devices"))?;
@@ -237,7 +236,6 @@ config! {
 }
 
 impl SourceConfig {
-    /// Whether RTCM 3 frames are forwarded to the drones.
     pub fn is_base(&self) -> bool {
         self.rtcm || self.format == Format::Rtcm
     }
@@ -251,9 +249,9 @@ config! {
     check |this, at| {
         let most = MAX_SOURCES / 2;
         let count = this.sources.len();
-        at.require(count <= most, "sources", count, "4 sources at most")?;
+        at.require(count <= most, "sources", count, "at most 4 sources")?;
         let bases = this.sources.iter().filter(|s| s.is_base()).count();
-        let one = "one with rtcm at most: a drone's receiver has one base";
+        let one = "at most one with rtcm: a drone's receiver has one base";
         at.require(bases <= 1, "sources", format!("{bases} with rtcm"), one)?;
         this.sources
             .iter()
@@ -317,7 +315,7 @@ impl Mounting {
             HeaveSign::None => None,
         }
     }
-    /// Inertial sample from rates (rad/s) and specific force (m/s²) in the sensor's axes.
+    /// Inertial sample from rates (rad/s) and specific force (m/s²) in sensor axes.
     pub fn imu(&self, gyro: [f64; 3], force: [f64; 3]) -> ImuSample {
         ImuSample {
             gyro: self.vector(gyro),
@@ -386,7 +384,7 @@ fn configured_sd(configured: [f64; 3], own: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Roll, pitch, yaw (rad) of the quaternion w, x, y, z. None if it is not close to a unit quaternion.
+/// Roll, pitch, yaw (rad) of the quaternion w, x, y, z; None if it is not close to unit length.
 pub(crate) fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
     let [w, x, y, z] = q;
     let q = Quaternion::new(w, x, y, z);
@@ -498,7 +496,6 @@ mod tests {
             heading_offset_deg: 90.0,
             ..Mount::default()
         });
-        // Readings of a sensor with this mounting, for a vessel with this attitude.
         let vessel = Rotation3::from_euler_angles(0.2, -0.1, 2.0);
         let shown = vessel * mounting.turn;
         let (r, p, y) = shown.euler_angles();
@@ -506,7 +503,6 @@ mod tests {
         for (a, b) in back.iter().zip([0.2, -0.1, 2.0]) {
             assert!((a - b).abs() < 1e-12, "{back:?}");
         }
-        // The specific force is the same, expressed in the sensor's axes.
         let force = vessel.inverse() * Vector3::new(0.0, 0.0, -9.81);
         let measured = mounting.turn.inverse() * force;
         let turned = Vector3::from(mounting.vector(measured.into()));

@@ -1,21 +1,18 @@
-//! Heights above the ellipsoid from heights above the sea, by the receiver's own separation or by a geoid model.
+//! Heights above the ellipsoid from heights above the sea, by a receiver's separation or a geoid model.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid::{LocalGeoid, Undulation};
 
 use super::Remark;
 
-/// Minimum difference between a stated separation and the geoid model at which the stated separation is invalid, m. The
-/// coarsest tables are wrong by 22.5 m.
+/// Difference from the geoid model that makes a separation invalid, m; the coarsest tables err by 22.5 m.
 pub(super) const DOUBTFUL_M: f64 = 25.0;
 
-/// Range of an antenna's height above mean sea level, m: from low water (and a geoid error of some metres) to a mast at
-/// high water.
+/// Height of an antenna above mean sea level, m: low water (and geoid error) to a mast at high water.
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
-/// Distance of the sea from the ellipsoid above which a stated separation of exactly zero is taken as a default value,
-/// m.
+/// Sea minus ellipsoid above which a stated separation of exactly zero is a default value, m.
 const ZERO_M: f64 = 2.0;
-/// Difference between two separations, m, and number of changes between them, from which two receivers are inferred.
+/// Difference between separations, m, and number of changes, that show two receivers.
 const APART_M: f64 = 2.0;
 const CHANGES: u32 = 5;
 
@@ -41,10 +38,10 @@ pub(super) struct EllipsoidHeights {
 }
 
 impl EllipsoidHeights {
-    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's own separation is used,
-    /// since its height above the sea is based on it. If it cannot be a geoid, the difference from the model is the
-    /// spread. A separation of exactly zero is ignored if `above_m`, the height sent with it, is plausible for a boat's
-    /// antenna above the sea; otherwise the case is undecided.
+    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is
+    /// used, on which its height is based; if that cannot be a geoid, the spread is the difference from the
+    /// model. A separation of exactly zero is ignored if `above_m`, sent with it, is plausible above the sea,
+    /// and otherwise undecided.
     pub(super) fn separation(&mut self, place: &Datum, above_m: f64, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
         let is_zero = stated == Some(0.0) && model.height_m.abs() > ZERO_M;
@@ -77,7 +74,7 @@ impl EllipsoidHeights {
         if let Some((a, b)) = self.apart.filter(|_| self.changes >= CHANGES) {
             return Some(Remark::fault(
                 format!(
-                    "height: the sea's height above the ellipsoid is stated as {a:.1} m and as {b:.1} m in turn: two receivers"
+                    "height: the sea's height above the ellipsoid alternates between {a:.1} m and {b:.1} m: two receivers"
                 ),
                 "let one of them send heights alone",
             ));
@@ -95,9 +92,9 @@ impl EllipsoidHeights {
         if self.modelled > 0 {
             let Undulation { height_m, sigma_m } = self.model;
             let zeros = match self.zeros {
-                0 => "do not give the sea's height above the ellipsoid".to_owned(),
+                0 => "do not state the sea's height above the ellipsoid".to_owned(),
                 n => format!(
-                    "give no height of the sea above the ellipsoid, or ({n}) exactly 0, which is none"
+                    "state no height of the sea above the ellipsoid, or ({n}) exactly 0, which is invalid"
                 ),
             };
             return Some(Remark::fault(
@@ -106,15 +103,12 @@ impl EllipsoidHeights {
                     self.modelled,
                     self.modelled + self.stated
                 ),
-                "let the receiver state its geoid separation (GGA, field 11): the height is uncertain by so much",
+                "let the receiver state its geoid separation (GGA, field 11); until then the height is uncertain by this much",
             ));
         }
         if self.stated == 0 && self.flat > 0 {
             return Some(Remark::fault(
-                format!(
-                    "height: none of {} fixes has one, and it stays unknown",
-                    self.flat
-                ),
+                format!("height: none of {} fixes has one, so it stays unknown", self.flat),
                 "let the receiver send GGA or GNS",
             ));
         }

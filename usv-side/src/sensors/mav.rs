@@ -17,11 +17,10 @@ use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Minimum time between two headings of an autopilot's filter that are used, ns. Headings in between repeat
-/// information.
+/// Minimum time between two used headings of an autopilot's filter, ns; those in between repeat information.
 const HEADING_STEP_NS: i64 = 200_000_000;
-/// Fraction of a receiver's stated error that changes within a minute (ours), and the horizontal and vertical error of
-/// a receiver that states none, m.
+/// Fraction of a receiver's error that changes within a minute (ours), and error of a receiver that states
+/// none, horizontal and vertical, m.
 const FAST_FRACTION: f64 = 0.3;
 const POSITION_SD: [f64; 2] = [2.0, 4.0];
 /// Velocity standard deviation of a receiver that states none, m/s.
@@ -37,10 +36,9 @@ const WANTED: [(u32, f32); 6] = [
     (EKF_STATUS_REPORT.0, 1_000_000.0),
 ];
 const ESTIMATOR_STATUS: u32 = 230;
-/// First flag of the estimator's status, and of ArduPilot's report: attitude valid.
+/// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
 const ATTITUDE_GOOD: u16 = 1;
-/// Number of attitudes rejected after a report without that flag: 10 s at 25 Hz. A report with the flag ends the
-/// rejection.
+/// Attitudes rejected after a report without that flag (10 s at 25 Hz), until a report with it.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;
@@ -62,7 +60,7 @@ pub struct MavlinkDecoder {
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
-    /// Number of attitudes still to be rejected because of the estimator's newest report.
+    /// Number of attitudes still to be rejected after the estimator's newest report.
     unfit: u16,
     account: Account,
     requests: u32,
@@ -86,7 +84,7 @@ impl MavlinkDecoder {
         }
     }
 
-    /// Selects the system with this number; zero for the first one whose type is a boat.
+    /// Selects this system; zero: the first whose type is a boat.
     pub fn of_system(self, system: u8) -> Self {
         MavlinkDecoder {
             systems: Systems::new(Some(system).filter(|s| *s > 0)),
@@ -150,7 +148,6 @@ impl MavlinkDecoder {
         self.account.leave_out(name, why);
         Some(())
     }
-    /// Processes the newest status report of the estimator.
     fn estimator(&mut self, flags: u16) -> Option<()> {
         self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
         Some(())
@@ -279,8 +276,7 @@ impl MavlinkDecoder {
     }
 
     fn odometry(&mut self, at_ns: i64, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
-        // Fields: position, attitude, velocity, rates, two covariances, frames. They are in NED, or the velocity is in
-        // body axes.
+        // Position, attitude, velocity, rates, two covariances, frames; in NED, or the velocity in body axes.
         let (frame, child) = (p.u8(228), p.u8(229));
         let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
             (p.floats(8), p.floats(20), p.floats(36));
@@ -406,7 +402,7 @@ impl SensorDecoder for MavlinkDecoder {
     }
 }
 
-/// Offsets of fields in the messages of the two receivers.
+/// Field offsets in the messages of both receivers.
 struct Receiver {
     /// Names of the message and of its heading.
     names: [&'static str; 2],
@@ -416,7 +412,6 @@ struct Receiver {
     accuracy: usize,
     yaw: usize,
 }
-/// `GPS_RAW_INT`.
 const FIRST: Receiver = Receiver {
     names: ["GPS_RAW_INT", "GPS_RAW_INT-yaw"],
     speed: 24,
@@ -425,7 +420,6 @@ const FIRST: Receiver = Receiver {
     accuracy: 34,
     yaw: 50,
 };
-/// `GPS2_RAW`.
 const SECOND: Receiver = Receiver {
     names: ["GPS2_RAW", "GPS2_RAW-yaw"],
     speed: 28,

@@ -1,7 +1,6 @@
-//! Sensors of a real vessel: converts their bytes into measurements of the vessel, with time of measurement.
+//! Sensors of a real vessel: bytes to measurements of the vessel, with time of measurement.
 //!
-//! The time of a measurement comes from the source's own clock. The time of arrival only determines the offset between
-//! the source's clock and the vessel's.
+//! The source's clock dates a measurement; the arrival only determines the offset of that clock.
 
 mod age_counts;
 mod bus;
@@ -52,20 +51,18 @@ impl Readings {
             Measurement::Attitude(m) => self.attitude.push(m),
         }
     }
-    /// Collects the measurements of these messages.
     pub fn of<'a>(messages: impl IntoIterator<Item = &'a SensorReadings>) -> Readings {
         let mut all = Readings::default();
         messages.into_iter().for_each(|m| all.append(m));
         all
     }
-    /// Adds the measurements of a message.
     pub fn append(&mut self, message: &SensorReadings) {
         self.imu.extend_from_slice(&message.imu);
         self.gnss.extend_from_slice(&message.gnss);
         self.heading.extend_from_slice(&message.heading);
         self.attitude.extend_from_slice(&message.attitude);
     }
-    /// Splits the measurements into messages, numbered from `header`: as many as the most frequent kind needs.
+    /// Messages with the measurements, numbered from `header`: as many as the most frequent kind needs.
     pub fn messages(&self, header: &mut Header<VesselClock>) -> Vec<SensorReadings> {
         fn part<T: Copy + Default, const N: usize>(all: &[T], k: usize) -> Seq<T, N> {
             Seq::filled(all.iter().skip(k * N).take(N).copied())
@@ -102,7 +99,6 @@ pub enum Measurement {
     Attitude(AttitudeFix),
 }
 
-/// Evaluates one expression for a measurement of any kind.
 macro_rules! of_any_kind {
     ($measurement:expr, $m:ident => $result:expr) => {
         match $measurement {
@@ -168,7 +164,6 @@ pub struct SourceMeasurement {
 }
 
 impl SourceMeasurement {
-    /// Creates a measurement with this source time.
     pub fn new(at_ns: i64, measurement: impl Into<Measurement>) -> Self {
         SourceMeasurement {
             at_ns,
@@ -185,9 +180,8 @@ pub trait SensorDecoder {
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>);
     /// Ends the stream and appends the measurements that this completes.
     fn finish(&mut self, _out: &mut Vec<SourceMeasurement>) {}
-    /// Decoding statistics.
     fn decoded(&self) -> Decoded;
-    /// Measurements from the last pushed bytes that have no source time; their arrival is their time.
+    /// Measurements from the last bytes without a source time; their arrival is their time.
     fn timeless(&mut self) -> Vec<Measurement> {
         Vec::new()
     }
@@ -195,20 +189,18 @@ pub trait SensorDecoder {
     fn has_clocks_by_kind(&self) -> bool {
         false
     }
-    /// Remarks on the source's bytes for the crew, in addition to the statistics.
+    /// Remarks on the source's bytes, in addition to the statistics.
     fn remarks(&self) -> Vec<Remark> {
         Vec::new()
     }
-    /// Signs requests with this key, and accepts only messages signed with it. No effect for protocols without
-    /// signatures.
+    /// Signs requests with this key and accepts only messages signed with it, if the protocol has signatures.
     fn sign(&mut self, _key: Signing) {}
-    /// Bytes to send to the source now, once per second, for sources that must be polled.
+    /// Bytes to send to a polled source now, once per second.
     fn request(&mut self) -> Option<Vec<u8>> {
         None
     }
 }
 
-/// Remark on the use of a source's bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Remark {
     /// The finding, with its values.
@@ -218,11 +210,9 @@ pub struct Remark {
 }
 
 impl Remark {
-    /// Remark without a fault.
     pub fn fine(text: String) -> Self {
         Remark { text, remedy: None }
     }
-    /// A fault that the crew should repair.
     pub fn fault(text: String, remedy: impl Into<String>) -> Self {
         Remark {
             text,

@@ -1,12 +1,12 @@
 //! NMEA 0183: decodes GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR
 //! and ZDA, and the NMEA 2000 carried by PCDIN, MXPGN and PDGY ([`carried`]).
 //!
-//! A sentence with a time opens an epoch. Sentences without a time belong to the epoch in which they arrive or to the
-//! next, depending on the pauses between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second
-//! one has no time and is counted and dropped. If several sentences of a kind arrive with each time, or no times are
-//! sent at all, the time of arrival is used. In a recording, which has no arrival times, attitudes are spread evenly up
-//! to the next time. Position and velocity of an epoch form one fix, heading and rate of turn one heading. A part that
-//! arrives less often than epochs is awaited only in the epochs that should have it ([`partner`]).
+//! A sentence with a time opens an epoch. Sentences without one belong to that epoch or the next, depending
+//! on the pauses between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second one is
+//! counted and dropped. If several sentences of a kind arrive per time, or no times at all, the arrival is
+//! the time. In a recording, without arrivals, attitudes are spread evenly up to the next time. Position and
+//! velocity of an epoch form one fix, heading and rate of turn one heading. A rarer part is awaited only in
+//! the epochs that should have it ([`partner`]).
 
 pub(super) mod account;
 mod attribution;
@@ -35,12 +35,11 @@ use carried::{Carried, CarriedMessage};
 use foreign::UbxSkip;
 use partner::Partner;
 
-/// Maximum line length, bytes: the standard allows 82; proprietary sentences are longer.
+/// Maximum line length, bytes (82 in the standard, more in proprietary sentences).
 const MAX_LINE: usize = 512;
 /// Number of magnetic headings ignored after a true heading: 2 s at 25 Hz.
 const MAX_SPARE: u8 = 50;
-/// Number of sentences without a checksum after which a stream is taken to have none (versions of the standard before 2
-/// omit them).
+/// Sentences without a checksum that show a stream without them (before version 2 of the standard).
 const UNCHECKED_STREAM: u32 = 10;
 /// Maximum time over which attitudes of a recording are spread, ns.
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
@@ -53,7 +52,7 @@ const RATE_AGE_NS: i64 = 200_000_000;
 pub struct NmeaDecoder {
     mounting: Mounting,
     lines: LineBuffer,
-    /// Number of sentences without a checksum since the start; None once a sentence had a checksum.
+    /// Sentences without a checksum since the start; None once one had a checksum.
     unchecked: Option<u32>,
     decoded: Decoded,
     account: Account,
@@ -61,7 +60,7 @@ pub struct NmeaDecoder {
     day: Rollover<DAY_NS>,
     epoch: Option<Epoch>,
     attribution: Attribution,
-    /// Sentences that precede their time, in streams where those without a time lead.
+    /// Sentences that precede their time.
     waiting: Vec<Untimed>,
     /// Attitudes of a recording after the first one of their epoch.
     spread: Vec<([f64; 2], Option<f64>)>,
@@ -76,8 +75,7 @@ pub struct NmeaDecoder {
     /// First half of an attitude in XDR: roll or pitch, rad, and the device that sent it.
     half_tilt: [Option<f64>; 2],
     half_of: Option<u32>,
-    /// Clock in use: sentence whose times are used, its newest time, ns, and its majority over sentences of another
-    /// clock.
+    /// Clock in use: sentence that sets it, its newest time, ns, and its majority over another clock.
     clock: Option<(String, i64, u8)>,
     /// Remaining bytes of a UBX message.
     ubx: UbxSkip,
@@ -85,7 +83,7 @@ pub struct NmeaDecoder {
     velocity: Partner,
     rate: Partner,
     height: Partner,
-    /// No epoch is complete yet, so it is unknown whether each epoch has a better position.
+    /// No epoch is complete yet, so it is unknown whether epochs have a better position.
     is_first: bool,
     /// Number of magnetic headings since the last true heading.
     without_true: u8,
@@ -94,7 +92,6 @@ pub struct NmeaDecoder {
     carried: Carried,
 }
 
-/// Position with its accuracy.
 #[derive(Clone, Copy, Debug)]
 struct Position {
     datum: Datum,
@@ -108,7 +105,6 @@ impl Position {
     }
 }
 
-/// Content of one epoch.
 #[derive(Clone, Debug, Default)]
 struct Epoch {
     at_ns: i64,
@@ -125,7 +121,6 @@ struct Epoch {
     tilted: bool,
 }
 
-/// Content of a sentence without a time.
 #[derive(Clone, Copy, Debug)]
 enum Untimed {
     Velocity([f64; 2]),
@@ -180,13 +175,12 @@ impl NmeaDecoder {
             carried: Carried::new(mounting),
         }
     }
-    /// Makes this the decoder for a recording without times in its sentences: the gateway's counter dates the NMEA 2000
-    /// messages.
+    /// Decoder for a recording without times: the gateway's counter dates the NMEA 2000 messages.
     pub(crate) fn by_counter(mut self) -> Self {
         self.carried.by_counter();
         self
     }
-    /// Statistics of the sentences themselves. A sentence that carries NMEA 2000 counts as good, whatever its content.
+    /// Statistics of the sentences; one that carries NMEA 2000 counts as good.
     pub(crate) fn sentences(&self) -> Decoded {
         Decoded {
             good: self.decoded.good + self.carried.sentences,
@@ -233,12 +227,11 @@ impl NmeaDecoder {
         };
         self.sentence(&frame, out);
     }
-    /// Counts a sentence of an unsupported kind.
     fn pass_over(&mut self, address: &str) {
         self.decoded.ignored += 1;
         self.account.leave_out(address, foreign::not_read(address));
     }
-    /// Processes a message of NMEA 2000. The inner None means that the order of its bytes is not known yet.
+    /// Processes an NMEA 2000 message; inner None: its byte order is not known yet.
     fn carrier(&mut self, address: &str, message: Option<Option<CarriedMessage>>) {
         match message {
             None => self.decoded.corrupted += 1,
@@ -247,7 +240,7 @@ impl NmeaDecoder {
             Some(Some(message)) => self.carried.take(message, self.attribution.now_ns),
         }
     }
-    /// Appends carried measurements after those of the sentence itself, which start at these indices.
+    /// Appends carried measurements after the sentence's own, which start at these indices.
     fn add_carried(&mut self, [dated, timeless]: [usize; 2], out: &mut Vec<SourceMeasurement>) {
         let own = out.iter().skip(dated).map(|m| m.measurement.kind());
         let own = own.chain(self.timeless.iter().skip(timeless).map(Measurement::kind));
@@ -264,8 +257,7 @@ impl NmeaDecoder {
             }
         }
     }
-    /// Frame of a sentence with a valid checksum. Without a checksum it may be truncated, so it is only accepted in
-    /// streams without checksums.
+    /// Frame of a sentence with a valid checksum, or without any in a stream that has none.
     fn frame<'a>(&mut self, sentence: &'a str) -> Option<NmeaFrame<'a>> {
         if sentence.contains('*') {
             self.unchecked = None;
@@ -326,7 +318,7 @@ impl NmeaDecoder {
         self.decoded.good += 1;
         self.left_out(address, why);
     }
-    /// Marks a sentence that was already counted as unused.
+    /// Marks a counted sentence as unused.
     fn left_out(&mut self, address: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(address, why);
@@ -446,7 +438,7 @@ impl NmeaDecoder {
         self.emit(false, out);
     }
 
-    /// Emits complete measurements. At the end of the epoch, also emits incomplete ones.
+    /// Emits complete measurements, and at the end of the epoch also incomplete ones.
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
@@ -500,8 +492,7 @@ impl NmeaDecoder {
         }
         self.spread_evenly(at_ns, next_ns, out);
     }
-    /// Dates the attitudes of a recorded epoch, except the first one, evenly between the epoch's time and the next
-    /// time.
+    /// Dates a recorded epoch's attitudes evenly between its time and the next, except the first.
     fn spread_evenly(&mut self, at_ns: i64, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         let all = core::mem::take(&mut self.spread);
         let count = all.len() as i64 + 1;

@@ -1,5 +1,4 @@
-//! Node of all sources of a vessel: converts bytes, as they arrive, into measurements on the vessel's clock, with
-//! statistics of each source.
+//! Node of all sources of a vessel: bytes to measurements on the vessel's clock, and source statistics.
 
 use alight_shared::bus::wiring;
 use alight_shared::estimation::SourceClock;
@@ -21,34 +20,32 @@ use super::{
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
 
-/// Maximum number of bytes of a source in one step; the rest is lost, and counted.
+/// Maximum number of bytes of a source per step; the rest is lost and counted.
 pub const MAX_STEP_BYTES: usize = 1 << 16;
 /// Number of sources of one kind within one byte stream (two receivers of an autopilot).
 const WITHIN: u8 = 2;
-/// Prefixes of remarks for the sources within one stream: an autopilot's second receiver, and its odometry.
+/// Prefixes of remarks on the parts of one stream: the second receiver and the odometry of an autopilot.
 const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
-/// Threshold above which a time is counted from 1970 rather than from the source's start, ns.
+/// Threshold above which a time is since 1970, not since the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
-/// Interval between requests to a source that must be polled.
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
-/// Bytes of each source since the last step, in the order of the configuration.
+/// Bytes of each source since the last step, in configured order.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsIn {
-    /// One entry per source.
     pub bytes: Vec<Vec<u8>>,
-    /// Measurements of sources whose driver provides them.
+    /// Measurements from drivers that decode their sources themselves.
     pub samples: Vec<Vec<SourceMeasurement>>,
 }
 
 /// Measurements, RTCM frames, and requests to sources.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsOut {
-    /// For the vessel's process.
+    /// Measurements for the vessel's process.
     pub readings: Vec<SensorReadings>,
     /// Frames of a moving base, for the vessel's process.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
-    /// Index of a source, and the bytes to send to it.
+    /// Bytes to send, with the index of the source.
     pub requests: Vec<(usize, Vec<u8>)>,
 }
 
@@ -67,15 +64,13 @@ struct Source {
     /// RTCM frames, if the source is a moving base.
     rtcm: Option<RtcmTraffic>,
     latency: Span,
-    /// Clocks for times counted from the source's start, and clocks for times counted from 1970. All kinds share one
-    /// clock, or each kind has its own.
+    /// Clocks for times since the source's start, and since 1970, shared by all kinds or separate.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    /// Newest times passed on, by kind and by source within the stream: first those on the source's own clock, then
-    /// those dated by arrival.
+    /// Newest times passed on by clock (the source's, ours for arrivals), kind, and part of the stream.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
-    /// Ages of fixes and headings, which the estimator accepts only up to a limit.
+    /// Ages of fixes and headings, which the estimator limits.
     ages: [AgeCounts; 2],
-    /// Plausibility of each source within the stream.
+    /// Plausibility of each part of the stream.
     plausible: [Plausibility; WITHIN as usize + 1],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
@@ -116,8 +111,7 @@ impl Source {
         *lost_bytes += (bytes.len() - taken.len()) as u64;
         let rtcm = self.rtcm.as_mut();
         let others = rtcm.map(|rtcm| rtcm.push(now, taken, frames, lost_bytes));
-        // RTCM frames are removed first, as they would otherwise become part of the following line. UBX has its own
-        // framing and does not need this.
+        // Frames are removed first, as they would disturb the following line. UBX has its own framing.
         let read = others.as_deref().filter(|_| self.format == Format::Nmea);
         self.decoder.arrive(now);
         self.decoder.push(read.unwrap_or(taken), decoded);
@@ -150,7 +144,6 @@ impl Source {
         }
         at
     }
-    /// Remarks on bytes and clock of the source for the crew.
     fn remarks(&self) -> Vec<Remark> {
         let within = self.plausible.iter().zip(WHOSE);
         let mut all: Vec<Remark> = self.rtcm.iter().flat_map(RtcmTraffic::remarks).collect();
@@ -166,7 +159,7 @@ impl Source {
         }
         if s.implausible_time > 0 {
             all.push(Remark::fine(format!(
-                "{} measurements of a time that is not its clock's: held up on the way, or before a change of the clock was known",
+                "{} measurements whose time does not fit its clock: delayed, or before a change of the clock was known",
                 s.implausible_time
             )));
         }
@@ -179,7 +172,7 @@ impl Source {
         all
     }
 
-    /// Measurement of source `number` without its implausible channels. None if no channel is left.
+    /// Measurement of part `number` without implausible channels; None without any left.
     fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
         let within = usize::from(m.source());
         let still = boat.take((number * self.plausible.len() + within) as u8, &m);
@@ -188,7 +181,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// Measurement on the vessel's clock. If the measurement is not passed on, it is counted and None is returned.
+    /// Measurement on the vessel's clock; None, and counted, if it is not passed on.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;
@@ -199,8 +192,7 @@ impl Source {
     fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
         self.pass(now, now - self.latency, (1, now.nanos()), measurement)
     }
-    /// Passes a measurement on if its time (ns, clock 0: the source's, 1: ours) is newer than the last time of its
-    /// kind.
+    /// Passes a measurement on if its time (ns; clock 0: the source's, 1: ours) is the newest of its kind.
     fn pass(
         &mut self,
         now: Time<VesselClock>,
@@ -240,7 +232,6 @@ impl Source {
     }
 }
 
-/// Position of a fix that has one.
 fn fixed(m: &Measurement) -> Option<Datum> {
     match m {
         Measurement::Gnss(fix) if fix.position_sd[0] < NOT_MEASURED_SD => {
@@ -253,7 +244,7 @@ fn fixed(m: &Measurement) -> Option<Datum> {
     }
 }
 
-/// Empty age counts, with the limits of a default estimator.
+/// Age counts with the limits of a default estimator.
 fn no_ages() -> [AgeCounts; 2] {
     let estimator = VesselNodeConfig::default();
     [
@@ -264,14 +255,13 @@ fn no_ages() -> [AgeCounts; 2] {
 
 pub struct SensorNode {
     sources: Vec<Source>,
-    /// Motion of the boat according to all sensors.
     movement: Movement,
     /// Headers of the newest measurement, the newest message, and the newest RTCM frame.
     headers: [Header<VesselClock>; 3],
 }
 
 impl SensorNode {
-    /// Creates a node for these sources. `boot` is a random number for each start.
+    /// Node for these sources; `boot` is random for each start.
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
@@ -292,7 +282,7 @@ impl SensorNode {
             source.decoder.sign(key);
         }
     }
-    /// Remarks on each source for the crew, in addition to its statistics.
+    /// Remarks on each source, in addition to its statistics.
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
         self.sources.iter().map(Source::remarks).collect()
     }
@@ -321,7 +311,7 @@ impl Node for SensorNode {
             }
             let boat = &mut self.movement;
             for m in dated.into_iter().filter_map(|m| source.plausible(k, boat, m)) {
-                // An autopilot's odometry is filtered from its own receivers, so it counts as the second receiver.
+                // An autopilot's odometry comes from its own receivers, so it counts as the second receiver.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 measured.at = m.at();
                 place = fixed(&m).or(place);

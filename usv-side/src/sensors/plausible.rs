@@ -1,9 +1,8 @@
-//! Plausibility of each channel of a measurement. A channel that cannot be true is removed and reported; the other
-//! channels of the sensor are used.
+//! Plausibility of each channel of a measurement. An impossible one is removed and reported, others are used.
 //!
-//! A channel is compared with physical bounds, which a single value can violate, and over a window of a minute with
-//! another channel of the same sensor or with its own mean, so that noise has no effect. A rejected channel is used
-//! again once it passes the same test for a window. Measurements of a working sensor pass unchanged, bit for bit.
+//! A single value can violate a physical bound. Over a minute, so that noise has no effect, a channel is
+//! compared with another one of its sensor or its own mean. It is used again after a passed window.
+//! Measurements of a working sensor stay unchanged, bit for bit.
 
 mod agreement;
 mod antenna;
@@ -26,25 +25,25 @@ pub(crate) use self::standstill::Movement;
 use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 use super::{Measurement, Remark};
 
-/// Maximum roll and pitch of a deck, rad (75 deg); beyond it a boat has capsized.
+/// Maximum roll and pitch of a deck that has not capsized, rad (75 deg).
 const MAX_TILT_RAD: f64 = 1.31;
-/// Maximum angular rate of a hull about an axis, rad/s. A roll of 45 deg to either side with a period of 1 s has a peak
-/// of 4.9 rad/s. Degrees mistaken for radians exceed it in most waves.
+/// Maximum angular rate of a hull about an axis, rad/s: rolling by 45 deg with a period of 1 s peaks at 4.9
+/// rad/s. Degrees mistaken for radians exceed it in most waves.
 const MAX_TURN_RADPS: f64 = 5.0;
 /// Maximum speed of a boat, m/s (97 kn).
 const MAX_SPEED_MPS: f64 = 50.0;
-/// Range of an antenna's height above the ellipsoid, m: from the Dead Sea's shore (-430) to the highest navigated lake
-/// (Titicaca, 3 812), with the geoid (-107 to 86) and a mast.
+/// Range of an antenna's height above the ellipsoid, m: Dead Sea's shore (-430) to Titicaca (3 812), with the
+/// geoid (-107 to 86) and a mast.
 const HEIGHTS_M: core::ops::RangeInclusive<f64> = -600.0..=4000.0;
-/// Maximum jump of a height that a change of the receiver's solution explains, m, and additionally in its standard
-/// deviations. Smaller jumps are handled by the estimator's level.
+/// Maximum jump of a height by a new solution of the receiver, m, and in its standard deviations; the
+/// estimator's level absorbs smaller jumps.
 const HEIGHT_JUMP_M: f64 = 20.0;
 const HEIGHT_JUMP_SDS: f64 = 6.0;
 /// Maximum climb rate of an antenna on a mast in waves, m/s.
 const MAX_CLIMB_MPS: f64 = 20.0;
 
-/// Averaging time of the specific force, s, and the angle from down above which the mean force belongs to another axis:
-/// 60 deg, because a boat heeled by 30 deg may also roll by 30 deg.
+/// Averaging time of the specific force, s, and angle of its mean from down that means another axis: 60 deg,
+/// because a boat heeled by 30 deg may also roll by 30 deg.
 const GRAVITY_S: f64 = 10.0;
 const MAX_MEAN_TILT_RAD: f64 = 1.05;
 /// [`Measurement::kind`] of headings and attitudes.
@@ -61,37 +60,32 @@ const MIN_POSITION_SD_M: f64 = 0.3;
 const RATE_ERROR_RADPS: f64 = 0.0175;
 /// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
 const VELOCITY_ERROR_MPS: f64 = 0.3;
-/// Fraction of a change by which the integral of its rate may differ from it. The fraction is half for a simultaneous
-/// rate. It is more than one for a smoothed rate such as a rate of turn or a course, because smoothing removes at most
-/// the whole change.
+/// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate; above one
+/// for a smoothed rate (of turn, or a course), because smoothing removes at most the whole change.
 const EXACT: f64 = 0.5;
 const SMOOTHED: f64 = 1.5;
 
-/// Comparison of rates with roll and pitch.
 const OF_TILT: Lengths = Lengths {
     interval_s: 1.0,
     step_s: 0.35,
     window: 30,
 };
-/// Comparison of a rate of turn with the heading.
 const OF_HEADING: Lengths = Lengths {
     interval_s: 5.0,
     step_s: 0.6,
     window: 12,
 };
-/// Comparison of a velocity with the position.
 const OF_POSITION: Lengths = Lengths {
     interval_s: 5.0,
     step_s: 2.5,
     window: 12,
 };
 
-/// Result for one measurement.
 #[derive(Clone, Debug)]
 pub(crate) struct Judged {
-    /// Measurement without the removed parts. None if it is removed completely.
+    /// Measurement without the removed parts; None if nothing is left.
     pub(crate) measurement: Option<Measurement>,
-    /// Parts removed from now on, each with the time of the first value that led to the removal.
+    /// Parts removed from now on, each since the first value that led to it.
     retracted: Vec<(Part, Time<VesselClock>)>,
 }
 
@@ -137,7 +131,7 @@ impl Default for Plausibility {
 }
 
 impl Plausibility {
-    /// Checks a measurement with its time of validity, in order, given what the boat's other sensors contradict.
+    /// Checks a measurement and its time of validity, given its contradictions with the other sensors.
     pub(crate) fn take(&mut self, mut m: Measurement, by_others: &Contradicted) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
         let passed = Taken {
@@ -212,7 +206,7 @@ impl Plausibility {
         }
     }
 
-    /// Checks that the sensor's third axis points down, i.e. that the mean specific force over many waves points up.
+    /// Checks that the sensor's third axis points down: the mean specific force of many waves points up.
     fn force(&mut self, at: Time<VesselClock>, force: [f64; 3]) -> Taken {
         let (mean, newest, begun) = self.mean_force.unwrap_or((force, at, at));
         let gap_s = (at - newest).secs();
@@ -252,8 +246,7 @@ impl Plausibility {
             })
     }
 
-    /// Compares the yaw rate of the newest attitude with the heading. Returns the start of a disagreement, once
-    /// detected.
+    /// Compares the newest yaw rate with the heading. Returns the start of a detected disagreement.
     fn compare_yaw_rate(&mut self, fix: &HeadingFix) -> Option<Time<VesselClock>> {
         let at = fix.header.at;
         let (then, rate) = self.newest_yaw_rate?;
@@ -270,8 +263,7 @@ impl Plausibility {
             .take(fix.header.at, fix.heading, rate, turn_by_heading(fix))
     }
 
-    /// Compares distance and direction made good with the velocity; the direction has the tolerance of a smoothed
-    /// course.
+    /// Compares the way made good with the velocity; the direction has the tolerance of a smoothed course.
     fn velocity(&mut self, fix: &GnssFix) -> Taken {
         let sd = fix.position_sd[0].max(fix.position_sd[1]);
         let rate_sd = fix.velocity_sd[0].max(fix.velocity_sd[1]);
@@ -282,7 +274,7 @@ impl Plausibility {
         let place = (fix.datum, fix.position);
         self.velocity
             .take(fix.header.at, place, rate, |from, to, integral| {
-                // A repeated position gives no information on the velocity.
+                // A repeated position does not test the velocity.
                 if from == to {
                     return None;
                 }
@@ -321,12 +313,11 @@ impl Plausibility {
         }
     }
 
-    /// Checks the bounds and the signs of roll and pitch.
     fn tilt(&mut self, fix: &AttitudeFix, inverted: Option<Inverted>) -> Taken {
         let at = fix.header.at;
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
         let doubt = doubt.or(inverted.map(Doubt::Inverted));
-        // Without attitude the boat cannot be estimated, so a good value is used at once.
+        // Without attitude there is no estimate, so a good value is used at once.
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
             None => self.tilt.judge(at, None),
@@ -385,8 +376,7 @@ impl Plausibility {
     }
 }
 
-/// Text of a reason, with its value. The sign depends on the mounting, so it is omitted except for a value beyond a
-/// bound.
+/// Text of a reason with its value, whose sign depends on the mounting and is shown for a bound only.
 fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     let size = |x: f64| format!("{:.1} {}", t.factor * x.abs(), t.unit);
     match doubt {
@@ -411,11 +401,11 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     }
 }
 
-/// Compares a rate of turn with the change of this heading (rad) over an interval.
+/// Compares a rate of turn with the change of heading (rad) over an interval.
 fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Option<(f64, bool)> {
     let noise = NOISE * fix.heading_sd.max(MIN_HEADING_SD) + OF_HEADING.interval_s * RATE_ERROR_RADPS;
     move |from: f64, to: f64, [turned, _]: [f64; 2]| {
-        // A repeated heading gives no information on the rate.
+        // A repeated heading does not test the rate.
         if from.to_bits() == to.to_bits() {
             return None;
         }
@@ -425,7 +415,7 @@ fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Optio
     }
 }
 
-/// Checks that the magnitudes are within a bound; otherwise returns the largest. NaN exceeds any bound.
+/// Checks that magnitudes are within a bound, or returns the largest. NaN exceeds any bound.
 fn bounded(values: &[f64], bound: f64) -> Result<(), Doubt> {
     let beyond = values.iter().filter(|v| !(-bound..=bound).contains(*v));
     match beyond.copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) {
@@ -444,8 +434,8 @@ fn has_height(fix: &GnssFix) -> bool {
     fix.position_sd[2] < NOT_MEASURED_SD
 }
 
-/// Removes implausible channels from the measurements of a recording, which stay in order. Returns the measurements and
-/// remarks on the removed channels. The values that led to a rejection are removed as well.
+/// Removes implausible channels from a recording, with the values that led to a rejection. Returns the
+/// measurements in order, and remarks.
 pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     let mut sources: [Plausibility; MAX_SOURCES] = Default::default();
     let mut movement = Movement::default();
@@ -473,8 +463,7 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     (kept, remarks.collect())
 }
 
-/// Removes a part from the newest measurements of a source, from `since` on. Returns the number of measurements
-/// affected.
+/// Removes a part from a source's measurements from `since` on. Returns the number affected.
 fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<VesselClock>) -> u64 {
     if part.is_whole() {
         let count = kept.len();
@@ -486,7 +475,7 @@ fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<Vess
         kept.retain(|m| m.source() != number || m.at() < since || m.kind() != kind);
         return (count - kept.len()) as u64;
     }
-    // Measurements of other kinds, and late ones, are interleaved.
+    // Other kinds and late measurements are in between.
     let begin = since - Span::from_secs(WINDOW_S);
     let recent = kept.iter_mut().rev().take_while(|m| m.at() >= begin);
     recent

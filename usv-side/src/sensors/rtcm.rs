@@ -1,4 +1,4 @@
-//! RTCM 3 among the bytes of a source: frames for the drones' receivers, and remarks on what a moving base lacks.
+//! RTCM 3 in the bytes of a source: frames for the drones' receivers, and remarks on a moving base.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -13,11 +13,11 @@ use crate::rtcm_relay::BYTES_PER_S;
 
 /// Maximum number of frames per step: the size of their topic's buffer.
 const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
-/// Maximum number of message numbers that are counted.
+/// Maximum number of message numbers counted.
 const MAX_NUMBERS: usize = 16;
-/// Number of recent arrivals from which the rate of a message number is computed.
+/// Number of arrivals that give the rate of a message number.
 const MAX_ARRIVALS: usize = 16;
-/// Absence after which a message number counts as discontinued. All receivers repeat the base's position more often.
+/// Absence after which a message number has ended; every receiver repeats the base's position more often.
 const ABSENT: Span = Span::from_millis(30_000);
 /// Message number of the GLONASS phase biases.
 const GLONASS_BIASES: u16 = 1230;
@@ -33,7 +33,7 @@ impl Arrivals {
         }
         self.0.push_back((now, bytes));
     }
-    /// Rate of the messages, Hz, and of their bytes, 1/s; both are zero until a second message arrives.
+    /// Rate of the messages, Hz, and of their bytes, 1/s; zero until the second message.
     fn rates(&self) -> [f64; 2] {
         let Some(((first, _), (newest, _))) = self.0.front().zip(self.0.back()) else {
             return [0.0; 2];
@@ -47,15 +47,13 @@ impl Arrivals {
     }
 }
 
-/// Maximum number of stations that are distinguished.
+/// Maximum number of stations distinguished.
 const MAX_STATIONS: usize = 4;
-/// Maximum distance between a base on board and the vessel's own fix, m, and maximum distance travelled while the
-/// base's position stays constant.
+/// Maximum distance of a base on board from the vessel's fix, m, and maximum way with a constant base, m.
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
-/// Position of the base from message 1005 or 1006, time since which that position is constant, and the vessel's
-/// position at that time.
+/// Base position from message 1005 or 1006, start of its constancy, and the vessel's position then.
 #[derive(Clone, Copy, Debug)]
 struct Base {
     place: Datum,
@@ -69,7 +67,7 @@ pub(super) struct RtcmTraffic {
     decoder: RtcmDecoder,
     antenna_m: [f64; 3],
     numbers: BTreeMap<RtcmNumber, Arrivals>,
-    /// Newest frame of each station, and its base.
+    /// Newest frame of each station, and its base position.
     stations: BTreeMap<u16, (Time<VesselClock>, Option<Base>)>,
     /// Position of the vessel by its own fixes.
     own: Option<Datum>,
@@ -80,7 +78,7 @@ pub(super) struct RtcmTraffic {
 }
 
 impl RtcmTraffic {
-    /// Receiver with its antenna at this position in the vessel's body frame, m.
+    /// Receiver with its antenna at `antenna_m` (vessel's body frame).
     pub(super) fn new(antenna_m: [f64; 3]) -> Self {
         RtcmTraffic {
             decoder: RtcmDecoder::default(),
@@ -93,14 +91,13 @@ impl RtcmTraffic {
             now: Time::EPOCH,
         }
     }
-    /// Converts the antenna's position to one relative to the deck's centre, which is given in the vessel's body frame,
-    /// m.
+    /// Makes the antenna's position relative to the deck's centre (vessel's body frame, m).
     pub(super) fn place(&mut self, deck_centre_m: [f64; 3]) {
         let from_deck = self.antenna_m.iter_mut().zip(deck_centre_m);
         from_deck.for_each(|(antenna, centre)| *antenna -= centre);
     }
-    /// Processes bytes, and appends their frames with empty headers. Returns the bytes that do not belong to a frame.
-    /// Frames that exceed the capacity are counted in `lost_bytes`.
+    /// Appends the frames in these bytes, without headers, and returns the other bytes. Frames beyond the
+    /// capacity count in `lost_bytes`.
     pub(super) fn push(
         &mut self,
         now: Time<VesselClock>,
@@ -145,14 +142,12 @@ impl RtcmTraffic {
         self.now = now;
         others
     }
-    /// Sets the vessel's position from its own fix.
     pub(super) fn fix(&mut self, place: Datum) {
         self.own = Some(place);
         let bases = self.stations.values_mut().filter_map(|(_, base)| base.as_mut());
         bases.for_each(|base| base.own = base.own.or(Some(place)));
     }
-    /// Remarks on contradictions of base positions and stations: corrections from a caster, a stationary base, two
-    /// bases.
+    /// Remarks on base positions and stations: a caster's corrections, a stationary base, two bases.
     fn contradictions(&self) -> Vec<Remark> {
         let comes = |at: Time<VesselClock>| self.now - at <= ABSENT;
         let (mut all, mut stations) = (Vec::new(), Vec::new());
@@ -215,13 +210,13 @@ impl RtcmTraffic {
         }
         all
     }
-    /// Adds the frames to the statistics of a source that sends nothing else.
+    /// Adds the frames to the status of a source that sends nothing else.
     pub(super) fn count(&self, status: &mut SourceStatus) {
         status.decoded.good = self.frames;
         status.decoded.corrupted = self.decoder.damaged();
         status.newest_s = self.newest.map(Time::secs);
     }
-    /// Message numbers received, and remarks on what a moving base lacks.
+    /// Message numbers received, and what a moving base lacks.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         let comes = |a: &Arrivals| a.0.back().is_some_and(|(at, _)| self.now - *at <= ABSENT);
         let coming: Vec<_> = self.numbers.iter().filter(|(_, a)| comes(a)).collect();
@@ -253,7 +248,7 @@ impl RtcmTraffic {
         if bytes_per_s > BYTES_PER_S {
             all.push(Remark::fault(
                 format!(
-                    "RTCM of {:.1} kB/s: {:.1} kB/s of it go by radio",
+                    "RTCM of {:.1} kB/s, of which {:.1} kB/s go by radio",
                     1e-3 * bytes_per_s,
                     1e-3 * BYTES_PER_S
                 ),
@@ -279,7 +274,6 @@ impl RtcmTraffic {
     }
 }
 
-/// Text of a message number with its rate.
 fn rate_text(number: RtcmNumber, arrivals: &Arrivals) -> String {
     let [rate_hz, _] = arrivals.rates();
     if rate_hz > 0.0 {
@@ -289,7 +283,7 @@ fn rate_text(number: RtcmNumber, arrivals: &Arrivals) -> String {
     }
 }
 
-/// Decoder of a source that only sends RTCM: no measurements.
+/// Decoder of a source with RTCM only.
 pub(super) struct NoMeasurements;
 
 impl SensorDecoder for NoMeasurements {

@@ -1,16 +1,16 @@
-//! Detection of an inertial sensor that repeats one sample with new time stamps: a hung bus, a frozen register.
+//! Detection of an inertial sensor that repeats a sample with new time stamps: a hung bus, a frozen register.
 
 use alight_shared::msg::ImuSample;
 
-/// Number of consecutive samples with the same six numbers that indicates a stuck sensor.
+/// Consecutive samples with the same six numbers that show a stuck sensor.
 ///
-/// The white noise per sample of a MEMS sensor is `sigma >= LSB / 3` on each axis (data sheets: 1 to 5 LSB at 100 Hz
-/// and more). Two samples at rest then fall into the same step of one axis with `p <= erf(1.5 / sqrt 2)^2 + ... =
-/// 0.76`, of all six axes with `p^6 <= 0.2`, and 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at 1
-/// kHz. A driver that publishes each sample up to 24 times passes.
+/// The white noise of a MEMS sensor is `sigma >= LSB / 3` per sample and axis (data sheets: 1 to 5 LSB at 100
+/// Hz and more). Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ...
+/// = 0.76`, of six axes with `p^6 <= 0.2`, 24 in a row with `0.2^24 = 2e-17`: less than once in ten years at
+/// 1 kHz. A driver may publish each sample 24 times.
 pub const MAX_REPEATED: u32 = 25;
 
-/// Newest numbers of one sensor, and number of consecutive repetitions.
+/// Newest numbers, and count of consecutive repetitions.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RepeatedSamples {
     numbers: [u64; 6],
@@ -18,7 +18,7 @@ pub struct RepeatedSamples {
 }
 
 impl RepeatedSamples {
-    /// Adds a sample. Returns whether the sensor is stuck. Samples are compared bit by bit, without rounding.
+    /// Adds a sample, compared bit by bit. Returns whether the sensor is stuck.
     pub fn is_stuck(&mut self, m: &ImuSample) -> bool {
         let ([p, q, r], [x, y, z]) = (m.gyro, m.accelerometer);
         let numbers = [p, q, r, x, y, z].map(f64::to_bits);

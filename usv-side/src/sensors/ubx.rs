@@ -1,7 +1,7 @@
-//! UBX of u-blox. NAV-PVT, or separate messages with its parts ([`parts`]), is converted to a fix, and NAV-RELPOSNED of
-//! a moving base to a heading. Other messages are listed in the source's report. TIM-TP announces the time of the next
-//! pulse. The pulse's edge is not observed, so TIM-TP dates no measurement. It shows whether pulse and fixes use the
-//! same time base, which matters to a computer that takes its clock from the pulse.
+//! u-blox's UBX. NAV-PVT, or messages with its parts ([`parts`]), gives a fix, and NAV-RELPOSNED of a moving
+//! base a heading. Other messages appear in the source's report. TIM-TP announces the next pulse, whose edge
+//! is not observed, so it dates no measurement. It shows whether pulse and fixes have one time base, for a
+//! computer whose clock follows the pulse.
 
 mod parts;
 
@@ -15,13 +15,13 @@ use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use parts::{FixPart, FixParts, FixPlace, FixState, Grade};
 
-/// Maximum length of an unfinished message, bytes; longer than any message that is used.
+/// Maximum length of an unfinished message, bytes, above that of any used message.
 const MAX_WAITING: usize = 2048;
 /// Number of bytes passed to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Maximum time from a fix to an announced pulse, ns: the pulse's period of 1 s (the receivers' default), and another
-/// second for a late message. UTC and GPS time differ by whole seconds, 18 since 2017.
+/// Maximum time from a fix to an announced pulse, ns: its period of 1 s (the default) and 1 s for a late
+/// message. UTC and GPS time differ by whole seconds, 18 since 2017.
 const PULSE_NS: i64 = 2_000_000_000;
 /// Fraction of a receiver's stated error that changes within a minute (our choice).
 const FAST_FRACTION: f64 = 0.3;
@@ -40,7 +40,7 @@ enum Content {
     Measurement(Result<Measurement, Why>),
     /// Roll and pitch, and the heading if available.
     Attitude(AttitudeFix, Option<HeadingFix>),
-    /// Two-antenna heading with a float carrier solution.
+    /// Two-antenna heading with a float solution.
     Float,
     Part(FixPart),
     Pulse,
@@ -51,7 +51,7 @@ fn sd(stated_m: f64) -> f64 {
     (FAST_FRACTION * stated_m).max(0.005)
 }
 
-/// Supported messages. If the parser does not know the length of one of these, it is from another receiver generation.
+/// Supported messages; one of unknown length is from another receiver generation.
 const READ: [&str; 10] = [
     "NAV-PVT",
     "NAV-RELPOSNED",
@@ -65,7 +65,7 @@ const READ: [&str; 10] = [
     "TIM-TP",
 ];
 
-/// Message names by class and id; others are named by their numbers.
+/// Message names by class and id; others appear as numbers.
 const NAMES: [((u8, u8), &str); 30] = [
     ((0x01, 0x01), "NAV-POSECEF"),
     ((0x01, 0x02), "NAV-POSLLH"),
@@ -119,7 +119,7 @@ impl UbxDecoder {
         }
     }
 
-    /// Processes the content of a message with its name and time of week, ms.
+    /// Processes the content of a message with this name and time of week, ms.
     fn take(&mut self, (name, of_week_ms): (&str, u32), content: Content, out: &mut Vec<SourceMeasurement>) {
         let of_week = i64::from(of_week_ms) * 1_000_000;
         if of_week >= WEEK_NS {
@@ -168,7 +168,7 @@ impl UbxDecoder {
             }
         }
     }
-    /// Processes a part of a fix, unless whole fixes arrive.
+    /// Processes a part of a fix, unless there are whole fixes.
     fn part(&mut self, name: &str, at_ns: i64, part: FixPart, out: &mut Vec<SourceMeasurement>) {
         if self.parts.are_spare(at_ns) {
             return self.leave_out(name, Why::Spare);
@@ -181,7 +181,7 @@ impl UbxDecoder {
         }
         self.parts.take(at_ns, part, &self.mounting, out);
     }
-    /// Counts a complete message of a supported kind that yields no measurement.
+    /// Counts a valid message without a measurement.
     fn leave_out(&mut self, name: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
@@ -231,7 +231,7 @@ impl SensorDecoder for UbxDecoder {
         let lacks = self.parts.has_state && !self.parts.has_place;
         let placeless = lacks.then(|| {
             Remark::fault(
-                "its messages have the state of a fix, and not its place".into(),
+                "its messages contain the state of a fix, but no position".into(),
                 "switch NAV-PVT on, or NAV-POSLLH and NAV-VELNED",
             )
         });
@@ -272,7 +272,7 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
             };
             (p.itow(), moving_base(p.flags_raw(), heading))
         }
-        // An accuracy of 90 degrees means that there is no heading.
+        // An accuracy of 90 degrees marks an unknown heading.
         PacketRef::NavAtt(p) => {
             let [roll, pitch, heading] =
                 [p.vehicle_roll(), p.vehicle_pitch(), p.vehicle_heading()].map(f64::to_radians);
@@ -295,8 +295,8 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
     })
 }
 
-/// Heading of a moving base according to the flags of NAV-RELPOSNED (interface description of the F9 receivers). A
-/// float carrier solution may be wrong by tens of degrees although it states the accuracy of a fixed one.
+/// Heading by the flags of NAV-RELPOSNED (interface description of the F9). A float solution may be off by
+/// tens of degrees, although it states the accuracy of a fixed one.
 fn moving_base(flags: u32, heading: HeadingFix) -> Content {
     /// gnssFixOK, relPosValid, relPosHeadingValid.
     const VALID: u32 = 1 | 1 << 2 | 1 << 8;
@@ -325,8 +325,7 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
             (p.itow(), FixPart::Place(place))
         }
         PacketRef::NavHpPosLlh(p) if !p.flags().invalid_llh() => {
-            // High-precision parts of the height and its errors are in tenths of a millimetre; the parser returns
-            // millimetres.
+            // High-precision parts are in 0.1 mm; the parser returns millimetres.
             let place = FixPlace {
                 datum: Datum::new(
                     p.lat_degrees() + p.lat_hp_degrees(),
@@ -359,7 +358,7 @@ fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
     })
 }
 
-/// Position from Earth-centred coordinates, m, whose stated error covers all three axes. None at the Earth's centre.
+/// Position from Earth-centred coordinates and their common error, m; None at the Earth's centre.
 fn ecef_place(at: [f64; 3], error_m: f64) -> Option<FixPlace> {
     let datum = Datum::from_ecef(at);
     datum.is_on_earth().then_some(FixPlace {
@@ -370,7 +369,7 @@ fn ecef_place(at: [f64; 3], error_m: f64) -> Option<FixPlace> {
     })
 }
 
-/// State of a fix from its kind and its flags, the first of which is gpsFixOk.
+/// Fix state from its kind and flags, the first of which is gpsFixOk.
 fn state(kind: GnssFixType, flags: u8) -> FixState {
     match kind {
         GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning if flags & 1 != 0 => FixState::Whole,

@@ -50,7 +50,7 @@ impl CameraSource {
     pub fn fixed_gain(&self) -> Option<f64> {
         (self.gain >= 0).then_some(self.gain as f64)
     }
-    /// Image source for the simulated camera if `on`, otherwise for no camera.
+    /// Camera of the simulation if `on`, otherwise no camera.
     pub fn of_simulation(on: bool) -> CameraSource {
         CameraSource {
             source: if on { SIMULATION.into() } else { String::new() },
@@ -89,7 +89,6 @@ config! {
 }
 
 impl UltravioletSource {
-    /// Camera source with the rate of the markers' bits.
     pub fn at_rate(&self, rate_hz: f64) -> CameraSource {
         CameraSource {
             source: self.source.clone(),

@@ -1,12 +1,12 @@
-//! Addresses of autopilots and sensors, as MAVSDK writes them. A listening one may name the only address from which it
-//! receives (`?from=HOST`), and a Signal K server may need a token (`?token=FILE`).
+//! Addresses of autopilots and sensors in the form of MAVSDK. A listening address may name the only sender
+//! that it accepts (`?from=HOST`); a Signal K server may need a token (`?token=FILE`).
 
 use std::fmt;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Usual ports and rates, as defaults: PX4's link for companions, ArduPilot's for the first TCP client, a Pixhawk's
+/// Default ports and rates: PX4's link for companions, ArduPilot's for the first TCP client, a Pixhawk's
 /// telemetry port, Signal K's server.
 const UDP_PORT: u16 = 14540;
 const TCP_PORT: u16 = 5760;
@@ -19,58 +19,55 @@ const BAUDS: [u32; 12] = [
     4800, 9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
 ];
 
-/// Address of a link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkUrl {
-    /// Listens, for this address only if one is named; answers the first peer.
+    /// Listens, optionally for this address only; answers the first peer.
     UdpIn(String, Option<IpAddr>),
-    /// Sends to a peer.
     UdpOut(String),
-    /// Listens for one connection, from this address only if one is named.
+    /// Listens for one connection, optionally from this address only.
     TcpIn(String, Option<IpAddr>),
     TcpOut(String),
-    /// Serial port and its rate, Bd.
+    /// Device and rate, Bd.
     Serial(PathBuf, u32),
-    /// CAN interface, read only.
+    /// Read only.
     Can(String),
-    /// Connects to a Signal K server, with the token in a file if it needs one.
+    /// Signal K server, and the file of its token if it needs one.
     SignalK(String, Option<PathBuf>),
 }
 
-/// Accepted forms.
 const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT, \
                      tcpout://HOST:PORT, tcpin://127.0.0.1:PORT or serial:///dev/ttyACM0:921600; a sensor may be at \
                      can://can0 or ws://HOST:3000, too";
 
 impl LinkUrl {
-    /// Address of an autopilot. An address that listens to every computer of a network has to name the autopilot's
-    /// address, because otherwise the first sender would count as the autopilot.
+    /// Address of an autopilot. One that listens to a whole network must name the autopilot's address;
+    /// otherwise the first sender would count as the autopilot.
     pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "and the first that sends would be taken for the autopilot: write udpin://127.0.0.1:PORT for one on this \
              computer, {text}?from=IP for one at the address IP, or a serial line"
         );
-        Self::of_one_sender(text, &open, "no autopilot's link")
+        Self::of_one_sender(text, &open, "not an autopilot's link")
     }
-    /// Address of a receiver's sentences: any but a boat's bus. A listening one has to name the receiver's address,
-    /// because otherwise any other sender could lead the drone.
+    /// Address of an NMEA 0183 receiver, on any link but a boat's bus. A listening one must name the
+    /// receiver's address, because any other sender could lead the drone.
     pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could lead the drone: write {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or \
              a serial line"
         );
-        Self::of_one_sender(text, &open, "no line of NMEA 0183")
+        Self::of_one_sender(text, &open, "not a line of NMEA 0183")
     }
-    /// Address of the drone's own GNSS receiver: any but a boat's bus; a listening one as for sentences.
+    /// Address of the drone's own GNSS receiver, with the same rules as for [`Self::of_sentences`].
     pub fn of_receiver(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could give the drone a false place: write {text}?from=IP for a receiver at the address IP, \
              tcpout://HOST:PORT or a serial line"
         );
-        Self::of_one_sender(text, &open, "no GNSS receiver's line")
+        Self::of_one_sender(text, &open, "not a GNSS receiver's line")
     }
-    /// Address of a single sender. `open` is the danger of an address that is open to all, `bus` what a boat's bus does
-    /// not provide.
+    /// Address of a single sender. `open` ends the error for an address that is open to all, `bus` that for a
+    /// boat's bus.
     fn of_one_sender(text: &str, open: &str, bus: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
         match &url {
@@ -78,7 +75,7 @@ impl LinkUrl {
                 "the address {text:?} is open to every computer of the network, {open}"
             )),
             LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
-                "the address {text:?} is a boat's bus, and {bus}; {FORMS}"
+                "the address {text:?} is a boat's bus, which is {bus}; {FORMS}"
             )),
             LinkUrl::UdpIn(..)
             | LinkUrl::TcpIn(..)
@@ -89,14 +86,14 @@ impl LinkUrl {
     }
 }
 
-/// Whether only this computer reaches it.
+/// Whether only this computer can reach the host.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
     let address = host.trim_matches(['[', ']']).parse::<IpAddr>();
     address.map_or(host == "localhost", |a| a.is_loopback())
 }
 
-/// Serial port from an address without its scheme: path of the device and baud rate.
+/// Serial port from an address without its scheme.
 fn serial(rest: &str) -> Result<LinkUrl, &'static str> {
     let (path, baud) = match rest.rsplit_once(':') {
         Some((path, baud)) => (path, baud.parse().map_err(|_| "not a baud rate")?),
@@ -292,7 +289,7 @@ mod tests {
             assert!(
                 LinkUrl::of_autopilot(bus)
                     .unwrap_err()
-                    .contains("no autopilot's link")
+                    .contains("not an autopilot's link")
             );
         }
         for owned in [

@@ -1,4 +1,5 @@
-//! Keys that belong to the method: studies set them with a lab file (`--tuning`), files of a flight do not.
+//! Configuration keys that belong to the method: studies set them with a lab file (`--tuning`); a computer's
+//! file must not.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,9 +12,9 @@ use toml::{Table, Value};
 
 use crate::config::{DroneComputerConfig, VesselComputerConfig};
 
-/// Clocks of the simulated computers; those of real computers are the system's.
+/// Clocks of simulated computers; real computers use the system's.
 const BENCH: &str = "clock";
-/// Tables and keys of the method in the files of both computers.
+/// Tables and keys of the method, in the files of both computers.
 const METHOD: &[&str] = &[
     BENCH,
     "autopilot.battery.for_s",
@@ -66,7 +67,7 @@ const METHOD: &[&str] = &[
     "vessel.model.slow_sd_mps_m_rad_radps",
     "vessel.model.slow_walk_mps_m_rad_radps",
 ];
-/// Keys within them that an installer measures or an operator decides.
+/// Keys within these tables that an installer measures or an operator decides.
 const OF_FLIGHT: &[&str] = &[
     "autopilot.disarm.on_deck",
     "autopilot.disarm.own_landing",
@@ -78,10 +79,9 @@ const OF_FLIGHT: &[&str] = &[
     "drone.planner.kind",
 ];
 
-/// Owner of a configuration key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeyOwner {
-    /// Installer or operator, in a computer's file.
+    /// Installer or operator, in the computer's file.
     Flight,
     /// Study, in a lab file.
     Method,
@@ -90,7 +90,6 @@ pub enum KeyOwner {
 }
 
 impl KeyOwner {
-    /// Owner of the key with this dotted name.
     pub fn of(key: &str) -> KeyOwner {
         let is_within = |name: &&str| {
             let rest = key.strip_prefix(*name);
@@ -104,7 +103,7 @@ impl KeyOwner {
             KeyOwner::Flight
         }
     }
-    /// Part of a table that belongs to this owner; `at` is the table's dotted name.
+    /// Part of the table `at` (dotted name) that belongs to this owner.
     fn part(self, table: &Table, at: &str) -> Table {
         let own = table.iter().filter_map(|(name, value)| {
             let key = dotted(at, name);
@@ -121,12 +120,12 @@ impl KeyOwner {
     }
 }
 
-/// Dotted name of a key in the table `at`.
 fn dotted(at: &str, key: &str) -> String {
     [at, key].join(if at.is_empty() { "" } else { "." })
 }
 
-/// Keys of a text with their positions in it, in order. A text that is not TOML has none; its parser reports the error.
+/// Keys of a text and their positions, in order; none if the text is not TOML, because its parser reports
+/// that error.
 fn keys(text: &str) -> Vec<(usize, String)> {
     fn collect(table: &DeTable<'_>, at: &str, all: &mut Vec<(usize, String)>) {
         for (name, value) in table {
@@ -145,7 +144,7 @@ fn keys(text: &str) -> Vec<(usize, String)> {
     all
 }
 
-/// Rejects a text with a key for which `fault` returns a reason; the error names the line of each.
+/// Rejects a text that has keys for which `fault` returns a reason; the error names the line of each.
 fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>) -> Result<(), ConfigError> {
     let line = |start: usize| {
         text.get(..start)
@@ -164,7 +163,7 @@ fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>
     })
 }
 
-/// Rejects the text of a computer's file that sets keys of the method; the error names each key.
+/// Rejects a computer's file that sets keys of the method; the error names each key.
 pub fn check_flight(text: &str, origin: &str) -> Result<(), ConfigError> {
     reject(text, origin, |key| match KeyOwner::of(key) {
         KeyOwner::Flight => None,
@@ -177,13 +176,11 @@ pub fn check_flight(text: &str, origin: &str) -> Result<(), ConfigError> {
     })
 }
 
-/// Parses and checks a computer's file, which must not set keys of the method.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     check_flight(text, origin)?;
     config::parse(text, origin)
 }
 
-/// Reads, parses and checks a computer's file, which must not set keys of the method.
 pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> {
     parse(&read(path)?, &path.display().to_string())
 }
@@ -195,7 +192,6 @@ fn read(path: &Path) -> Result<String, ConfigError> {
     })
 }
 
-/// Overwrites values of a table with those of another, key by key.
 pub fn lay(over: &Table, base: &mut Table) {
     for (key, value) in over {
         match (base.get_mut(key), value) {
@@ -207,15 +203,15 @@ pub fn lay(over: &Table, base: &mut Table) {
     }
 }
 
-/// Divides a configuration into the two files that produce it: the keys that a computer's file may set, and the keys of
-/// the method that differ from their defaults.
+/// Divides a configuration into two files: the keys that a computer's file may set, and the keys of the
+/// method that differ from their defaults.
 pub fn divided<T: Serialize + Default>(config: &T) -> Result<[Table; 2], toml::ser::Error> {
     let [all, default] = [Table::try_from(config)?, Table::try_from(T::default())?];
     let [tuned, default] = [all.clone(), default].map(|t| KeyOwner::Method.part(&t, ""));
     Ok([KeyOwner::Flight.part(&all, ""), unlike(&tuned, &default)])
 }
 
-/// Part of a table that differs from another.
+/// Entries of `table` that differ from `other`.
 fn unlike(table: &Table, other: &Table) -> Table {
     let differing = table.iter().filter_map(|(key, value)| {
         let there = other.get(key);
@@ -231,7 +227,7 @@ fn unlike(table: &Table, other: &Table) -> Table {
     differing.collect()
 }
 
-/// Lab file: keys of the method of both computers, which override their configurations.
+/// Lab file: keys of the method for both computers.
 #[derive(Clone, Debug, Default)]
 pub struct Tuning {
     table: Table,
@@ -239,7 +235,6 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// Reads a file that contains only keys of the method.
     pub fn load(path: &Path) -> Result<Tuning, ConfigError> {
         Tuning::parse(&read(path)?, &path.display().to_string())
     }
@@ -266,7 +261,7 @@ impl Tuning {
             origin: origin.into(),
         })
     }
-    /// Configuration of a computer with its part of the lab file applied, checked.
+    /// Applies the computer's part of the lab file to its configuration, and checks the result.
     pub fn over<T: Serialize + DeserializeOwned + Check>(&self, config: T) -> Result<T, ConfigError> {
         let fault = |message: String| ConfigError::Parse {
             origin: self.origin.clone(),
@@ -294,7 +289,6 @@ impl Tuning {
 mod tests {
     use super::*;
 
-    /// Keys of a text that belong to this owner.
     fn of(owner: KeyOwner, text: &str) -> Vec<String> {
         let all = keys(text).into_iter().map(|(_, key)| key);
         all.filter(|key| KeyOwner::of(key) == owner).collect()
@@ -342,7 +336,6 @@ mod tests {
             e.contains("line 2: clock.offset_s belongs to the simulated world"),
             "{e}"
         );
-        // The parser of the text reports a syntax error.
         let e = parse::<DroneComputerConfig>("[drone", "drone.toml")
             .unwrap_err()
             .to_string();

@@ -59,13 +59,12 @@ config! {
 }
 
 impl VesselComputerConfig {
-    /// Processes, in the order of their rows; the sensors' process only if sensors are configured.
+    /// Processes in the order of their rows; the sensors' process only if sensors are configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
         let all = alight_usv::computer::PROCESSES.iter().copied();
         all.filter(|kind| Some(*kind) != absent).collect()
     }
-    /// Configuration of the nodes, with the real sensors' positions on board.
     pub fn nodes(&self) -> VesselNodes {
         let admitted = |peer: &String| match Sender::of_key(&format!("alight/{peer}")) {
             Sender::Drone(n) => Some(n),
@@ -79,7 +78,6 @@ impl VesselComputerConfig {
             drones: self.radio.tls.peers.iter().filter_map(admitted).collect(),
         }
     }
-    /// Real sensors with their positions on board.
     pub fn placed_sensors(&self) -> SourcesConfig {
         self.sensor.placed(&self.vessel.imu, &self.vessel.gnss)
     }
@@ -137,7 +135,7 @@ config! {
         let (lens, uv) = (&own.camera.lens, &own.camera.uvdar.lens);
         let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
         let largest = pixels([lens.width_px, lens.height_px]).max(pixels([uv.width_px, uv.height_px]));
-        // A step has two images at most.
+        // A step has at most two images.
         at.table("recorder").require(
             !this.recorder.images || 2 * largest + 200 <= MAX_RECORD_BYTES as u64,
             "images",
@@ -159,7 +157,6 @@ config! {
 }
 
 impl DroneComputerConfig {
-    /// Configuration of the nodes.
     pub fn nodes(&self) -> DroneNodes {
         DroneNodes {
             bridge: self.bridge.clone(),
@@ -167,7 +164,7 @@ impl DroneComputerConfig {
             drone: self.drone.clone(),
         }
     }
-    /// Processes, in the order of their rows; those of a device only if it is configured.
+    /// Processes in the order of their rows; a device's process only if the device is configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let of_devices = [
             (ProcessKind::Autopilot, self.supervision.autopilot),
@@ -178,7 +175,6 @@ impl DroneComputerConfig {
         let all = computer::PROCESSES.iter().copied();
         all.filter(|kind| !is_absent(*kind)).collect()
     }
-    /// Image source of the ultraviolet camera, at the rate of the markers' bits.
     pub fn ultraviolet(&self) -> CameraSource {
         self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)
     }
@@ -216,7 +212,7 @@ mod tests {
         assert_eq!(check(0.017, 320.0), Ok(()));
         let e = check(0.018, 320.0).unwrap_err();
         assert!(e.contains("`camera.exposure_s` is 0.018"), "{e}");
-        // The default exposure is accepted with any usual lens.
+        // Any usual lens permits the default exposure.
         assert!(
             [200.0, 600.0, 1500.0, 4000.0]
                 .iter()

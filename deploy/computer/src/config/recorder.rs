@@ -2,7 +2,6 @@
 
 use alight_shared::config;
 
-/// Bytes of a GB.
 const GB: f64 = 1e9;
 
 config! {
@@ -22,9 +21,8 @@ config! {
 }
 
 impl RecorderConfig {
-    /// Maximum size of all flights, bytes.
     pub fn max_bytes(&self) -> u64 {
-        // Positive by its range.
+        // The key's range excludes negative values.
         (self.max_gb * GB) as u64
     }
 }

@@ -2,7 +2,7 @@
 
 use alight_shared::config;
 
-/// Maximum number of processors that a process can be restricted to.
+/// Maximum number of processors in the list.
 const MAX_PROCESSORS: usize = 64;
 
 config! {

@@ -4,7 +4,6 @@ use std::net::SocketAddr;
 
 use alight_shared::config;
 
-/// Default address of the page.
 pub const PAGE: &str = "127.0.0.1:7450";
 /// Default address at which Foxglove looks for a server.
 pub const FOXGLOVE: &str = "127.0.0.1:8765";

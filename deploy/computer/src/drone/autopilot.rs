@@ -1,10 +1,10 @@
-//! Process of the link to a real autopilot, which replaces the simulated one: it passes the link's bytes to the node
-//! and back, and the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
-//! to the supervisor, which republishes it to a restarted link. Sentences of an AIS receiver and messages of the
-//! drone's own GNSS receiver arrive on links of their own and reach the node as frames without a sender. Metrics:
-//! uncertainty of the autopilot's clock (s), samples rejected, resets of its clock, hover thrust, set-points sent,
-//! times the link was reopened, datagrams from others than the autopilot, RTCM frames passed on and dropped, frames by
-//! their signatures.
+//! Process of the link to a real autopilot, in place of the simulated one. It passes the link's bytes to the
+//! node and back, and the node's output to the topics that predictor, mission, planner and pilot read. The
+//! supervisor keeps its checkpoint and republishes it to a restarted link. Reports of an AIS receiver and of
+//! the drone's own GNSS receiver arrive on separate links and reach the node as frames without a sender.
+//! Metrics: uncertainty of the autopilot's clock (s), rejected samples, resets of its clock, hover thrust,
+//! set-points sent, reopenings of the link, datagrams from foreign senders, RTCM frames forwarded and
+//! dropped, frames by signature.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -40,23 +40,22 @@ use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 /// Time without input after which a step is due.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
 
-/// Filter for the sender that counts as the autopilot over UDP, with counts of rejected signatures.
+/// Filter for the sender that counts as the autopilot over UDP; it also counts rejected signatures.
 pub struct Speakers {
     signing: Option<Signing>,
     rejected: Arc<Mutex<Signatures>>,
 }
 
 impl Speakers {
-    /// Filter with this signing key, if there is one.
     pub fn new(signing: Option<&Signing>) -> Speakers {
-        // The time of signatures is not checked: an autopilot without GNSS learns the time from Alight's answers.
+        // Signature times are not checked: an autopilot without GNSS learns the time from Alight's answers.
         Speakers {
             signing: signing.map(Signing::at_any_time),
             rejected: Arc::default(),
         }
     }
-    /// Accepts datagrams of the autopilot with this system number, or of any for 0. The first accepted sender counts as
-    /// the autopilot.
+    /// Filter that accepts datagrams of the autopilot with this system number, or of any autopilot for 0. The
+    /// first accepted sender counts as the autopilot.
     pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
         let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
         Arc::new(move |datagram| {
@@ -78,7 +77,7 @@ impl Speakers {
             frames.into_iter().any(|frame| from_autopilot(frame.from))
         })
     }
-    /// Counts of other senders' frames by their signatures.
+    /// Counts of rejected frames, by signature.
     pub fn rejected(&self) -> Signatures {
         self.rejected
             .lock()
@@ -86,7 +85,7 @@ impl Speakers {
     }
 }
 
-/// Decoder of the bytes of a receiver on its own link.
+/// Decoder of a receiver's bytes.
 trait ReceiverBytes: Default {
     fn take(&mut self, bytes: &[u8]);
     fn next_message(&mut self) -> Option<MavlinkMessage>;
@@ -117,7 +116,7 @@ struct LinkedReceiver<D> {
 }
 
 impl<D: ReceiverBytes> LinkedReceiver<D> {
-    /// Opens the link at this address; empty: none.
+    /// Opens the link at `at`; empty: none.
     async fn at(
         address: &str,
         url: fn(&str) -> Result<LinkUrl, String>,
@@ -131,7 +130,7 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
             ..LinkedReceiver::default()
         })
     }
-    /// Waits for bytes; without a receiver, for ever.
+    /// Waits for bytes; without a receiver it never returns.
     async fn read(&mut self) {
         match &mut self.link {
             Some(link) => link.read(|bytes| self.decoder.take(bytes)).await,
@@ -143,7 +142,7 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
             link.write(bytes);
         }
     }
-    /// Next report, as a frame of no system on the autopilot's link.
+    /// Next report, as a frame without a sender.
     fn next_frame(&mut self) -> Option<MavlinkFrame> {
         let message = self.decoder.next_message()?;
         let from = Address::new(0, 0);
@@ -159,7 +158,7 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
 
 struct Receivers {
     ais: LinkedReceiver<AisDecoder>,
-    /// The drone's own receiver, whose moving base is the vessel's.
+    /// The drone's own GNSS receiver; the vessel's receiver is its moving base.
     gnss: LinkedReceiver<ReceiverDecoder>,
 }
 
@@ -170,7 +169,7 @@ impl Receivers {
             gnss: LinkedReceiver::at(&c.receiver, LinkUrl::of_receiver).await?,
         })
     }
-    /// Waits for bytes of a receiver; without any, for ever.
+    /// Waits for bytes of any receiver; without one it never returns.
     async fn read(&mut self) {
         tokio::select! {
             () = self.ais.read() => {}
@@ -249,7 +248,7 @@ impl Edge<AutopilotLink> for MavlinkEdge {
         out: &mut AutopilotOut,
         ports: &mut AutopilotPorts<B>,
     ) -> bool {
-        // The link comes first, because set-points must not wait.
+        // Set-points must not wait, so the link comes first.
         let frames = out
             .messages
             .iter()
@@ -273,7 +272,6 @@ impl ProcessEdge<AutopilotLink> for MavlinkEdge {
             info!("autopilot: {text}");
         }
     }
-    /// Adds the node's metrics and the counts of frames by their signatures.
     fn metrics(&mut self, at: &NodeView<'_, AutopilotLink>) -> Vec<Metric> {
         let of_node = at.node.metrics(at.now);
         let own = [
@@ -313,7 +311,7 @@ impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
         let frames = core::iter::from_fn(|| decoder.next_frame().or_else(|| receivers.next_frame()));
         self.received = frames.take(MAX_FRAMES).collect();
         self.more = self.received.len() == MAX_FRAMES;
-        // Without a complete frame, only part of one was received.
+        // Bytes without a complete frame do not make a step due.
         Ok(due || !self.received.is_empty())
     }
 }

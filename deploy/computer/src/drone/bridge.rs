@@ -1,4 +1,4 @@
-//! Process of the drone's bridge: from zenoh to shared memory.
+//! Process of the drone's bridge: from Zenoh to shared memory.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_port::RadioPort;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// Runs until stopped. Twice a second it sends the drone's status to the vessel.
+/// Runs until stopped; sends the drone's status to the vessel twice a second.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(relay(args))
 }
@@ -45,7 +45,7 @@ struct RadioEdge {
     second_sender: Option<u32>,
     age_s: f64,
     received_bytes: u64,
-    /// Reports of the vessel's process, and the number of invalid ones.
+    /// Reports of the vessel's process for observers, and the number of invalid ones.
     shown: Vec<ProcessState>,
     rejected: u64,
 }
@@ -91,7 +91,7 @@ impl Edge<Bridge> for RadioEdge {
 impl ProcessEdge<Bridge> for RadioEdge {
     fn stepped(&mut self, at: &NodeView<'_, Bridge>, step: &RowStep<Bridge>) {
         let out = &step.out;
-        // Until the clocks agree, the time of an answer could not be converted.
+        // Before the clocks agree, the time of an answer cannot be converted.
         if at.node.offset(step.at).is_some() {
             self.port.radio.ask();
         }
@@ -103,7 +103,7 @@ impl ProcessEdge<Bridge> for RadioEdge {
         self.port.send(RadioTopic::TimeRequest, &out.time_request);
         self.port.send(RadioTopic::Status, &out.status);
     }
-    /// Adds the node's counts of rejections by reason.
+    /// Adds the node's rejections by reason.
     fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
         let counts = radio.counts();
@@ -150,7 +150,7 @@ fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportErro
     })
 }
 
-/// Logs that a second computer, with this boot id, sends as the vessel, or no longer does.
+/// Logs when a second computer, with this boot id, begins or stops sending as the vessel.
 fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     match second_sender {
         Some(boot) => warn!(
@@ -161,10 +161,10 @@ fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     }
 }
 
-/// Report of the vessel's process, for observers; None if the bytes are not one.
+/// Report of the vessel's process; None if the bytes are invalid.
 fn vessel_report(bytes: &[u8]) -> Option<ProcessState> {
     let report = wire::decode::<ProcessState>(bytes).ok()?;
-    // Its times are of the other computer's clock; their difference is kept.
+    // Its times are on the vessel's clock; only their difference is kept.
     let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
     (report.kind == ProcessKind::Vessel).then_some(ProcessState {

@@ -1,10 +1,10 @@
-//! Process of one of the drone's cameras, from images to the topic that the predictor reads: detections of the deck's
-//! tags (belly camera) or fixes of the deck by its blinking markers (ultraviolet camera).
+//! Process of one of the drone's cameras: from images to detections of the deck's tags (belly camera), or to
+//! fixes of the deck by its blinking markers (ultraviolet camera), which the predictor reads.
 //!
-//! Metrics of the belly camera: images; images with the tag, with other tags, too faint, misshapen, without a pose, of
-//! another size; contrast and saturation of the tag. Metrics of the ultraviolet camera: images; images with a fix;
-//! markers; images with a single marker, without a position, of another size. Metrics of both: time from exposure to
-//! detection (median, 99 %), times the source was reopened, exposure and gain.
+//! Metrics of the belly camera: images; images with the tag, with other tags, too faint, misshapen, without a
+//! pose, of another size; contrast and saturation of the tag. Metrics of the ultraviolet camera: images;
+//! images with a fix; markers; images with a single marker, without a position, of another size. Metrics of
+//! both: time from exposure to detection (median, 99 %), times the source was reopened, exposure and gain.
 
 use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -41,21 +41,19 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 
 const IDLE_WAIT: Duration = Duration::from_millis(2);
-/// Maximum number of images that wait for the node; further ones are lost.
+/// Maximum number of images that wait for the node; further images are dropped.
 const QUEUE_LENGTH: usize = 2;
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
-/// Time after a detection for which the light on the tag is reported.
+/// Time after a detection during which the light on the tag is reported.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
-/// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
-/// A node that detects something in a camera's images.
 pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
-    /// The source of its images, and their width and height, px.
+    /// Image source and its width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
-    /// Times of the detections, each with its printed line.
+    /// Time of each detection, and the line to print for it.
     fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
     fn counted(&self) -> (Vec<Metric>, Value);
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
@@ -65,7 +63,7 @@ pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
     fn metered(&self) -> Option<Light> {
         None
     }
-    /// Image with the detections drawn into it, for display.
+    /// Image with the detections drawn, for display.
     fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
         None
     }
@@ -150,7 +148,7 @@ impl Detector for UvdarNode {
     }
 }
 
-/// Displayed images, made only while there is a viewer.
+/// Displayed images; they are made only while there is a viewer.
 struct Shown {
     images: ImagePublisher,
     deck: DeckGeometry,
@@ -158,7 +156,8 @@ struct Shown {
 }
 
 impl Shown {
-    /// None, with a warning, if there is no place for the images: detection does not depend on the display.
+    /// None, with a warning, if no memory is available for the images: detection does not depend on the
+    /// display.
     fn open(memory: &Memory, deck: DeckGeometry) -> Option<Shown> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
@@ -172,7 +171,7 @@ impl Shown {
             next: Time::EPOCH,
         })
     }
-    /// Shows an image that `node` has processed, when one is due.
+    /// Displays an image that `node` has processed, when one is due.
     fn show(&mut self, frame: &CameraFrame, node: &impl Detector) {
         let early = self.next - frame.at;
         if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
@@ -192,7 +191,7 @@ impl Shown {
 
 enum Source {
     Simulation(ImageSubscriber),
-    /// Thread that waits for a device, a pipe or files; it receives the light of images by their number.
+    /// Thread that waits for a device, a pipe or files. It receives the light of each image by number.
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
@@ -204,8 +203,8 @@ impl<D: Detector> CameraEdge<D> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
-                    // The image is copied only here, because the node's input outlives the slot in shared memory.
-                    // Alight's publisher sends no image of another size than in its header.
+                    // The image is copied only here, because the node's input outlives the slot in shared
+                    // memory. The publisher guarantees that the size in the header is the image's.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
                         self.input.frames.push(CameraFrame { at, image: grey });
@@ -244,7 +243,6 @@ enum SourceEvent {
     Finished,
 }
 
-/// Light of images, reported and metered.
 #[derive(Default)]
 struct LightRecord {
     exposed: Option<Exposed>,
@@ -253,7 +251,8 @@ struct LightRecord {
 }
 
 impl LightRecord {
-    /// Records that the detector has processed an image; `metered` takes the light of image number `number`.
+    /// Records that the detector has processed an image; sends its light to `metered` with image number
+    /// `number`.
     fn looked(
         &mut self,
         frame: &CameraFrame,
@@ -264,11 +263,11 @@ impl LightRecord {
             self.tag = Some((frame.at, tag));
         }
         if let (Some((number, lights)), Some(light)) = (metered, light) {
-            // The thread waits for its device; the next image is metered as well.
+            // A full queue means that the thread waits for its device; the next image is metered as well.
             let _full = lights.try_send((number, light));
         }
     }
-    /// Records reported light. Returns the reason if it has become too dark or too bright.
+    /// Records the light; returns the reason if it has become too dark or too bright.
     fn reported(&mut self, light: CameraLight) -> Option<Reason> {
         let before = self.report.and_then(|r| r.hides_tags()).map(|r| r.code);
         self.report = Some(light);
@@ -298,7 +297,7 @@ impl LightRecord {
     }
 }
 
-/// Configuration of the drone with the named source, that source, and the size of its images.
+/// The drone's configuration with the named source, that source, and the size of its images.
 fn configured<D: Detector>(
     args: &CameraArgs,
 ) -> Result<(DroneComputerConfig, CameraSource, [u32; 2]), CliError> {
@@ -307,7 +306,7 @@ fn configured<D: Detector>(
         D::set_source(&mut computer, source);
     }
     let (config, size) = D::source(&computer);
-    // A source named on the command line has to satisfy the same rules.
+    // A source named on the command line must satisfy the same rules.
     computer.check(&Keys::ROOT)?;
     if !config.is_there() {
         return Err(CliError(format!(
@@ -320,7 +319,6 @@ fn configured<D: Detector>(
     Ok((computer, config, size))
 }
 
-/// Runs a camera's process until stopped.
 pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
     let (computer, config, size) = configured::<D>(args)?;
     let alone = args.print && !config.is_simulation();
@@ -359,13 +357,12 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
 struct CameraEdge<D> {
     source: Source,
     name: String,
-    /// Received images, the number of the newest, and whether the source has ended.
+    /// Received images, number of the newest image, and whether the source has ended.
     input: CameraIn,
     number: u64,
     over: bool,
-    /// The images are recorded whole, not as hashes.
+    /// Images are recorded whole, not as hashes.
     keeps_images: bool,
-    /// Number of times that the source broke.
     opened: u32,
     light: LightRecord,
     /// Time from exposure to detection, s.
@@ -435,7 +432,7 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
 }
 
 impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
-    /// Only the source wakes the process; this waits for it outside the runtime.
+    /// The source alone wakes the process; this waits for it outside the runtime.
     async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
         self.poll();
         let due = !self.input.frames.is_empty();
@@ -446,10 +443,10 @@ impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
     }
 }
 
-/// Waits for images on a thread of its own, so that the process continues to report.
+/// Waits for images on a separate thread, so that the process continues to report.
 fn spawn_source(config: &CameraSource, size: [u32; 2], clock: ProcessClock) -> Result<Source, CliError> {
     let size = size.map(|s| s as usize);
-    // Bad input is rejected at once; a source that breaks later is tried again.
+    // Bad input is rejected at once; a source that breaks later is retried.
     let images = Images::open(config, size)?;
     let (events, received) = sync_channel(QUEUE_LENGTH);
     let (lights, metered) = sync_channel(1);
@@ -489,7 +486,8 @@ struct SourceThread {
 }
 
 impl SourceThread {
-    /// Sends images until the source breaks, and returns the reason; None when there are no more images or no receiver.
+    /// Sends images until the source breaks, and returns the reason; None if there are no more images or no
+    /// receiver.
     fn show(&mut self, clock: &ProcessClock) -> Option<String> {
         loop {
             let files = matches!(self.images, Images::Files(_));
@@ -512,7 +510,7 @@ impl SourceThread {
                         None => None,
                     };
                     let image = SourceEvent::Image(frame, self.number, setting);
-                    // Files wait for the node; of a camera only the newest image counts.
+                    // Files wait for the node; from a camera only the newest image is used.
                     if files {
                         self.events.send(image).ok()?;
                     } else if let Err(TrySendError::Disconnected(_)) = self.events.try_send(image) {

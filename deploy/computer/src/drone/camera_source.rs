@@ -14,19 +14,19 @@ use crate::drone::exposure::ExposureControl;
 use crate::exit::{CliError, Doing};
 
 const MAX_FILES: usize = 100_000;
-/// Delay beyond which the schedule of files is shifted, ns.
+/// Lateness beyond which the schedule of files is shifted, ns.
 const MAX_LATENESS_NS: i64 = 1_000_000_000;
 const MAX_BYTES: u64 = 16 << 20;
 
 pub enum Images {
     Device(Device),
-    /// Files, in the order of their names.
+    /// In the order of their names.
     Files(Files),
     Pipe(Pipe),
 }
 
 impl Images {
-    /// Opens the source in `config`, for images of `size` (width, height), px.
+    /// Opens the source in `config` for images of `size` (width, height), px.
     pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
         let doing = format_args!("opening the camera's source {}", config.source);
@@ -48,7 +48,8 @@ impl Images {
             return Ok(Images::Files(Files::open(path, config.rate_hz)?));
         }
         if meta.file_type().is_fifo() {
-            // Opened for writing as well, so that it opens without waiting for a writer and stays open when one ends.
+            // Opening for writing as well avoids waiting for a writer, and keeps the pipe open when a writer
+            // ends.
             let file = File::options().read(true).write(true).open(path);
             let file = file.doing(doing)?;
             return Ok(Images::Pipe(Pipe {
@@ -67,7 +68,7 @@ impl Images {
             Images::Pipe(pipe) => pipe.next_frame(clock),
         }
     }
-    /// Exposure setting, or the reason why the device's automatic exposure is in use; None if the exposure is not
+    /// Exposure setting, or the reason for the device's automatic exposure; None if the exposure is not
     /// controlled.
     pub fn exposure(&self) -> Option<Result<Setting, String>> {
         match self {
@@ -78,8 +79,7 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => None,
         }
     }
-    /// Whether neither exposure nor gain can be increased. Settings that the drone does not control count as at their
-    /// limits.
+    /// Whether neither exposure nor gain can be increased. Uncontrolled settings count as at their limits.
     pub fn at_limit(&self) -> bool {
         match self {
             Images::Device(device) => match &device.exposure {
@@ -89,7 +89,7 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => true,
         }
     }
-    /// Meters the light of image number `image`; the newest image is number `newest`.
+    /// Meters the light of image number `image`, while `newest` is the newest.
     pub fn meter(&mut self, image: u64, newest: u64, light: &Light) {
         if let Images::Device(device) = self
             && let Some(Ok(control)) = &mut device.exposure
@@ -143,7 +143,7 @@ impl Files {
         if early_ns > 0 {
             crate::process::supervisor::pause(std::time::Duration::from_nanos(early_ns.unsigned_abs()));
         }
-        // Images keep the schedule of their rate even if this computer is late for one, because markers blink by it.
+        // Images keep their schedule even if this computer is late for one, because markers blink by it.
         let at = clock.read(self.next_ns);
         self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - MAX_LATENESS_NS);
         Ok(Some(CameraFrame { at, image }))
@@ -159,7 +159,7 @@ fn read_pgm(path: &Path) -> Result<GreyImage, CliError> {
     GreyImage::from_pgm(&bytes).doing(doing)
 }
 
-/// Raw grey images in sequence, each with one byte per pixel of the lens.
+/// Sequence of raw grey images, one byte per pixel.
 pub struct Pipe {
     file: File,
     delay: Span,
@@ -187,7 +187,7 @@ pub struct Device {
     camera: rscam::Camera,
     name: String,
     size: [usize; 2],
-    /// Bytes per brightness value.
+    /// Bytes per pixel of brightness.
     stride: usize,
     delay: Span,
     /// Control of the exposure, or the reason why it is missing; None if not configured.
@@ -214,7 +214,7 @@ impl Device {
                     config.format
                 ))
             })?;
-        // After the start, because some drivers reset their controls with it.
+        // Some drivers reset their controls at the start of the stream.
         let exposure = (config.exposure_s > 0.0).then(|| ExposureControl::take(&camera, config));
         Ok(Device {
             camera,
@@ -230,7 +230,7 @@ impl Device {
         let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
         let frame = self.camera.capture().doing(doing)?;
-        // The driver stamps with the system's steady clock; without a stamp the arrival counts.
+        // The driver stamps with the system's steady clock; without a stamp the time of arrival is used.
         let now_ns = steady_ns();
         let stamped_ns = i64::try_from(frame.get_timestamp())
             .unwrap_or(0)

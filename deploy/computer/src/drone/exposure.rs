@@ -11,7 +11,6 @@ use crate::config::camera::CameraSource;
 const UNIT_S: f64 = 1e-4;
 
 pub trait Controls {
-    /// Type, range and value of a control.
     fn query(&self, id: u32) -> Result<CtrlData, Error>;
     fn set(&self, id: u32, value: i32) -> Result<(), Error>;
 }
@@ -29,13 +28,13 @@ pub struct ExposureControl {
     metering: Metering,
     /// Exposure and gain are metered; otherwise they are fixed.
     metered: bool,
-    /// Id of the gain's control, if there is one.
+    /// Control id of the gain, if there is one.
     gain: Option<u32>,
 }
 
 impl ExposureControl {
-    /// Starts from the exposure and gain that the device's automatic control has set. The error is a sentence about the
-    /// device.
+    /// Starts from the exposure and gain that the device's automatic control has set. The error completes a
+    /// sentence about the device.
     pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
             .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;
@@ -51,7 +50,7 @@ impl ExposureControl {
             ));
         }
         if device.query(rscam::CID_EXPOSURE_AUTO).is_ok() {
-            // Devices have one of the two modes in which a program sets the time.
+            // Devices support one of the two modes in which a program sets the exposure time.
             let set = |mode: u32| device.set(rscam::CID_EXPOSURE_AUTO, mode as i32);
             set(rscam::EXPOSURE_MANUAL)
                 .or_else(|_| set(rscam::EXPOSURE_SHUTTER_PRIORITY))
@@ -97,11 +96,11 @@ impl ExposureControl {
     pub fn setting(&self) -> Setting {
         self.metering.setting()
     }
-    /// Whether neither can be increased: both are at their limits, or fixed.
+    /// Whether exposure and gain are both at their limits or fixed.
     pub fn at_limit(&self) -> bool {
         !self.metered || self.metering.at_limit()
     }
-    /// Meters the light of image number `image` of the device; its newest image is number `newest`.
+    /// Meters the light of the device's image number `image`, while `newest` is the newest.
     pub fn meter(
         &mut self,
         device: &impl Controls,
@@ -153,7 +152,7 @@ mod tests {
     use alight_uav::camera::{ImageLight, TagLight};
     use std::cell::RefCell;
 
-    /// Device with these controls (minimum, maximum and value), and the values set.
+    /// Device with controls (minimum, maximum, value), and the values that were set.
     struct Device {
         controls: Vec<(u32, [i32; 3])>,
         written: RefCell<Vec<(u32, i32)>>,
@@ -207,7 +206,7 @@ mod tests {
         let control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
         let written = device.written.borrow();
         assert_eq!(written[0], (rscam::CID_EXPOSURE_AUTO, 1));
-        // The automatic exposure of 31.2 ms is longer than permitted.
+        // The automatic exposure of 31.2 ms exceeds the permitted one.
         assert_eq!(
             written[1..],
             [(rscam::CID_EXPOSURE_ABSOLUTE, 40), (rscam::CID_GAIN, 20)]
@@ -249,7 +248,6 @@ mod tests {
             control.at_limit() && (exposure_s, gain) == (0.004, 100.0),
             "{exposure_s} {gain}"
         );
-        // Fixed settings cannot be increased either.
         assert!(
             ExposureControl::take(&device, &source(0.004, 7))
                 .unwrap()

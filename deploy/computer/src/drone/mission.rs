@@ -1,4 +1,4 @@
-//! Report of the mission's process in addition to its steps.
+//! Report of the mission's process on a checkpoint that it ignores.
 
 use alight_shared::bus::{Edge, RowStep};
 use alight_uav::mission::MissionNode;
@@ -13,8 +13,8 @@ impl ProcessEdge<MissionNode> for RejectionReport {
     fn stepped(&mut self, _at: &NodeView<'_, MissionNode>, step: &RowStep<MissionNode>) {
         if let Some(why) = step.out.rejected {
             warn!(
-                "the checkpoint of the previous mission is ignored: it is {why}; settings of a ground station are \
-                 the file's again: set them again before the next landing"
+                "the checkpoint of the previous mission is ignored: it is {why}; settings from a ground station are lost, and \
+                 those of the file apply: set them again before the next landing"
             );
         }
     }

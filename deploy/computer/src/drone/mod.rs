@@ -36,12 +36,11 @@ impl Supervision {
     }
 }
 
-/// Runs the drone's processes until stopped.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<DroneComputerConfig>(&args.process.config)?;
     let supervision = &computer.supervision;
     if supervision.autopilot {
-        // Rejected here, not in a process that would restart again and again.
+        // An invalid key is rejected here, not in a process that would restart again and again.
         mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
     }
     computer.radio.check_zenoh()?;

@@ -1,6 +1,5 @@
-//! Byte link to an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A broken link is
-//! reopened after a pause that doubles up to a maximum, in a task of its own: neither a name lookup nor a silent peer
-//! delays readers and writers.
+//! Byte link to an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A separate
+//! task reopens a broken link, so neither a name lookup nor a silent peer delays readers and writers.
 
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
@@ -20,14 +19,13 @@ const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
 /// Maximum number of consecutive reads: a flood must not delay the set-points.
 const MAX_READS: usize = 16;
-/// Maximum length of a datagram, or of a part of a stream, bytes.
+/// Maximum length of a datagram, or of one read from a stream, bytes.
 const MAX_READ_BYTES: usize = 2048;
-/// Maximum number of bytes that a link delivers at once.
+/// Maximum number of bytes per arrival.
 pub const MAX_AT_ONCE: usize = MAX_READS * MAX_READ_BYTES;
 
 pub struct ByteLink {
     url: LinkUrl,
-    /// Filter for the peer of a UDP link.
     speaks: Option<Speaks>,
     open: Option<Open>,
     opening: Option<JoinHandle<io::Result<Open>>>,
@@ -35,7 +33,7 @@ pub struct ByteLink {
     backoff: Duration,
     opened: u32,
     unsent: u64,
-    /// Rest of a message of which the line took a part; it is sent before anything else.
+    /// Rest of a partly sent message; it is sent before anything else.
     rest: Vec<u8>,
     last_error: Option<String>,
 }
@@ -46,13 +44,12 @@ enum Event {
 }
 
 impl ByteLink {
-    /// Link with any peer.
     #[cfg(test)]
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
         ByteLink::with_peer(url, None).await
     }
-    /// Link to `url`; over UDP its peer is the first sender accepted by `speaks`. Faults that can be known at once are
-    /// errors: a port that is taken, a host without an address. A peer that is not there yet is waited for.
+    /// Link to `url`; over UDP its peer is the first sender accepted by `speaks`. An occupied port or a host
+    /// without an address is an error; an absent peer is waited for.
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {
@@ -67,8 +64,8 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// One of several links. An unknown name of another computer is not an error, so that the other links continue; the
-    /// name is looked up until it is known.
+    /// Link that is used with others: an unknown host name is not an error, but is looked up until it is
+    /// known, so that the other links continue.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
             LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
@@ -93,7 +90,7 @@ impl ByteLink {
             last_error: None,
         }
     }
-    /// Whether sent data reach a receiver, as far as the system knows: an open port, an established connection.
+    /// Whether sent data reach a receiver, as far as the system knows.
     pub fn is_open(&self) -> bool {
         match &self.open {
             Some(Open::Udp { .. } | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..)) => {
@@ -105,7 +102,7 @@ impl ByteLink {
     pub fn opened(&self) -> u32 {
         self.opened
     }
-    /// Number of datagrams dropped because another sender than the peer sent them.
+    /// Number of datagrams from foreign senders, which are dropped.
     pub fn foreign(&self) -> u64 {
         match &self.open {
             Some(Open::Udp { peer, .. }) => peer.foreign(),
@@ -113,7 +110,7 @@ impl ByteLink {
             | None => 0,
         }
     }
-    /// Number of dropped datagrams, with the sender of the newest; None without any.
+    /// Number of dropped datagrams, and the sender of the newest; None without any.
     pub fn foreign_senders(&self) -> Option<(u64, SocketAddr)> {
         match &self.open {
             Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_foreign()?)),
@@ -124,13 +121,13 @@ impl ByteLink {
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
-    /// Reason why the link could not be opened, once for each new reason.
+    /// New reason why the link could not be opened; each is returned once.
     pub fn last_error(&mut self) -> Option<String> {
         self.last_error.take()
     }
 
-    /// Waits for bytes and passes all received ones to `take`. Returns without bytes after a connection, an end or a
-    /// failure. Cancelling the wait loses nothing.
+    /// Waits for bytes and passes all of them to `take`. Also returns, without bytes, after a connection, an
+    /// end or a failure. Cancelling the wait loses nothing.
     pub async fn read(&mut self, mut take: impl FnMut(&[u8])) {
         let Some(open) = &self.open else {
             return self.reopen().await;
@@ -158,7 +155,7 @@ impl ByteLink {
             }
         }
     }
-    /// Handles the result of a read: passes the peer's bytes to `take`; false after any other event.
+    /// Passes the peer's bytes to `take`; false after any other event.
     fn received(
         &mut self,
         received: io::Result<LinkReceived>,
@@ -187,10 +184,10 @@ impl ByteLink {
                 false
             }
             Ok(LinkReceived::Foreign(by)) => {
-                self.last_error = Some(format!("{}: a connection of {by} is rejected", self.url));
+                self.last_error = Some(format!("{}: a connection from {by} is rejected", self.url));
                 false
             }
-            // Response to sent data when nothing listens at the destination yet.
+            // ICMP answer to sent data when nothing listens at the destination yet.
             Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
             Err(e) => {
                 self.failed(&e);
@@ -248,8 +245,8 @@ impl ByteLink {
         }
     }
 
-    /// Sends one message, whole or not at all. If the line cannot take it now, it is lost and counted: a set-point must
-    /// not be late. A line that took a part gets the rest before anything else.
+    /// Sends one message, whole or not at all. If the line cannot take it now, it is dropped and counted,
+    /// because a late set-point is worse than none. The rest of a partly sent message goes first.
     pub fn write(&mut self, message: &[u8]) {
         if !self.rest.is_empty() {
             let rest = core::mem::take(&mut self.rest);
@@ -271,7 +268,7 @@ impl ByteLink {
             }
         }
     }
-    /// Writes what the line takes now: all bytes if there is no peer, none if it is full.
+    /// Number of bytes that the line takes now: all if there is no peer, none if it is full.
     fn put(&self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
         written.unwrap_or(Ok(bytes.len()))

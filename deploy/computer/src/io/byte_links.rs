@@ -1,4 +1,4 @@
-//! Several byte links, each read and written by a task of its own.
+//! Several byte links, each read and written by its own task.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -13,11 +13,11 @@ const MAX_UNSENT: usize = 16;
 
 pub struct ByteArrival {
     pub link: usize,
-    /// Received bytes, at most what a link reads at once.
+    /// Received bytes, at most [`super::byte_link::MAX_AT_ONCE`].
     pub bytes: Vec<u8>,
     pub open: bool,
     pub error: Option<String>,
-    /// Datagrams from others than the peer so far, and the newest sender.
+    /// Number of datagrams from foreign senders so far, and the newest sender.
     pub foreign: Option<(u64, SocketAddr)>,
 }
 
@@ -27,7 +27,7 @@ pub struct ByteLinks {
 }
 
 impl ByteLinks {
-    /// Starts reading the links inside a tokio runtime; the tasks end with this value.
+    /// Starts reading the links inside a tokio runtime; dropping the value ends the tasks.
     pub fn start(links: impl IntoIterator<Item = (usize, ByteLink)>) -> ByteLinks {
         let (to, arrivals) = mpsc::channel(MAX_WAITING);
         let start = |(number, link)| {
@@ -44,11 +44,11 @@ impl ByteLinks {
             None => core::future::pending().await,
         }
     }
-    /// Next event, if one has arrived already.
+    /// Next event that has already arrived.
     pub fn arrived(&mut self) -> Option<ByteArrival> {
         self.arrivals.try_recv().ok()
     }
-    /// Sends a message on a link; it is lost if there is no room.
+    /// Sends a message on a link, or drops it if the link's queue is full.
     pub fn write(&self, link: usize, message: &[u8]) {
         let _lost = self.out.get(&link).map(|to| to.try_send(message.to_vec()));
     }

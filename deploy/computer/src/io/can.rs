@@ -1,5 +1,4 @@
-//! Frames of a CAN interface as lines in candump's format. The interface is only read: nothing is ever sent to a boat's
-//! bus.
+//! CAN frames as lines in candump's format. The interface is only read: nothing is ever sent to a boat's bus.
 
 use core::fmt::Write;
 use std::fs::File;
@@ -26,7 +25,7 @@ fn absent(interface: &str, e: &io::Error) -> io::Error {
     let message = format!("{e}: bring it up: ip link set {interface} up type can bitrate 250000");
     io::Error::new(e.kind(), message)
 }
-/// Error of a read, with the remedy if the interface is down: such an interface opens, and fails at the first read.
+/// Error of a read, with the remedy for an interface that is down, which opens but fails at the first read.
 pub fn broken(interface: &str, e: io::Error) -> io::Error {
     match e.kind() {
         ErrorKind::NetworkDown => absent(interface, &e),
@@ -34,7 +33,7 @@ pub fn broken(interface: &str, e: io::Error) -> io::Error {
     }
 }
 
-/// Line of a frame; empty for frames other than NMEA 2000, whose identifiers have 29 bits.
+/// Line of a frame; empty for frames with 11-bit identifiers, which are not NMEA 2000.
 pub fn line(interface: &str, frame: &[u8; FRAME]) -> String {
     let [a, b, c, d, length, _, _, _, data @ ..] = frame;
     let id = u32::from_ne_bytes([*a, *b, *c, *d]);

@@ -1,8 +1,8 @@
-//! Digital line of this computer: a file that contains 0 or 1, or a line of the kernel's GPIO character device.
+//! Digital line: a file that contains 0 or 1, or a line of the kernel's GPIO character device.
 //!
-//! `/dev/gpiochip0:17` is line 17 of that chip, high when active; `/dev/gpiochip0:17:active-low` is pulled up and
-//! active at ground, as a switch to ground or a lamp from the supply is wired. Any other text is the path of a file,
-//! such as `/sys/class/leds/helm/brightness`, or of one through which a program drives another interface.
+//! `/dev/gpiochip0:17` is line 17 of that chip, active high; `/dev/gpiochip0:17:active-low` is pulled up and
+//! active at ground, as for a switch to ground or a lamp from the supply. Any other text is the path of a
+//! file, such as `/sys/class/leds/helm/brightness`, or one through which a program drives another interface.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -42,21 +42,21 @@ impl Place {
     }
 }
 
-/// Digital line. A GPIO line is requested from the kernel at its first use and kept.
+/// Digital line. A GPIO line is requested from the kernel at its first use and then kept.
 pub struct DigitalLine {
     place: Result<Place, String>,
     lent: Option<Request>,
 }
 
 impl DigitalLine {
-    /// Line of this name; an invalid name is an error at each use.
+    /// An invalid name is an error at each use.
     pub fn new(name: &str) -> DigitalLine {
         DigitalLine {
             place: Place::of(name),
             lent: None,
         }
     }
-    /// Whether the line can belong to one program only.
+    /// Whether only one program can use the line.
     pub fn is_exclusive(&self) -> bool {
         matches!(self.place, Ok(Place::Gpio { .. }))
     }
@@ -134,7 +134,7 @@ fn write_file(path: &Path, level: bool) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// A pipe or a device may block for ever; files of sysfs are regular.
+/// Excludes pipes and devices, which may block for ever; files of sysfs are regular.
 fn is_regular(path: &Path) -> Result<(), String> {
     let regular = fs::metadata(path).map_err(|e| e.to_string())?.is_file();
     regular.then_some(()).ok_or_else(|| "not a regular file".into())

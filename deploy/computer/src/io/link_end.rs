@@ -1,4 +1,4 @@
-//! Open end of a byte link: a socket, a serial port, a boat's bus; and how each is opened.
+//! Open end of a byte link: a socket, a serial port or a boat's bus.
 
 use core::task::{Context, Poll, Waker};
 use std::fs::{File, OpenOptions};
@@ -23,27 +23,27 @@ use crate::io::can;
 use crate::io::peer::{LinkPeer, Speaks};
 use crate::io::web_socket::{self, SocketEnding};
 
-/// Timeout of a TCP connection, including the lookup of the name.
+/// Timeout of a TCP connection, including the name lookup.
 const CONNECT: Duration = Duration::from_millis(300);
 pub const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
 
-/// Open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
+/// Open end with a non-blocking descriptor: reads wait in tokio, writes do not wait.
 pub enum Open {
     Udp {
         socket: AsyncFd<UdpSocket>,
         peer: LinkPeer,
     },
     Listening(LinkListener),
-    /// TCP connection, and the listener that accepted it, if any.
+    /// Connection, and the listener that accepted it, if any.
     Tcp(AsyncFd<TcpStream>, Option<LinkListener>),
     Serial(AsyncFd<File>),
-    /// CAN interface and its name: one line per frame. Nothing is sent.
+    /// Interface and its name; one line per frame, nothing is sent.
     Can(AsyncFd<File>, String),
-    /// Signal K server: one line per message, and the reason of its end. Nothing is sent.
+    /// Signal K server, one line per message, and the reason why it ended; nothing is sent.
     Lines(AsyncFd<File>, SocketEnding),
 }
 
-/// Listener for one connection, from a single address if one is named.
+/// Listener for one connection, optionally from a single address only.
 pub struct LinkListener {
     pub socket: AsyncFd<TcpListener>,
     from: Option<IpAddr>,
@@ -53,11 +53,11 @@ pub enum LinkReceived {
     /// Number of bytes in the buffer, and the sender of a datagram.
     Bytes(usize, Option<SocketAddr>),
     Peer(TcpStream),
-    /// Connection from an address that is not permitted; it is closed.
+    /// Rejected connection from a foreign address.
     Foreign(SocketAddr),
 }
 
-/// Tries `io` at once, and again whenever the descriptor may be ready.
+/// Tries `io` at once, and again whenever the descriptor becomes ready.
 async fn when_ready<T: AsRawFd, R>(
     fd: &AsyncFd<T>,
     interest: Interest,
@@ -115,7 +115,7 @@ impl Open {
             Poll::Pending => None,
         }
     }
-    /// Writes a part of a stream's bytes as soon as the line accepts some.
+    /// Writes part of a stream's bytes as soon as the line accepts some.
     pub async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
@@ -123,7 +123,6 @@ impl Open {
             Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(..) => Ok(bytes.len()),
         }
     }
-    /// Writes as many bytes as possible now; None while there is no peer.
     pub fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
         match self {
             Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
@@ -194,7 +193,6 @@ fn ended(read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-/// First address of a host with its port.
 pub async fn resolve(host: &str) -> io::Result<SocketAddr> {
     tokio::net::lookup_host(host)
         .await?
@@ -202,21 +200,20 @@ pub async fn resolve(host: &str) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
 }
 
-/// Opens a serial port for raw bytes, exclusively: two readers of one line would each receive a part of every message.
+/// Opens a serial port for raw bytes, exclusively: two readers would each receive a part of every message.
 pub fn serial(path: &Path, baud: u32) -> io::Result<File> {
-    // Reads do not wait, and the port does not become this process's controlling terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
     let port = OpenOptions::new()
         .read(true)
         .write(true)
         .custom_flags(flags.bits().cast_signed())
         .open(path)
-        // Result of TIOCEXCL below for everybody but root.
+        // TIOCEXCL below has this effect for all but root.
         .map_err(|e| match e.kind() {
             ErrorKind::ResourceBusy => in_use(),
             _ => e,
         })?;
-    // Excludes Alight's own programs, root's included; then any other that opens it later.
+    // Excludes Alight's own programs, even as root; TIOCEXCL excludes any other that opens the port later.
     flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
         Errno::WOULDBLOCK => in_use(),
         e => e.into(),

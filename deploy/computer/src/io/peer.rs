@@ -1,6 +1,6 @@
-//! Peer of a UDP link, which accepts datagrams of one sender at a time. On a listening link the peer is the first
-//! sender that sends valid messages from the permitted address; another one replaces it only after a silence. A single
-//! sender may use a new port for each datagram; its ports do not recur, while those of two senders do.
+//! Peer of a UDP link, which accepts datagrams of one sender at a time. On a listening link the peer is the
+//! first sender of valid messages from the permitted address; another replaces it only after a silence. A
+//! single sender may use a new port for each datagram; its ports do not recur, while those of two senders do.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -13,9 +13,9 @@ use tracing::{info, warn};
 pub const PEER_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_NAMED: usize = 8;
 
-/// Number of new ports of one address in a row, none of which recurs, that indicates a single sender.
+/// Number of consecutive new ports of one address, without recurrence, that indicates a single sender.
 const NEW_PORTS: usize = 4;
-/// Number of ports of an address that are remembered; more programs on one computer, each with its own port, look like
+/// Number of remembered ports per address; more programs on one computer, each with its own port, look like
 /// one sender.
 const MAX_PORTS: usize = 8;
 
@@ -25,9 +25,7 @@ pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
 pub struct LinkPeer {
     /// Present peer, and the time of its newest datagram.
     now: Option<(SocketAddr, Instant)>,
-    /// The peer is the configured destination.
     fixed: bool,
-    /// Only permitted address.
     from: Option<IpAddr>,
     speaks: Option<Speaks>,
     foreign: u64,
@@ -38,10 +36,9 @@ pub struct LinkPeer {
 
 #[derive(Default)]
 struct Ports {
-    /// Ports that sent recently, the newest last.
+    /// Recent ports, the newest last.
     known: Vec<u16>,
     new: usize,
-    /// Number of dropped datagrams from these ports.
     left_out: u64,
 }
 
@@ -60,14 +57,13 @@ impl Ports {
         }
         self.known.push(port);
     }
-    /// Whether the ports belong to one sender that changes them.
+    /// Whether the ports belong to one sender that changes its port.
     fn change(&self) -> bool {
         self.new >= NEW_PORTS
     }
 }
 
 impl LinkPeer {
-    /// Peer that never changes.
     pub fn fixed(to: SocketAddr) -> LinkPeer {
         LinkPeer {
             now: Some((to, Instant::now())),
@@ -75,7 +71,7 @@ impl LinkPeer {
             ..LinkPeer::listening(None, None)
         }
     }
-    /// No peer yet: the first sender at the address `from` accepted by `speaks`.
+    /// Waits for the first sender at the address `from` that `speaks` accepts.
     pub fn listening(from: Option<IpAddr>, speaks: Option<Speaks>) -> LinkPeer {
         LinkPeer {
             now: None,
@@ -97,7 +93,6 @@ impl LinkPeer {
     pub fn newest_foreign(&self) -> Option<SocketAddr> {
         self.newest
     }
-    /// Whether a datagram from `sender` that arrives at `now` is accepted.
     pub fn takes(&mut self, now: Instant, sender: SocketAddr, datagram: &[u8]) -> bool {
         let known = self.address() == Some(sender);
         if self.fixed && known {
@@ -125,19 +120,18 @@ impl LinkPeer {
         if self.named.len() < MAX_NAMED && !self.named.contains(&sender) {
             self.named.push(sender);
             match self.address() {
-                Some(peer) => warn!("datagrams of {sender} are ignored: the link's peer is {peer}"),
-                None => warn!("datagrams of {sender} are ignored: it is not the expected sender"),
+                Some(peer) => warn!("datagrams from {sender} are ignored: the link's peer is {peer}"),
+                None => warn!("datagrams from {sender} are ignored: it is not the expected sender"),
             }
         }
         false
     }
-    /// Whether a datagram may make its sender the peer.
     fn may(&self, sender: SocketAddr, datagram: &[u8]) -> bool {
         self.from.is_none_or(|from| from == sender.ip().to_canonical())
             && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram))
     }
-    /// Whether a sender at the peer's address is the peer using yet another port. From there it may send other
-    /// kinds of messages.
+    /// Whether a sender at the peer's address is the peer with yet another port. Such a sender may send any
+    /// kind of message.
     fn is_own(&mut self, sender: SocketAddr, may: bool) -> bool {
         let before = self.ports.change();
         if may {
@@ -176,7 +170,6 @@ mod tests {
         assert_eq!((peer.address(), peer.foreign()), (None, 2));
         assert!(peer.takes(now, own, b"autopilot"));
         assert!(peer.takes(now, own, b"whatever it sends then"));
-        // Another program of the same computer, before and after a silence.
         let second = at("10.0.0.7:5000");
         let later = now + Duration::from_secs(4);
         assert!(!peer.takes(later, second, b"autopilot"));
@@ -194,7 +187,7 @@ mod tests {
         assert!(peer.takes(later, at("10.0.0.7:14580"), b"autopilot"));
     }
 
-    /// Whether each datagram of these ports of one address is accepted, 100 ms apart, and the final peer.
+    /// Acceptance of each datagram from these ports of one address, sent 100 ms apart, and the final peer.
     fn taken(ports: impl IntoIterator<Item = u16>) -> (Vec<bool>, LinkPeer) {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
         let mut peer = LinkPeer::listening(None, Some(speaks));
@@ -213,7 +206,6 @@ mod tests {
         let left_out = taken_all.iter().filter(|taken| !**taken).count();
         assert_eq!((left_out, taken_all.last()), (NEW_PORTS - 2, Some(&true)));
         assert_eq!((peer.foreign(), peer.newest_foreign()), (0, None));
-        // Another computer is still another sender.
         let now = Instant::now();
         assert!(!peer.takes(now, at("10.0.0.8:5000"), b"$GPGGA") && peer.foreign() == 1);
         let (taken_all, peer) = taken((0..60).map(|k| 40_000 + k / 3));
@@ -232,7 +224,6 @@ mod tests {
             assert!(of_first, "{senders}: {taken:?}");
             assert_eq!(peer.address().map(|a| a.port()), Some(40_000));
         }
-        // With more senders one foreign datagram is accepted; from then on only one sender is.
         for senders in NEW_PORTS as u16..=MAX_PORTS as u16 {
             let (taken, _) = taken((0..800).map(|k| 40_000 + k % senders));
             let later: Vec<bool> = taken.into_iter().skip(usize::from(2 * senders)).collect();

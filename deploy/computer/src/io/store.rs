@@ -1,5 +1,5 @@
-//! Small file that outlives the process. A thread of its own writes it at each change, because a disk may take seconds,
-//! first completely and under another name. The next start finds the old state or the new one.
+//! Small file that outlives the process. A separate thread writes it at each change, because a disk may take
+//! seconds. The next start finds the old state or the new one.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -11,21 +11,19 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
-/// Variable in which a service manager names the directory of a service's state.
+/// Variable in which a service manager names the state directory of a service.
 pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
 const MAX_BYTES: u64 = 1 << 16;
 const MAX_WAITING: usize = 4;
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
 
-/// Directory of this service's state; None if its manager names none.
 pub fn state_directory() -> Option<PathBuf> {
     let named = std::env::var(STATE_VARIABLE).ok()?;
-    // systemd separates several by colons.
+    // systemd separates several directories by colons.
     let first = named.split(':').next().filter(|first| !first.is_empty())?;
     Some(first.into())
 }
 
-/// Content of a small file; None if it is missing.
 pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     let file = match File::open(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
@@ -40,8 +38,8 @@ pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-/// Replaces a file: written completely under another name first, so that a reader finds the old content or the new one.
-/// With `synced` it is on the disk before this returns.
+/// Replaces a file atomically: a reader finds the old content or the new one. With `synced` the new content
+/// is on the disk before this returns.
 pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
@@ -57,12 +55,12 @@ pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a renaming or removal persist across a power cut.
+/// Makes a renaming or removal survive a power cut.
 fn sync_directory(path: &Path) -> io::Result<()> {
     File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
 }
 
-/// Removes a file, if it exists; it is gone from the disk before this returns.
+/// Removes a file if it exists; the removal is on the disk before this returns.
 pub fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
@@ -70,12 +68,12 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Description of a file's content, and the effect of a failure to replace it, for messages.
+/// Description of a file's content, and of the effect of a failure to replace it, for messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Holds {
     pub what: &'static str,
     pub lost: &'static str,
-    /// An older file would mislead the next start, so it is removed if it cannot be replaced.
+    /// The file is removed if it cannot be replaced, because the next start would trust an outdated one.
     pub misleads: bool,
 }
 
@@ -88,7 +86,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// Store for the file at `path`, which contains `found`. `unsaved`: a state that could not be written, and why.
+    /// Store for the file at `path`, which contains `found`. `unsaved`: an unwritten state, and why.
     pub fn open(
         path: PathBuf,
         found: Vec<u8>,
@@ -114,8 +112,7 @@ impl Store {
             error,
         })
     }
-    /// Keeps this state from now on; returns whether it is on its way to the disk. If too many states wait, the next
-    /// call tries again.
+    /// Queues this state for the disk; false if too many states wait, and the next call tries again.
     pub fn keep(&mut self, state: Vec<u8>) -> bool {
         if state == self.newest {
             return true;
@@ -130,7 +127,6 @@ impl Store {
     pub fn newest(&self) -> &[u8] {
         &self.newest
     }
-    /// Error if the newest state is not on the disk.
     pub fn error(&self) -> Option<String> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -138,7 +134,7 @@ impl Store {
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // The newest state is on the disk before the process ends.
+        // Waits until the newest state is on the disk.
         self.states = None;
         let _ended = self.writer.take().map(JoinHandle::join);
     }

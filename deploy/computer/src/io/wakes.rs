@@ -10,20 +10,19 @@ use tokio::io::unix::AsyncFd;
 
 use crate::exit::{CliError, Doing};
 
-/// Topics that wake a row, by its wiring.
 pub struct Wakes(Vec<AsyncFd<Listener>>);
 
 impl Wakes {
-    /// Watches these listeners, inside a tokio runtime.
+    /// Watches these listeners; needs a tokio runtime.
     pub fn watch(wakes: impl IntoIterator<Item = Listener>) -> Result<Wakes, CliError> {
         let watch = |listener| watched(listener, Interest::READABLE).doing("waiting for messages");
         Ok(Wakes(wakes.into_iter().map(watch).collect::<Result<_, _>>()?))
     }
-    /// Waits until one has a message.
+    /// Waits until a listener has a message.
     pub async fn woken(&self) -> Result<(), CliError> {
         let woken = poll_fn(|cx| {
             let mut woken = Poll::Pending;
-            // Every listener is polled, so that each wakes this task.
+            // Polls every listener, so that each wakes this task.
             for wake in &self.0 {
                 match wake.poll_read_ready(cx) {
                     Poll::Ready(Ok(mut ready)) => {

@@ -1,4 +1,4 @@
-//! Time of day, for data that leave the computer: no flight depends on it.
+//! Time of day, for data that leave the computer; no flight depends on it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

@@ -1,5 +1,5 @@
-//! WebSocket to a Signal K server, with text messages both ways. A silent connection is pinged, and closed without an
-//! answer.
+//! WebSocket to a Signal K server, with text messages both ways. A silent server is pinged; without an answer
+//! the connection is closed.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
@@ -18,11 +18,11 @@ use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 
-/// Timeout of a connection, including the lookup of the name and the server's answer.
+/// Timeout of a connection, including the name lookup and the server's answer.
 const CONNECT: Duration = Duration::from_secs(3);
 const SEND: Duration = Duration::from_secs(3);
-/// Silence after which the server is pinged; after the same time again the connection is closed. A server pings every
-/// 30 s.
+/// Silence after which the server is pinged, and after the same time again the connection is closed. A server
+/// pings every 30 s.
 const SILENT: Duration = Duration::from_secs(10);
 const MAX_REASON: usize = 120;
 const MAX_TOKEN: u64 = 4096;
@@ -41,7 +41,7 @@ pub struct SignalKSocket {
 }
 
 impl SignalKSocket {
-    /// Connects to the server at `host` (`HOST:PORT`), with the token in a file if it needs one.
+    /// Connects to the server at `host` (`HOST:PORT`), with the token from a file if it needs one.
     pub async fn connect(
         host: &str,
         subscribe: Subscribe,
@@ -51,7 +51,7 @@ impl SignalKSocket {
             Subscribe::Own => "self",
             Subscribe::None => "none",
         };
-        // A value that the server received long ago does not count as a measurement.
+        // A value that the server received long ago is not a measurement.
         let url = format!("ws://{host}/signalk/v1/stream?subscribe={subscribe}&sendCachedValues=false");
         let mut request = url.into_client_request().map_err(io::Error::other)?;
         if let Some(file) = token {
@@ -60,7 +60,6 @@ impl SignalKSocket {
         let config = WebSocketConfig::default()
             .read_buffer_size(16 << 10)
             .write_buffer_size(0)
-            // Unsent messages are limited to one.
             .max_write_buffer_size(MAX_MESSAGE)
             .max_message_size(Some(MAX_MESSAGE))
             .max_frame_size(Some(MAX_MESSAGE));
@@ -133,7 +132,7 @@ impl SocketEnding {
     }
 }
 
-/// Messages of a server's own vessel as lines of a stream, which ends with the connection.
+/// Messages about the server's own vessel as lines of a stream, which ends with the connection.
 pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, SocketEnding)> {
     let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
     let (ours, theirs) = UnixStream::pair()?;
@@ -142,7 +141,7 @@ pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Socket
     tokio::spawn(async move {
         let why = loop {
             match socket.receive().await {
-                // Inside a message a line feed is white space.
+                // Inside a JSON message a line feed is white space.
                 Ok(text) => {
                     let line = text.replace(['\n', '\r'], " ") + "\n";
                     if write(&ours, line.as_bytes()).await.is_err() {
@@ -152,7 +151,6 @@ pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Socket
                 Err(why) => break why,
             }
         };
-        // The reason is set before the stream ends.
         let _first = end.0.set(why);
         drop(ours);
     });
@@ -171,7 +169,7 @@ async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Authorization header with the token, which is one line of a file.
+/// Authorization header with the token in the single line of `file`.
 fn authorization(file: &Path) -> io::Result<HeaderValue> {
     let doing = |e: io::Error| io::Error::new(e.kind(), format!("reading the token {}: {e}", file.display()));
     let metadata = fs::metadata(file).map_err(doing)?;
@@ -192,7 +190,6 @@ fn authorization(file: &Path) -> io::Result<HeaderValue> {
     Ok(header)
 }
 
-/// Error for a connection that the server closed with a message.
 fn closed(close_reason: &str) -> io::Error {
     let short: String = close_reason
         .chars()
@@ -223,7 +220,7 @@ mod tests {
     use tokio_tungstenite::accept_hdr_async;
     use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
-    /// Stand-in for a server: it receives a client's messages, sends these messages, and ends.
+    /// Stand-in for a server: it receives a client's messages, sends its own, and ends.
     async fn server(
         listener: TcpListener,
         messages: Vec<Message>,
@@ -243,7 +240,6 @@ mod tests {
         let mut received = Vec::new();
         if let Ok(mut socket) = accept_hdr_async(stream, look).await {
             for message in messages {
-                // A message that is too long is not read to its end.
                 let _sent = socket.send(message).await;
             }
             while let Some(Ok(message)) = socket.next().await {
@@ -321,7 +317,6 @@ mod tests {
         let (listener, host) = listening().await;
         let server = tokio::spawn(server(listener, Vec::new(), None));
         let mut socket = SignalKSocket::connect(&host, Subscribe::Own, None).await.unwrap();
-        // It was pinged, and the time for an answer is over.
         (socket.due, socket.pinged) = (Instant::now(), true);
         let e = socket.receive().await.unwrap_err();
         assert_eq!(e.kind(), ErrorKind::TimedOut, "{e}");

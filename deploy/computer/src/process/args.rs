@@ -90,7 +90,7 @@ pub struct Scheduling {
 }
 
 impl Scheduling {
-    /// Scheduling that the system permits: with its priority, or without.
+    /// Drops the priority if the system does not permit it.
     pub fn where_permitted(&self, permitted: bool) -> Scheduling {
         Scheduling {
             realtime: self.realtime.filter(|_| permitted),
@@ -108,7 +108,7 @@ impl Scheduling {
         }
         flags
     }
-    /// Applies the scheduling to this thread and to those that it starts later.
+    /// Applies the scheduling to this thread and to the threads that it starts later.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
             warn!("processors {:?}: not permitted, or not there", self.processors);

@@ -1,6 +1,6 @@
-//! Store of the nodes' checkpoints while their processes restart. The supervisor runs it, because it lives as long as
-//! the flight; a small file preserves the checkpoints when the supervisor crashes. The flight's task also survives a
-//! reboot of the computer, in a file on the disk.
+//! Store of the nodes' checkpoints while their processes restart. The supervisor runs it, because it lives as
+//! long as the flight; a small file keeps the checkpoints through a crash of the supervisor. The flight's
+//! task also survives a reboot of the computer, in a file on the disk.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,13 +14,12 @@ use tracing::{info, warn};
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, read, remove, replace};
 
-/// File with the id of this boot of the computer.
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
-/// Period at which the file is written: a tenth of the shortest age at which a checkpoint is still valid.
+/// Period at which the file is written: a tenth of the shortest validity of a checkpoint.
 const FILE_PERIOD: Span = Span::from_millis(50);
-/// Replaces the boot id where a file of any boot is valid.
+/// Replaces the boot id in a file that is valid after any boot.
 const ANY_BOOT: &str = "";
-/// Period at which the lasting state is compared: the times of signed frames change with each frame.
+/// Minimum period of writes of the lasting state, because the times of signed frames change with each frame.
 const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.
@@ -39,7 +38,7 @@ impl PersistentCheckpoints {
             lasting: None,
         })
     }
-    /// Restores the task of a flight that a reboot has interrupted, from the file at `path` on the disk.
+    /// Restores the task of a flight that a reboot interrupted, from the file at `path` on the disk.
     #[must_use]
     pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> PersistentCheckpoints {
         self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.store_mut()));
@@ -54,9 +53,9 @@ impl PersistentCheckpoints {
         }
         self
     }
-    /// Deletes the files: nothing may outlive a supervisor that was asked to end.
+    /// Deletes the files, because the supervisor was asked to end.
     pub fn forget(self) {
-        // If the file cannot be removed, its checkpoints soon become too old.
+        // If this fails, the file's checkpoints soon become too old.
         let of_supervisor = self.file.map(|file| file.path);
         // A pending write would create the file again.
         let of_flight = self.lasting.map(|LastingFile { path, store, .. }| {
@@ -79,19 +78,18 @@ impl PersistentCheckpoints {
     }
 }
 
-/// File in the instance's directory. On an installed computer that directory lies in memory (tmpfs): a write does not
-/// wait for a disk, and no synchronisation is needed, because a file of another boot is not valid.
+/// File in the instance's directory. On an installed computer this is in memory (tmpfs), so a write does not
+/// wait for a disk. It needs no synchronisation, because a file of another boot is invalid.
 struct CheckpointFile {
     path: PathBuf,
     computer_boot: String,
     unwritten: bool,
     due: Periodic<DroneClock>,
-    /// The newest writing failed.
     failed: bool,
 }
 
 impl CheckpointFile {
-    /// None if the computer does not name its boot.
+    /// None if the computer reports no boot id.
     fn open(path: PathBuf) -> Option<CheckpointFile> {
         match fs::read_to_string(COMPUTER_BOOT) {
             Ok(boot) => Some(CheckpointFile {
@@ -164,10 +162,10 @@ impl LastingFile {
         if !found.is_empty() {
             match checkpoints.restore(now, ANY_BOOT, &found) {
                 Ok(()) => info!(
-                    "{at}: the flight goes on that a former start was in: a sortie comes back while its charge lasts"
+                    "{at}: this start continues the flight of a former one: a sortie returns while its charge lasts"
                 ),
                 Err(why) => {
-                    warn!("{at}: the purpose of the flight before a reboot does not count: it is {why}")
+                    warn!("{at}: the purpose of the flight before a reboot is ignored: it is {why}")
                 }
             }
         }
@@ -195,7 +193,7 @@ impl LastingFile {
         } else {
             lasting.encode(ANY_BOOT).unwrap_or_default()
         };
-        // When the queue is full, the next poll tries again.
+        // If the queue is full, the next poll tries again.
         self.unwritten = !self.store.keep(bytes);
     }
 }

@@ -1,5 +1,5 @@
-//! Facts about a computer, as its supervisor reports them: the configuration with which it started, the radio's
-//! certificate, and whether the configuration was edited since. Viewers know the computer by this report alone.
+//! Facts about a computer, reported by its supervisor: initial configuration, the radio's certificate, and
+//! whether the configuration was edited since. Viewers know the computer by this report alone.
 
 use std::path::{Path, PathBuf};
 
@@ -13,17 +13,15 @@ use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::CliError;
 use crate::process::life::draw_boot;
 
-/// Time between two reports, ns.
 const PERIOD_NS: i64 = 500_000_000;
 /// Period at which the certificate's file is read again, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
-/// Facts about a computer, from its configuration.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// The report; values that change at run time are not known yet.
+    /// The report, without the values that change at run time.
     pub report: ComputerReport,
-    /// File of the radio's certificate, which a vessel reports; empty: the radio has none.
+    /// File of the radio's certificate, which a vessel reports; empty without one.
     certificate: PathBuf,
     clock: ProcessClock,
 }
@@ -74,13 +72,12 @@ impl Facts {
 pub struct Reporter {
     facts: Facts,
     reports: Publisher<ComputerReport>,
-    /// Next publication, and next reading of the certificate's file, on the steady clock, ns.
+    /// Next publication and next reading of the certificate's file, on the steady clock, ns.
     due_ns: i64,
     read_due_ns: i64,
 }
 
 impl Reporter {
-    /// A reporter of these facts, before the first report.
     pub fn join(memory: &Memory, mut facts: Facts) -> Result<Reporter, CliError> {
         facts.report.header.boot = draw_boot();
         Ok(Reporter {
@@ -90,7 +87,7 @@ impl Reporter {
             read_due_ns: i64::MIN,
         })
     }
-    /// Publishes the facts when they are due. `edited` returns the sentence about an edited configuration.
+    /// Publishes the facts when they are due. `edited` returns a message if the configuration was edited.
     pub fn poll(&mut self, now_ns: i64, edited: impl FnOnce() -> Option<String>) {
         if now_ns < self.due_ns {
             return;

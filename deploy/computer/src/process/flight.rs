@@ -15,7 +15,7 @@ use crate::record::flight::summary::FlightSummary;
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
 /// Metric: dead time of the attitude's response, s.
 pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
-/// Maximum number of drones that a vessel summarises: a hostile one may invent numbers.
+/// Maximum number of drones in a vessel's summary: a hostile drone may invent numbers.
 const MAX_DRONES: usize = 16;
 
 /// The flight that a computer's first process begins and summarises.
@@ -37,41 +37,37 @@ impl CurrentFlight {
             recording: FlightRecording::begin(config.directory.as_ref(), config.max_bytes()),
         })
     }
-    /// Directory in which the processes record.
     pub fn path(&self) -> PathBuf {
         self.recording.path().into()
     }
     pub fn log(&mut self) -> &mut FlightLog {
         &mut self.log
     }
-    /// Writes the summary when it is due.
     pub fn poll(&mut self, now_ns: i64) {
         if self.log.is_due(now_ns) && self.recording.sum_up(self.log.summary(now_ns, false)) {
             self.log.written(now_ns);
         }
     }
-    /// Ends the flight, after all processes have stopped recording.
+    /// Ends the flight; all processes must have stopped recording.
     pub fn end(mut self, now_ns: i64) {
         // While the disk is behind, the previous summary stays.
         let _behind = self.recording.sum_up(self.log.summary(now_ns, true));
     }
 }
 
-/// Number of the drone in a state: of each drone on the vessel, none on the drone itself.
+/// Number of the drone in a state; None on the drone itself.
 type DroneNumber = Option<u32>;
 
-/// Collects states, outcome and metrics.
 pub struct FlightLog {
     summary: FlightSummary,
     begun_ns: i64,
-    /// State of each drone, when it was entered, and when the approach to the deck began.
+    /// State of each drone, time of its entry, and time at which the approach to the deck began.
     states: BTreeMap<DroneNumber, (State, i64, Option<i64>)>,
     changed: bool,
     due_ns: i64,
 }
 
 impl FlightLog {
-    /// Log of a flight of this computer that begins at `now_ns` of the steady clock.
     pub fn of(computer: &str, now_ns: i64) -> FlightLog {
         FlightLog {
             summary: FlightSummary {
@@ -87,7 +83,7 @@ impl FlightLog {
     fn t_s(&self, now_ns: i64) -> f64 {
         seconds(now_ns - self.begun_ns)
     }
-    /// Records that a drone is in a state, with the reason for entering it and the condition that it waits for.
+    /// Records a drone's state, the reason for its entry and the condition that the drone waits for.
     pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)
@@ -115,10 +111,10 @@ impl FlightLog {
         self.summary
             .enter(t_s, &named(who, state.name()), reason.to_string());
         let outcome = match state {
-            // The previous state gives the reason.
+            // The message names the previous state instead.
             State::Idle if last.is_landing() => "ended",
             State::Idle | State::Preparing | State::Countdown | State::SpinUp | State::StandDown => "",
-            // It landed or gave up before this flight.
+            // It landed or aborted before this flight.
             State::Landed | State::GaveUp if before.is_none() => "",
             State::Landed => "landed",
             State::GaveUp => "gave up",
@@ -150,13 +146,12 @@ impl FlightLog {
             self.states.insert(who, (state, now_ns, way_ns));
         }
     }
-    /// Sets a metric.
     pub fn set(&mut self, name: &str, value: f64) {
         if value.is_finite() {
             self.summary.figures.insert(name.into(), value);
         }
     }
-    /// Raises a metric to `value` if it was lower.
+    /// Raises a metric to at least `value`.
     pub fn max(&mut self, name: &str, value: f64) {
         let before = self.summary.figures.get(name).copied();
         self.set(name, before.map_or(value, |b| b.max(value)));
@@ -165,7 +160,7 @@ impl FlightLog {
         let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
         self.set(name, before + value);
     }
-    /// Takes the newest snapshot of the computer; on the vessel, the drones' states and the waves.
+    /// Takes the newest snapshot of the computer; on a vessel, states of drones and waves.
     pub fn observe(&mut self, now_ns: i64, snapshot: &Snapshot, restarts: u32) {
         self.set("restarts", f64::from(restarts));
         if let Some(vessel) = *snapshot.vessel {
@@ -206,7 +201,7 @@ impl FlightLog {
             self.max("link_loss_max", link.loss);
         }
     }
-    /// Whether the summary changed, or has not been written for a period.
+    /// Whether the summary changed, or a period has passed since the last write.
     fn is_due(&self, now_ns: i64) -> bool {
         now_ns >= self.due_ns || (self.changed && now_ns >= self.due_ns - SUMMARY_PERIOD_NS + 500_000_000)
     }

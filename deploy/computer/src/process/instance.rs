@@ -8,32 +8,30 @@ use alight_transport::memory::Instance;
 use crate::exit::{CliError, Doing};
 use crate::process::supervisor::pause;
 
-/// Name of the lock file in the instance's directory.
 const LOCK_FILE: &str = "lock";
-/// Directory of the checkpoints that a supervisor keeps: they outlive a killed supervisor.
+/// Directory of a supervisor's checkpoints, which outlive a killed supervisor.
 pub const CHECKPOINTS_FILE: &str = "checkpoints";
-/// File that exists once all services run: observers may join. It holds the owner's process id, because the file of a
-/// killed owner stays.
+/// Exists once all services run: observers may join. It holds the owner's process id, because a killed owner
+/// leaves the file.
 const READY_FILE: &str = "ready";
-/// Tries for a name that is in use.
+/// Attempts to take a name that is in use.
 const MAX_TRIES: u32 = 20;
-/// Pause between two tries.
 const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
-/// An instance owned by this process: no other runs under its name while this value lives.
+/// Instance owned by this process: no other runs under its name while this value lives.
 pub struct OwnedInstance {
     instance: Instance,
     _lock: File,
 }
 
 impl OwnedInstance {
-    /// Takes the name and removes what a former owner left.
+    /// Takes the name and removes a former owner's files.
     pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
         let instance = Instance::new(name)?;
         let directory = instance.directory();
         let doing = format_args!("preparing {}", directory.display());
         std::fs::create_dir_all(&directory).doing(doing)?;
-        // The directory's files are removed next; those behind a link must not be.
+        // The directory's files are removed next; files behind a link must not be.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
                 "{}: a link leads elsewhere; remove it",
@@ -41,7 +39,7 @@ impl OwnedInstance {
             )));
         }
         let lock = File::create(directory.join(LOCK_FILE)).doing(doing)?;
-        // A former owner's child that is being created holds the lock for some milliseconds more.
+        // A child that a former owner is creating holds the lock for some more milliseconds.
         let mut tries = 0;
         let taken = loop {
             match lock.try_lock() {
@@ -61,7 +59,7 @@ impl OwnedInstance {
             }
             Err(TryLockError::Error(e)) => return Err(CliError::because(doing, e)),
         }
-        // A killed owner left its files. The ready file goes first, so that no observer joins.
+        // Removes a killed owner's files. The ready file goes first, so that no observer joins.
         let _none = std::fs::remove_file(directory.join(READY_FILE));
         remove_contents(&directory).doing(doing)?;
         instance.wipe().doing(doing)?;
@@ -73,13 +71,11 @@ impl OwnedInstance {
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
-    /// Marks that all services run.
     pub fn ready(&self) -> Result<(), CliError> {
         let path = self.file(READY_FILE);
         std::fs::write(&path, std::process::id().to_string())
             .doing(format_args!("writing {}", path.display()))
     }
-    /// Path of a file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
         self.instance.directory().join(name)
     }
@@ -89,12 +85,12 @@ impl Drop for OwnedInstance {
     fn drop(&mut self) {
         // The ready file goes first, so that no observer joins an instance that is being removed.
         let _none = std::fs::remove_file(self.file(READY_FILE));
-        // All processes have ended by now. What cannot be removed now is removed at the next start.
+        // All processes have ended by now. A file that cannot be removed now is removed at the next start.
         let _left = self.instance.wipe();
         let directory = self.instance.directory();
         let _left = remove_contents(&directory);
         let _left = std::fs::remove_file(self.file(LOCK_FILE));
-        // The directory is kept if it has the checkpoints of a supervisor that was not asked to end.
+        // The directory stays if it has the checkpoints of a supervisor that was not asked to end.
         let _left = std::fs::remove_dir(directory);
     }
 }
@@ -109,7 +105,7 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
         {
             continue;
         }
-        // A link itself is removed, not its target.
+        // Removes a link itself, not its target.
         if entry.file_type()?.is_dir() {
             std::fs::remove_dir_all(entry.path())?;
         } else {
@@ -126,9 +122,8 @@ pub fn owner(instance: &Instance) -> Option<u32> {
     owner.filter(|pid| Path::new("/proc").join(pid.to_string()).exists())
 }
 
-/// Whether an instance of this name runs and is ready.
 pub fn is_running(instance: &Instance) -> bool {
-    // The lock alone is not enough: the next owner holds it before it has removed the ready file of a killed one.
+    // The lock is not enough: the next owner holds it before it has removed the ready file of a killed one.
     if owner(instance).is_none() {
         return false;
     }

@@ -1,5 +1,5 @@
-//! Journal of a process: lines on standard error, which systemd keeps. A separate thread writes them, so that no
-//! process waits for a slow journal or a stopped terminal. Lines that do not fit into the queue are lost.
+//! Journal of a process: lines on standard error, which systemd keeps. A separate thread writes them, so that
+//! no process waits for a slow journal or a stopped terminal. Lines beyond the queue's capacity are dropped.
 
 use core::fmt;
 use std::io::stderr;
@@ -17,11 +17,10 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Capacity of the queue, lines.
 const MAX_LINES: usize = 1000;
 
-/// Sends log events to the journal until the returned guard is dropped, which writes the queued lines. Rejected radio
-/// peers are also counted.
+/// Sends log events to the journal until the returned guard is dropped, which writes the queued lines.
+/// Rejected radio peers are also counted.
 pub fn init() -> WorkerGuard {
     let (lines, guard) = NonBlockingBuilder::default()
         .lossy(true)
@@ -30,7 +29,7 @@ pub fn init() -> WorkerGuard {
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(lines)
         .with_ansi(false)
-        // If standard error cannot be written, the report of that error cannot either, and would end the process.
+        // A failure to write standard error cannot be reported there, and would end the process.
         .log_internal_errors(false)
         .event_format(Line {
             with_priority: is_journal(),
@@ -44,7 +43,6 @@ pub fn init() -> WorkerGuard {
     let all = tracing_subscriber::registry()
         .with(rejections::layer())
         .with(lines.with_filter(own));
-    // A test may have set another subscriber before.
     let _another = all.try_init();
     guard
 }
@@ -55,7 +53,7 @@ fn is_journal() -> bool {
     fstat(stderr()).is_ok_and(|stream| named == format!("{}:{}", stream.st_dev, stream.st_ino))
 }
 
-/// A line; for the journal, its priority stands before it (sd-daemon(3)).
+/// Format of a line; the journal's lines begin with their priority (sd-daemon(3)).
 struct Line {
     with_priority: bool,
     text: Format<Full, ()>,

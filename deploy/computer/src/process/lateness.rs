@@ -1,26 +1,24 @@
-//! Missed deadlines: steps that were later than the readers of their output permit.
+//! Missed deadlines: steps later than the readers of their output permit.
 
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
 
 use super::snapshot::time;
 
-/// Window, ns: late steps are reported for one to two windows.
+/// Window, ns; late steps are reported for one to two windows.
 const WINDOW_NS: i64 = 60_000_000_000;
 
-/// Times of a process's steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Lateness {
     limit_s: f64,
     last_ns: Option<i64>,
     turned_ns: i64,
-    /// Longest time between two steps beyond the limit, s, and the number of such steps: in this window and in the
-    /// previous one.
+    /// Longest excess of a period between steps over the limit, s, and number of such steps, in this window
+    /// and the previous one.
     windows: [(f64, u64); 2],
 }
 
 impl Lateness {
-    /// Begins to observe a process at `now_ns` of the steady clock.
     pub fn of(kind: ProcessKind, now_ns: i64) -> Lateness {
         Lateness {
             limit_s: kind.awaited().map_or(f64::INFINITY, |t| t.stale_after.secs()),
@@ -41,7 +39,7 @@ impl Lateness {
         }
         self.last_ns = Some(now_ns);
     }
-    /// Metrics of delayed steps; empty if no step was delayed.
+    /// Metrics of delayed steps; empty if none was delayed.
     pub fn metrics(&self) -> Vec<Metric> {
         let [(a, m), (b, n)] = self.windows;
         if m + n == 0 {
@@ -56,8 +54,8 @@ impl Lateness {
 
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
-/// Finding about processes with late steps: first the one that exceeded its deadline by the largest factor, then the
-/// others.
+/// Message about processes with late steps; the first is the one that exceeded its deadline by the largest
+/// factor.
 pub fn finding<'a>(processes: impl IntoIterator<Item = &'a ProcessState>) -> Option<String> {
     let late = |p: &&ProcessState| p.count(MetricName::LateSteps) > 0;
     let permitted = |p: &'a ProcessState| Some((p, p.kind.awaited()?.stale_after.secs()));
@@ -102,7 +100,7 @@ mod tests {
             text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),
             "{text}"
         );
-        // The mission reports the same 0.41 s, but is allowed more.
+        // The mission has the same delay of 0.41 s, but a longer permitted one.
         mission.kind = ProcessKind::Mission;
         let both = finding([&mission, &pilot]).unwrap();
         assert_eq!(both, format!("{text}; so did mission"));

@@ -1,4 +1,4 @@
-//! Life cycle of a process: time of each step, a report twice a second, end on request.
+//! Life cycle of a process: step times, a report twice a second, end on request.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -17,10 +17,8 @@ use crate::exit::{CliError, Doing};
 use crate::process::lateness::Lateness;
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
-/// Time between two reports, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
 
-/// Reports of a process about itself, and its end on request.
 pub struct Life {
     kind: ProcessKind,
     boot: u32,
@@ -35,7 +33,6 @@ pub struct Life {
 }
 
 impl Life {
-    /// Begins the life of a process of `kind`.
     pub fn begin(kind: ProcessKind, boot: u32, supervised: bool) -> Life {
         let began_ns = steady_ns();
         Life {
@@ -50,11 +47,9 @@ impl Life {
             metrics: Metrics::default(),
         }
     }
-    /// Boot id, drawn at each start.
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// Counts one step, and its time if given.
     pub fn stepped(&mut self, time_s: Option<f64>) {
         if let Some(time_s) = time_s {
             self.step_times.add(time_s);
@@ -62,11 +57,9 @@ impl Life {
         self.steps += 1;
         self.lateness.step(steady_ns());
     }
-    /// Whether the process was asked to end.
     pub fn ended(&self) -> bool {
         self.end.load(Ordering::Relaxed) || end_requested()
     }
-    /// The next report, if it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let now = steady_ns();
         if now < self.next_state_ns {
@@ -102,21 +95,21 @@ impl Life {
     }
 }
 
-/// Draws a boot id that differs from that of the last start.
+/// Draws a boot id that differs from that of the previous start.
 pub fn draw_boot() -> u32 {
-    // The steady clock in units of 65 us wraps after three days; the process id distinguishes two starts within one
-    // unit.
+    // The steady clock in units of 65 us wraps after three days; the process id distinguishes two starts
+    // within one unit.
     ((steady_ns() >> 16) as u32).wrapping_mul(0x9e37_79b1) ^ std::process::id()
 }
 
-/// Flag that is set once standard input has closed, for a supervised process.
+/// Flag that is set when a supervised process's standard input closes.
 pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     let end = Arc::new(AtomicBool::new(false));
     if supervised {
         let flag = Arc::clone(&end);
         std::thread::spawn(move || {
-            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the SIGCONT after a
-            // SIGSTOP, may interrupt the read earlier; that is not the end.
+            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the SIGCONT
+            // after a SIGSTOP, may interrupt it earlier.
             while std::io::stdin()
                 .read(&mut [0_u8; 1])
                 .map_or_else(|e| e.kind() == ErrorKind::Interrupted, |read| read > 0)
@@ -127,7 +120,6 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     end
 }
 
-/// Recorder of the process `name` in its flight's directory.
 pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeRecorder, CliError> {
     let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
     let header = PartHeader {
@@ -140,13 +132,13 @@ pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Res
     Ok(NodeRecorder::begin(flight, header))
 }
 
-/// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).
+/// Processor time, s, and resident memory, bytes, of this process; zero on systems other than Linux.
 pub fn usage() -> (f64, u64) {
     // Linux counts processor time in hundredths of a second for user space, and pages of 4 kB.
     const TICKS_PER_S: f64 = 100.0;
     const PAGE: u64 = 4096;
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // Fields are counted after the command's name, which is in parentheses and may contain spaces.
+    // Fields are counted after the command name, which is in parentheses and may contain spaces.
     let after = stat.rsplit(')').next().unwrap_or_default();
     let ticks: f64 = after
         .split_whitespace()

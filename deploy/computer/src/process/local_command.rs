@@ -1,4 +1,4 @@
-//! An operator's command to the mission of this computer, repeated until the mission reports that it has accepted it.
+//! Operator's command to the mission of this computer, repeated until the mission has accepted it.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -8,7 +8,6 @@ use alight_shared::topics;
 use crate::config::DroneComputerConfig;
 use crate::process::life::draw_boot;
 
-/// Sends a command of the operator at this computer, given at `now`.
 pub fn give(
     computer: &DroneComputerConfig,
     kind: CommandKind,
@@ -20,7 +19,6 @@ pub fn give(
     Retransmission::new(Command { header, kind }, now, topics::LOCAL_RETRIES)
 }
 
-/// Answer of drone `drone`'s mission, for the operator.
 pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
         format!("drone {drone}: {}", mission.state.because(&mission.entered)),
@@ -29,7 +27,7 @@ pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     if !taken {
         let why = mission.rejected.map(|why| format!(": {why}"));
         lines.push(format!(
-            "the mission of drone {drone} did not take the command{}",
+            "the mission of drone {drone} did not accept the command{}",
             why.unwrap_or_default()
         ));
     }

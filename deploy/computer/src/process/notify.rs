@@ -1,20 +1,18 @@
-//! Notification of a service's manager (systemd): ready, alive, status. One datagram each to the socket named in
-//! NOTIFY_SOCKET (sd_notify(3)); does nothing if the variable is not set.
+//! Notification of the service manager (systemd): ready, alive, status. Each is one datagram to the socket in
+//! NOTIFY_SOCKET (sd_notify(3)); without that variable nothing is sent.
 //!
-//! The crate sd-notify is not used: its send blocks once a stopped manager has ten datagrams queued, and the process
-//! that flies would block with it.
+//! The crate sd-notify is not used: its send blocks once a stopped manager has ten queued datagrams, and
+//! would block the flight.
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// Period of the watchdog messages, ns: several within any watchdog's timeout.
+/// Period of watchdog messages, ns; every usual watchdog timeout is several times longer.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
 /// Maximum length of a status line, characters.
 const MAX_STATUS: usize = 200;
-/// Variable that names the socket of the service manager.
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 
-/// Connection to the service manager.
 pub struct Notify {
     to: Option<(UnixDatagram, SocketAddr)>,
     ready: bool,
@@ -22,7 +20,6 @@ pub struct Notify {
 }
 
 impl Default for Notify {
-    /// The socket that the manager named.
     fn default() -> Self {
         Notify::to(&std::env::var(SOCKET_VARIABLE).unwrap_or_default())
     }
@@ -46,17 +43,16 @@ impl Notify {
     }
     fn send(&self, text: &str) {
         if let Some((socket, to)) = &self.to {
-            // A lost datagram does no harm: a later one repeats it.
+            // A later datagram repeats a lost one.
             let _full = socket.send_to_addr(text.as_bytes(), to);
         }
     }
-    /// Reports once that the service is ready.
     pub fn ready(&mut self) {
         if !std::mem::replace(&mut self.ready, true) {
             self.send("READY=1");
         }
     }
-    /// Reports that the loop runs, with its status in one line.
+    /// Reports, when due, that the loop runs, with its status in one line.
     pub fn alive(&mut self, now_ns: i64, status: impl FnOnce() -> String) {
         if now_ns < self.next_ns || self.to.is_none() {
             return;
@@ -66,7 +62,6 @@ impl Notify {
         let line: String = status().chars().map(plain).take(MAX_STATUS).collect();
         self.send(&format!("WATCHDOG=1\nSTATUS={line}"));
     }
-    /// Reports that the service ends on request.
     pub fn stopping(&self) {
         self.send("STOPPING=1");
     }

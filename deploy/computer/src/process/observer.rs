@@ -1,4 +1,4 @@
-//! Observer of the reports of an instance's processes.
+//! Observer of an instance's processes.
 
 use alight_shared::bus::readers;
 use alight_shared::msg::{
@@ -32,11 +32,10 @@ readers! {
     }
 }
 
-/// Receives the reports of an instance's processes.
 pub struct Observer {
     reports: Reports<Memory>,
     pub snapshot: Snapshot,
-    /// Ages of the vessel's newest state, collected since the last call that took them, s.
+    /// Ages of the vessel's newest state since the reader last took them, s.
     pub ages_s: Vec<f64>,
 }
 
@@ -51,7 +50,6 @@ impl Observer {
             ages_s: Vec::new(),
         })
     }
-    /// Reads the new messages.
     pub fn poll(&mut self) {
         let (now, snapshot, of) = (steady_ns(), &mut self.snapshot, &mut self.reports);
         for state in of.processes.all(now) {
@@ -79,7 +77,7 @@ impl Observer {
     }
 }
 
-/// Access of an outside process to an instance's memory; joins again after the service restarts.
+/// Access of an outside process to an instance's memory; it joins again after a restart of the service.
 pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
@@ -88,11 +86,10 @@ pub struct Rejoined<T> {
     pub ports: Option<T>,
 }
 
-/// Period at which a restart of the service is looked for, ns.
+/// Period at which a restart of the service is checked, ns.
 const LOOK_NS: i64 = 100_000_000;
 
 impl<T> Rejoined<T> {
-    /// Does not join yet.
     pub fn of(instance: &str) -> Result<Rejoined<T>, CliError> {
         Ok(Rejoined {
             instance: Instance::new(instance)?,
@@ -117,7 +114,7 @@ impl<T> Rejoined<T> {
             let another = owner.is_some() && (self.ports.is_none() || self.owner != owner);
             self.owner = owner;
             if another && self.join(join).is_err() {
-                // An instance that is still being created is tried again.
+                // An instance may still be starting, so the next call tries again.
                 self.owner = None;
             }
         }
@@ -125,14 +122,13 @@ impl<T> Rejoined<T> {
     }
 }
 
-/// Observes an instance whenever it runs.
 pub struct InstanceFollower {
     joined: Rejoined<(Memory, Observer)>,
     name: &'static str,
 }
 
 impl InstanceFollower {
-    /// Observer of the instance of this name, as the process `name`.
+    /// Observer of the instance `instance`, as the process `name`.
     pub fn of(instance: &str, name: &'static str) -> Result<InstanceFollower, CliError> {
         let joined = Rejoined::of(instance)?;
         Ok(InstanceFollower { joined, name })

@@ -10,15 +10,13 @@ pub fn vessel_key(id: u32, topic: &str) -> String {
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }
-/// Key expression of the status of every drone. One chunk of a key is `drone-N`.
+/// Key expression of the status of every drone, whose key has the chunk `drone-N`.
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
 }
-/// Key expression of the commands of every operator.
 pub fn any_operator_command() -> String {
     format!("alight/operator-$*/{}", topics::OPERATOR.name)
 }
-/// Key expression of the time requests of every drone.
 pub fn any_time_request() -> String {
     format!("alight/*/{}", topics::TIME_REQUEST.name)
 }

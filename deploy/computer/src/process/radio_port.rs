@@ -20,7 +20,7 @@ pub struct RadioPort {
 }
 
 impl RadioPort {
-    /// Opens the endpoint `own`; `key` returns the key of a topic that it sends or reads.
+    /// Opens the endpoint `own`; `key` returns the key of each topic that it sends or reads.
     pub fn open(
         config: &RadioConfig,
         own: RadioEnd,
@@ -60,7 +60,7 @@ impl RadioPort {
         let received = self.radio.receive(Duration::ZERO)?;
         Some((*self.read.get(received.subscription)?, received))
     }
-    /// Sends messages. A message that does not encode is skipped; the receiver sees the gap.
+    /// Sends messages. One that cannot be encoded is skipped, and the receiver detects the gap.
     pub fn send<'a, M: Serialize + 'a>(
         &mut self,
         topic: RadioTopic,
@@ -69,7 +69,7 @@ impl RadioPort {
         let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
         encoded.for_each(|bytes| self.put(topic, bytes, false));
     }
-    /// Sends an encoded message; with `held`, the newest one is kept for peers that ask for it.
+    /// Sends an encoded message; with `held`, it is kept for peers that join later.
     pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {
         if let Some(publication) = self.sent.iter().position(|t| *t == topic) {
             if held {
@@ -78,7 +78,7 @@ impl RadioPort {
             self.radio.send(publication, bytes);
         }
     }
-    /// Rates of what the port sends, including the counters at `now_ns`.
+    /// Rates of the sent topics, including the counters at `now_ns`.
     pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.rates.since(&self.radio, now_ns)
     }

@@ -1,5 +1,5 @@
-//! Loop of every process of both computers: the process waits; its row reads, steps and writes
-//! ([`alight_shared::bus`]); the step is recorded and shown; twice a second the process reports. The processes differ
+//! Loop of every process on both computers: it waits; its row reads, steps and writes
+//! ([`alight_shared::bus`]); observers record and show the step; it reports twice a second. Processes differ
 //! in the topics of their rows ([`Wired`]) and in their edges ([`ProcessEdge`]).
 
 use std::future::Future;
@@ -23,44 +23,40 @@ use crate::process::args::ProcessArgs;
 use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::record::flight::recorder::NodeRecorder;
 
-/// State of a row between two steps, as its process sees it.
 pub struct NodeView<'a, N: Wired> {
     pub node: &'a N,
     pub now: Time<N::Clock>,
-    /// Counters of the row's inputs.
     pub inputs: &'a dyn Fn() -> Vec<InputState>,
 }
 
-/// Edge of a row on a computer, and what its process does besides the row's steps.
+/// Edge of a row on a computer, and the actions of its process besides the row's steps.
 pub trait ProcessEdge<N: Wired>: Edge<N> {
-    /// Called after the row has made a step, sent and recorded it.
+    /// Called after each step of the row, which is sent and recorded by then.
     fn stepped(&mut self, _at: &NodeView<'_, N>, _step: &RowStep<N>) {}
-    /// Metrics specific to the process, at the time of the step.
     fn metrics(&mut self, _at: &NodeView<'_, N>) -> Vec<Metric> {
         Vec::new()
     }
-    /// Number of messages that could not be sent to other computers or devices.
+    /// Number of messages that other computers or devices could not be sent.
     fn unsent(&self) -> u64 {
         0
     }
-    /// Reports to publish: the process's own, if due, and those received by the edge.
+    /// Reports to publish: the process's own, if due, and those that the edge received.
     fn reports(&mut self, _at: &NodeView<'_, N>, own: Option<ProcessState>) -> Vec<ProcessState> {
         Vec::from_iter(own)
     }
-    /// Whether no further input will come.
     fn is_over(&self) -> bool {
         false
     }
 }
 impl<N: Wired> ProcessEdge<N> for () {}
 
-/// An edge that waits for more than the row's topics.
+/// Edge that waits for more than the row's topics.
 pub trait AwaitedEdge<N: Wired>: ProcessEdge<N> {
-    /// Waits for the next input or for the next step's time; true if a step is due. `wakes`: topics that wake the row.
+    /// Waits for an input or the next step's time; true if a step is due. `wakes`: topics that wake the row.
     fn arrival(&mut self, wakes: &Wakes) -> impl Future<Output = Result<bool, CliError>>;
 }
 
-/// A row as a process; its steps are recorded in its flight's directory.
+/// A row as a process; it records its steps in the flight's directory.
 pub struct Process<N: Wired> {
     row: Row<N, Option<Memory>>,
     states: Option<Publisher<ProcessState>>,
@@ -68,13 +64,13 @@ pub struct Process<N: Wired> {
     clock: ProcessClock,
     last: Time<N::Clock>,
     life: Life,
-    /// Memory of the instance; None: the process runs alone.
+    /// Memory of the instance; None for a process that runs alone.
     pub memory: Option<Memory>,
 }
 
 impl<N: Wired> Process<N> {
-    /// Starts a process of `kind` with the node that `make` makes for a boot id. It joins the shared memory of
-    /// `instance`, if one is given.
+    /// Starts a process of `kind` with the node that `make` returns for a boot id. It joins the shared memory
+    /// of `instance`, if given.
     pub fn start(
         kind: ProcessKind,
         args: &ProcessArgs,
@@ -85,7 +81,7 @@ impl<N: Wired> Process<N> {
         let flight = args.flight.as_ref();
         let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
         let recorder = recorder.transpose()?;
-        // After the recorder has started, because its thread has no priority.
+        // The recorder's thread, started before, must not inherit the priority.
         args.scheduling.apply();
         let node = make(boot)?;
         let life = Life::begin(kind, boot, args.supervised);
@@ -101,7 +97,6 @@ impl<N: Wired> Process<N> {
             memory,
         })
     }
-    /// Boot id, drawn at this start.
     pub fn boot(&self) -> u32 {
         self.life.boot()
     }
@@ -129,7 +124,7 @@ impl<N: Wired> Process<N> {
         self.life.ended() || edge.is_over()
     }
 
-    /// One round: makes a step if one is due, with what the edge does after it, and reports.
+    /// Makes a step if one is due, lets the edge act after it, and reports.
     fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
         let (clock, last) = (self.clock, &mut self.last);
         // The time never goes back.
@@ -139,7 +134,7 @@ impl<N: Wired> Process<N> {
         };
         let step = due.then(|| {
             let step = self.row.step(&mut now, edge);
-            // Steps without work are left out of the statistics of step times.
+            // Steps without work do not count in the statistics of step times.
             self.life.stepped(step.worked.then(|| step.took.secs()));
             if let Some(recorder) = &mut self.recorder {
                 recorder.step(steady_ns(), step.at.nanos(), &step.input, &step.out);
@@ -171,7 +166,7 @@ impl<N: Wired> Process<N> {
     }
 }
 
-/// Runs a process of a drone's computer, with the node that `make` makes for a boot id, until it is asked to end.
+/// Runs a process of a drone's computer with the node that `make` returns for a boot id.
 pub fn run<N>(
     args: &ProcessArgs,
     make: impl FnOnce(&DroneNodes, u32) -> N,

@@ -7,33 +7,33 @@ use iceoryx2_bb_posix::scheduler::Scheduler;
 use rustix::process::{getpriority_process, setpriority_process};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
-/// Niceness in flight: ahead of the computer's other work. Measured on two cores with twenty other busy processes:
-/// without it, ticks of the simulated world are up to 6 s late.
+/// Niceness in flight, above the computer's other work. Measured on two cores with twenty other busy
+/// processes: without it, ticks of the simulated world are up to 6 s late.
 const NICENESS: i32 = -10;
 
-/// Real-time priority of a simulated world, above the processes of flight, because physics does not wait. Measured on
-/// two cores while another landing starts: with niceness alone ticks are up to 0.9 s late, which the autopilot's link
-/// takes for a restart of the autopilot.
+/// Real-time priority of a simulated world, above the processes of flight, because physics does not wait.
+/// Measured on two cores while another landing starts: with niceness alone, ticks are up to 0.9 s late, and
+/// the autopilot's link assumes a restart of the autopilot.
 const WORLD_PRIORITY: u8 = 40;
 
 /// Niceness of this session if the system groups processes by session (`sched_autogroup`, sched(7)).
 const SESSION: &str = "/proc/self/autogroup";
 
-/// Sets `NICENESS` for this process and all that it starts; without the permission nothing changes.
+/// Sets `NICENESS` for this process and its later children; does nothing without the permission.
 pub fn raise() {
     let own = getpriority_process(None).unwrap_or(0);
     let _not_permitted = setpriority_process(None, own.min(NICENESS));
 }
 
-/// Priority of this session over the computer's other sessions, until the value is dropped.
+/// Priority of this session over other sessions until the value is dropped.
 #[must_use]
 pub struct RaisedSession {
     before: Option<i32>,
 }
 
-/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies within
-/// its session only. (The weight of a service is `CPUWeight` in its unit.) Without grouping or permission nothing
-/// changes.
+/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies
+/// only within its session. (A service has `CPUWeight` in its unit.) Does nothing without grouping or
+/// permission.
 pub fn raise_session() -> RaisedSession {
     let text = fs::read_to_string(SESSION).ok();
     let before = text.and_then(|text| text.trim().rsplit(' ').next()?.parse().ok());
@@ -51,21 +51,20 @@ impl Drop for RaisedSession {
     }
 }
 
-/// Sets SCHED_FIFO at `priority` for this thread and those that it starts later; false if that is not permitted.
+/// Sets SCHED_FIFO at `priority` for this thread and its later children; false without the permission.
 pub fn set_real_time(priority: u8) -> bool {
-    // The library's priorities, 0 to 255, are a scale over the kernel's 1 to 99; rounding up keeps each distinct.
+    // The library scales its 0 to 255 to the kernel's 1 to 99; rounding up keeps each priority distinct.
     let scaled = u32::from(priority.clamp(1, 99) - 1) * 255;
     let scaled = u8::try_from(scaled.div_ceil(98)).unwrap_or(u8::MAX);
     let mut own = Process::from_self();
     own.set_scheduler(Scheduler::Fifo).is_ok() && own.set_priority(scaled).is_ok()
 }
 
-/// Raises a thread of the simulated world, if permitted.
 pub fn set_real_time_world() {
     set_real_time(WORLD_PRIORITY);
 }
 
-/// Restores the default scheduling of this thread, which it may have inherited.
+/// Restores this thread's default scheduling in place of an inherited one.
 pub fn leave_real_time() {
     // A change from the default policy to itself is always permitted.
     let _same = Process::from_self().set_scheduler(Scheduler::Other);
@@ -77,7 +76,7 @@ pub fn real_time_permitted() -> bool {
     own.set_scheduler(Scheduler::Fifo).is_ok() && own.set_scheduler(Scheduler::Other).is_ok()
 }
 
-/// Restricts this thread and those that it starts later to these processors; false if they do not exist.
+/// Restricts this thread and its later children to these processors; false if they do not exist.
 pub fn keep_to(processors: &[u16]) -> bool {
     let mut set = CpuSet::new();
     let there = processors.iter().map(|p| usize::from(*p));

@@ -1,8 +1,8 @@
-//! The configuration of a flight is fixed at its start. A supervisor reads its file once and gives its processes a copy
-//! of the text, so that a process which restarts in flight does not apply later edits. The copy also contains the text
-//! of Zenoh's own configuration file in place of its name. The supervisor keeps the copy fresh while it lives and
-//! removes it when it ends as asked. A successor that finds a fresh copy continues with it, because its predecessor was
-//! killed. An edit of the file is reported and applies from the next start.
+//! The configuration of a flight is fixed at its start. The supervisor reads its file once and gives its
+//! processes a copy of the text, so that a process which restarts in flight does not apply later edits. The
+//! copy includes the text of Zenoh's own configuration file in place of its name. The supervisor keeps the
+//! copy fresh and removes it at an orderly end. A successor that finds a fresh copy continues with it,
+//! because its predecessor was killed. An edit of the file is reported and applies from the next start.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -19,15 +19,13 @@ use tracing::warn;
 use crate::config::method;
 use crate::exit::{CliError, Doing};
 
-/// Maximum age of a copy at which its flight continues: a hundred times the service manager's pause before it starts a
-/// successor.
+/// Maximum age of a copy with which a flight continues: a hundred times the service manager's pause before it
+/// starts a successor.
 const MAX_AGE: Duration = Duration::from_secs(10);
-/// Period at which the file is compared with the copy, ns.
+/// Period of the comparison of file and copy, ns.
 const LOOK_PERIOD_NS: i64 = 1_000_000_000;
-/// Maximum size of the file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// The configuration with which a supervisor started.
 pub struct SealedConfig {
     origin: PathBuf,
     copy: PathBuf,
@@ -39,7 +37,6 @@ pub struct SealedConfig {
 }
 
 impl SealedConfig {
-    /// Reads and checks the configuration file of a computer.
     pub fn begin<T: DeserializeOwned + Check>(origin: &Path) -> Result<(T, SealedConfig), CliError> {
         SealedConfig::begin_in(&std::env::temp_dir(), origin)
     }
@@ -55,7 +52,7 @@ impl SealedConfig {
                     sealed.look();
                     return Ok((computer, sealed));
                 }
-                Err(e) => warn!("{e}: the configuration of the supervisor before does not count"),
+                Err(e) => warn!("{e}: the configuration of the previous supervisor is ignored"),
             }
         }
         let text = read(origin).doing(format_args!("reading {}", origin.display()))?;
@@ -74,7 +71,6 @@ impl SealedConfig {
             unused,
         }
     }
-    /// Path of the copy, for processes.
     pub fn path(&self) -> &Path {
         &self.copy
     }
@@ -88,7 +84,7 @@ impl SealedConfig {
         };
         self.edited.then(message)
     }
-    /// Keeps the copy fresh and checks whether the file was edited; true when that has changed.
+    /// Keeps the copy fresh, and compares the file with it; true if the result has changed.
     pub fn poll(&mut self, now_ns: i64) -> bool {
         if now_ns < self.next_look_ns {
             return false;
@@ -96,7 +92,7 @@ impl SealedConfig {
         self.next_look_ns = now_ns.saturating_add(LOOK_PERIOD_NS);
         self.unused = false;
         let touched = touch(&self.copy);
-        // The copy was removed, and the next process that starts needs it.
+        // The next process to start needs the copy.
         if touched.is_err() {
             let _unwritten = write(&self.copy, &self.text);
         }
@@ -112,7 +108,7 @@ impl SealedConfig {
         }
         changed
     }
-    /// Removes the copy: the supervisor ends as asked.
+    /// Removes the copy at an orderly end.
     pub fn end(mut self) {
         self.unused = true;
     }
@@ -120,23 +116,22 @@ impl SealedConfig {
 
 impl Drop for SealedConfig {
     fn drop(&mut self) {
-        // A start that failed, or a flight that is over, must not continue. A copy that cannot be removed is soon too
-        // old.
+        // A failed start must not continue. A copy that cannot be removed soon becomes too old.
         if self.unused {
             let _left = fs::remove_file(&self.copy);
         }
     }
 }
 
-/// Text of the configuration of the running service that was started with the file `origin`; None without one, or if it
-/// belongs to another user.
+/// Configuration text of the running service that was started with the file `origin`; None without one, or if
+/// it belongs to another user.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
 }
 
-/// Text of the configuration with Zenoh's own configuration in place of its file name, if it names one.
+/// Configuration text with Zenoh's own configuration in place of its file name, if it has one.
 fn whole(text: String) -> Result<String, CliError> {
-    // Text that is not TOML is rejected later with its line, by the parser.
+    // The parser later rejects text that is not TOML, with the line.
     let mut table: toml::Table = toml::from_str(&text).unwrap_or_default();
     let Some(toml::Value::String(zenoh)) = table.get_mut("radio").and_then(|radio| radio.get_mut("zenoh"))
     else {
@@ -149,14 +144,12 @@ fn whole(text: String) -> Result<String, CliError> {
     toml::to_string(&table).doing("writing Zenoh's own configuration (radio.zenoh) into a copy")
 }
 
-/// Path of the copy of a file.
 fn copy_of(directory: &Path, origin: &Path) -> Result<PathBuf, CliError> {
     let named = fs::canonicalize(origin).unwrap_or_else(|_| origin.to_owned());
     let hash = wire::hash_record(&named.display().to_string()).doing("naming a copy")?;
     Ok(directory.join(format!("alight-config-{hash:016x}.toml")))
 }
 
-/// Content of our own copy if it was fresh recently.
 fn fresh(copy: &Path) -> Option<String> {
     let found = fs::symlink_metadata(copy).ok()?;
     let own = found.is_file() && found.uid() == rustix::process::geteuid().as_raw();
@@ -164,7 +157,7 @@ fn fresh(copy: &Path) -> Option<String> {
     (own && age <= MAX_AGE).then(|| read(copy).ok())?
 }
 
-/// Sets the copy's time to now. Its age is compared across processes, so it uses the file system's clock.
+/// Sets the copy's time to now, by the file system's clock, because its age is compared across processes.
 #[allow(clippy::disallowed_methods)]
 fn touch(copy: &Path) -> io::Result<()> {
     File::options()
@@ -179,10 +172,9 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
-/// Replaces the copy atomically.
 fn write(copy: &Path, text: &str) -> io::Result<()> {
     let new = copy.with_extension(format!("{}.new", std::process::id()));
-    // Removes a file or link that another user has put there.
+    // Removes a file or link of another user.
     let _none = fs::remove_file(&new);
     let mut file = OpenOptions::new()
         .write(true)
@@ -220,12 +212,12 @@ mod tests {
         assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));
         assert!(sealed.edited().unwrap().contains("drone.toml was edited"));
         assert_eq!(number(sealed.path()), 2);
-        // A successor of a killed supervisor uses the copy, too, even if the file is no longer a valid configuration.
+        // So does a successor of a killed supervisor, even if the file is no longer a valid configuration.
         edit("half a fi");
         let (computer, successor) = begin();
         assert!(computer.bridge.drone_id == 2 && successor.edited().is_some());
         sealed.poll(3 * LOOK_PERIOD_NS);
-        // If no supervisor lived recently, and after one that ended as asked, the file is used.
+        // The file is used if no supervisor lived recently, and after an orderly end.
         edit("[bridge]\ndrone_id = 4\n");
         let copy = File::options().append(true).open(successor.path()).unwrap();
         copy.set_modified(SystemTime::UNIX_EPOCH).unwrap();
@@ -234,7 +226,7 @@ mod tests {
         edit("[bridge]\ndrone_id = 5\n");
         sealed.end();
         assert_eq!(begin().0.bridge.drone_id, 5);
-        // The file is also used after a start that failed. A removed copy is written again.
+        // The file is also used after a failed start. A removed copy is written again.
         edit("[bridge]\ndrone_id = 6\n");
         let (computer, mut sealed) = begin();
         assert_eq!(computer.bridge.drone_id, 6);
@@ -266,7 +258,7 @@ mod tests {
         };
         assert_eq!(flown(&sealed), original);
         assert!(!sealed.poll(0));
-        // A process that starts now uses the copy, and so does a successor of a killed supervisor.
+        // A process that starts now uses the copy, as does a successor of a killed supervisor.
         fs::write(&zenoh, "{ mode: ").unwrap();
         assert!(sealed.poll(LOOK_PERIOD_NS) && sealed.edited().is_some());
         fs::remove_file(&zenoh).unwrap();
@@ -276,7 +268,6 @@ mod tests {
             (&*computer.radio.zenoh, flown(&successor)),
             (original, original.into())
         );
-        // With the original text, the file is not reported as edited.
         fs::write(&zenoh, original).unwrap();
         assert!(sealed.poll(3 * LOOK_PERIOD_NS) && sealed.edited().is_none());
         fs::remove_dir_all(directory).unwrap();

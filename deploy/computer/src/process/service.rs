@@ -1,9 +1,9 @@
 //! The service of a computer: its processes over one shared memory, under one supervisor.
 //!
-//! There is one service rather than one per process: one process has to create the services of shared memory before any
-//! other opens them, and what a killed process left has to be cleaned up while no process lives. The supervisor
-//! restarts a process that ended (at once after a long run), and kills and restarts a process that is silent for too
-//! long; systemd watches the supervisor.
+//! One service, not one per process: one process must create the services of shared memory before any other
+//! opens them, and the remains of a killed process must be cleaned up while no process lives. The supervisor
+//! restarts a process that ended (at once after a long run), and kills and restarts a silent one; systemd
+//! watches the supervisor.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -32,35 +32,29 @@ use crate::process::sealed::SealedConfig;
 use crate::process::supervision::SupervisorLimits;
 use crate::process::supervisor::{self, Supervisor, SupervisorEvent};
 
-/// Period of the supervisor's loop.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// Processes of a computer.
 pub struct ComputerService<'a> {
-    /// Name of the set of processes.
     pub instance: &'a str,
     pub facts: Facts,
-    /// The computer's name in its flights.
+    /// Name of the computer in its flights.
     pub computer: String,
-    /// Directory in which they record.
+    /// Recorder of the processes.
     pub recorder: &'a RecorderConfig,
-    /// Silence after which a process is killed and restarted, s.
     pub silence_timeout_s: f64,
-    /// Processes in the order of their start, with their scheduling, which the system may not permit.
+    /// Processes in start order, with a scheduling that the system may not permit.
     pub nodes: Vec<(ProcessKind, Scheduling)>,
-    /// Addresses of the viewers, if there are any.
     pub view: Option<ViewConfig>,
-    /// Clock of the checkpoints that the supervisor keeps; None: each process keeps its own.
+    /// Clock of the checkpoints that the supervisor keeps; None if each process keeps its own.
     pub checkpoints: Option<ProcessClock>,
 }
 
-/// Runs the service until it is asked to end.
 pub fn run(
     args: &ProcessArgs,
     service: ComputerService<'_>,
     mut sealed: SealedConfig,
 ) -> Result<Exit, CliError> {
-    // All is checked before any process starts. The first call installs the signal handler.
+    // Checks everything before any process starts. The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);
@@ -134,7 +128,7 @@ fn lasting_path(instance: &str) -> Option<PathBuf> {
     Some(state_directory()?.join(format!("alight-{instance}.flight")))
 }
 
-/// Starts the processes, which record into this flight.
+/// Starts the processes, which record into the flight's directory.
 fn start(
     service: &ComputerService<'_>,
     owned: &OwnedInstance,

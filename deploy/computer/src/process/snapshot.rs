@@ -1,4 +1,4 @@
-//! Snapshot of an instance: the newest message of each of its topics.
+//! The newest message of each topic of an instance.
 
 use core::ops::Deref;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::DroneClock;
 use nalgebra::Vector3;
 
-/// Text of a time from microseconds to seconds, with three digits.
+/// Time with three digits, from microseconds to seconds.
 pub fn time(s: f64) -> String {
     if !s.is_finite() {
         "-".into()
@@ -28,7 +28,7 @@ pub fn time(s: f64) -> String {
     }
 }
 
-/// Text of a time from seconds to hours, in whole numbers.
+/// Time in whole numbers, from seconds to hours.
 pub fn minutes(s: f64) -> String {
     if !(s >= 90.0) {
         format!("{s:.0} s")
@@ -39,10 +39,9 @@ pub fn minutes(s: f64) -> String {
     }
 }
 
-/// Shortest age that counts as old, s: viewers look a few times a second.
+/// Minimum age at which a message is old, s: viewers poll a few times a second.
 const MIN_STALE_S: f64 = 1.0;
 
-/// The newest message of a topic, and its arrival on the observer's clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Newest<T> {
     value: Option<T>,
@@ -58,7 +57,6 @@ impl<T> Default for Newest<T> {
     }
 }
 
-/// A value of unknown age, for tests.
 impl<T> From<T> for Newest<T> {
     fn from(value: T) -> Self {
         Newest {
@@ -76,7 +74,6 @@ impl<T> Deref for Newest<T> {
 }
 
 impl<T: Plain> Newest<T> {
-    /// Stores a message that arrived by `now_ns`, if any.
     pub fn set(&mut self, now_ns: i64, value: Option<T>) {
         if value.is_some() {
             *self = Newest { value, at_ns: now_ns };
@@ -91,7 +88,7 @@ impl<T: Plain> Newest<T> {
             f64::INFINITY
         }
     }
-    /// Whether the message is older than its topic allows.
+    /// Whether the age exceeds the topic's staleness limit.
     pub fn is_old(&self, now_ns: i64) -> bool {
         self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
     }
@@ -101,7 +98,6 @@ impl<T: Plain> Newest<T> {
     }
 }
 
-/// The newest message of every topic.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     /// Start of the reception on the observer's clock, ns.
@@ -113,10 +109,9 @@ pub struct Snapshot {
     pub forecast: Newest<DeckForecast>,
     pub link: Newest<LinkState>,
     pub plan: Newest<Plan>,
-    /// Grant of the vessel's deck.
     pub grant: Newest<DeckGrant<DroneClock>>,
     pub wave: Newest<WaveModel<DroneClock>>,
-    /// Response of the drone's attitude to set-points, as estimated by the pilot.
+    /// Response of the drone's attitude to set-points, as the pilot estimates it.
     pub response: Option<AttitudeResponse>,
     pub vessel: Newest<VesselStatus>,
     /// Reports of the vessel's real sensors, by their index in its configuration.
@@ -125,14 +120,14 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Origin of the drone's frame, and distance of the deck by the newest forecast, m.
+    /// Origin of the drone's frame, and distance to the deck by the newest forecast, m.
     pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
         let drone = (*self.drone)?;
         let deck = self.forecast.and_then(|f| f.stages.first().copied());
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
     }
-    /// Age of the newest plan relative to the mission's newest stamp, which is of the same clock, s; infinite before
+    /// Age of the newest plan relative to the mission's newest time stamp (same clock), s; infinite before
     /// the first.
     pub fn plan_age_s(&self, now_ns: i64) -> f64 {
         let since_s = self.plan.age_s(now_ns);
@@ -144,7 +139,7 @@ impl Snapshot {
             _ => since_s,
         }
     }
-    /// One line of at most 100 columns at `now_ns` of the observer's clock.
+    /// One line of at most 100 columns; `now_ns` is on the observer's clock.
     pub fn line(&self, now_ns: i64) -> String {
         if let (Some(vessel), None) = (&*self.vessel, &*self.mission) {
             let estimate = vessel.estimator.estimate_age_s.map_or("no estimate".into(), time);

@@ -1,5 +1,5 @@
-//! Start of a process of Alight that ends with its starter: its standard input is the read end of a pipe, and it ends
-//! when the pipe closes, so that it does not outlive a starter that was killed.
+//! Starts a process of Alight that ends with its starter: its standard input is a pipe, and it ends when the
+//! pipe closes, even if the starter was killed.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -12,18 +12,17 @@ use std::sync::mpsc::Sender;
 use crate::io::store::STATE_VARIABLE;
 use crate::process::notify::SOCKET_VARIABLE;
 
-/// Environment of a process.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProcessSurroundings<'a> {
-    /// File to which its standard error is appended; None: standard error of this process.
+    /// File to which its standard error is appended; None: this process's standard error.
     pub errors: Option<&'a Path>,
-    /// Directory of the state that survives the process; None: that of the service manager.
+    /// Directory of the state that survives the process; None: the service manager's.
     pub state: Option<&'a Path>,
-    /// Socket to which it reports that it is ready; None: that of the service manager.
+    /// Socket to which it reports that it is ready; None: the service manager's.
     pub notified: Option<&'a Path>,
 }
 
-/// Starts `prefix`, the program and its `arguments`; lines of its standard output come by `lines`.
+/// Starts `prefix`, the program and its `arguments`; `lines` receives its standard output.
 pub fn start<W: AsRef<OsStr>>(
     arguments: impl IntoIterator<Item = W>,
     around: ProcessSurroundings<'_>,

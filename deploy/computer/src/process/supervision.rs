@@ -1,25 +1,24 @@
-//! Decisions of the supervisor: which process is started, restarted after a delay, killed for silence, or given up. A
-//! pure function: observations of each process in, actions out.
+//! Decisions of the supervisor: start a process, restart it after a delay, kill it for silence, or give it
+//! up. A pure function from observations of each process to actions.
 
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, SteadyClock, Time};
 use serde::{Deserialize, Serialize};
 
-/// Delay before the restart of a process that did not run for long; doubles with each further failure.
+/// Delay before the restart of a process that ended early; doubles with each further failure.
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
-/// Maximum delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// Maximum delay before a restart of the viewers' server. No process needs it, and the cause of its failure (a port in
-/// use) usually persists.
+/// Maximum delay before a restart of the viewers' server. No process needs the server, and the cause of its
+/// failure (a port in use) usually persists.
 const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
-/// Run after which a start counts as successful: the process is restarted at the next poll.
+/// Run time after which a start counts as successful: the process is restarted at the next poll.
 const STABLE_RUN: Span = Span::from_millis(5000);
-/// Factor on the silence timeout before the first report: the process loads libraries and opens devices, and on a busy
-/// computer starts slow each other down.
+/// Factor on the silence timeout before the first report: a process loads libraries and opens devices, and on
+/// a busy computer starts delay each other.
 const START_FACTOR: f64 = 5.0;
-/// Each kill for silence doubles the timeout of the next start, at most this many times: killing a slow process makes
-/// nothing faster. A stable run resets it.
+/// Maximum number of doublings of a start's silence timeout, one for each kill for silence, because killing a
+/// slow process does not make it faster. A stable run resets it.
 const MAX_DOUBLINGS: u32 = 3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -41,13 +40,11 @@ pub struct Observed {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SupervisorAction {
     Start(ProcessKind),
-    /// Kill it: it has been silent for this time, s.
+    /// Kill it after this silence, s.
     Kill(ProcessKind, f64),
-    /// Give it up: it failed too often in a row.
     GiveUp(ProcessKind),
 }
 
-/// State of one process in the supervisor.
 #[derive(Clone, Copy, Debug)]
 struct Child {
     kind: ProcessKind,
@@ -59,9 +56,7 @@ struct Child {
     backoff: Span,
     was_running: bool,
     killed: Option<Time<SteadyClock>>,
-    /// Kills for silence since its last stable run.
     silences: u32,
-    /// First report since this start.
     ready: Option<Time<SteadyClock>>,
 }
 
@@ -109,7 +104,7 @@ impl Child {
             if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
                 return None;
             }
-            // No process needs the viewers' server: it ends no flight.
+            // No process needs the viewers' server, so it ends no flight.
             let needed = self.kind != ProcessKind::View;
             if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
                 return Some(SupervisorAction::GiveUp(self.kind));
@@ -120,7 +115,6 @@ impl Child {
         }
         self.was_running = true;
         let reports = !matches!(self.kind, ProcessKind::World | ProcessKind::Link);
-        // The viewers' server waits for shared memory.
         let waits = self.kind == ProcessKind::View && observation.reported.is_none();
         let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
@@ -139,7 +133,7 @@ impl Child {
             SupervisorAction::Kill(self.kind, silence_s)
         })
     }
-    /// Silence that is allowed, s.
+    /// Permitted silence, s.
     fn allowed_s(&self, timeout_s: f64) -> f64 {
         let factor = if self.ready.is_some() { 1.0 } else { START_FACTOR };
         timeout_s * factor * f64::from(1_u32 << self.silences.min(MAX_DOUBLINGS))
@@ -160,7 +154,6 @@ impl SupervisorNode {
             children: Vec::new(),
         }
     }
-    /// Restarts of all processes.
     pub fn restarts(&self) -> u32 {
         self.children.iter().map(|c| c.starts.saturating_sub(1)).sum()
     }
@@ -168,7 +161,6 @@ impl SupervisorNode {
 
 impl Node for SupervisorNode {
     type Clock = SteadyClock;
-    /// Every supervised process, in start order.
     type In = Vec<Observed>;
     type Out = Vec<SupervisorAction>;
 
@@ -214,7 +206,6 @@ mod tests {
         let mut node = SupervisorNode::new(limits);
         let mut starts = Vec::new();
         for ms in (0..600_000).step_by(20) {
-            // The process ends at once.
             for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
                 assert_eq!(action, SupervisorAction::Start(ProcessKind::View));
                 starts.push(ms);
@@ -233,7 +224,6 @@ mod tests {
         let mut node = SupervisorNode::new(SupervisorLimits::default());
         let mut starts = Vec::new();
         for ms in (0..8000).step_by(10) {
-            // The process ends at once.
             if !node.step(at(ms), &observed(PILOT, false, None)).is_empty() {
                 starts.push(ms);
             }
@@ -276,7 +266,7 @@ mod tests {
                     }
                 }
             }
-            // Within two polls: an allowance is a product of floating-point numbers.
+            // Within two polls: a permitted silence is a product of floating-point numbers.
             let near = |(a, b): (&i64, &i64)| (a - b).abs() <= 40;
             let same = killed.len() == kills.len() && killed.iter().zip(&kills).all(near);
             assert!(same, "{kind:?}: {killed:?}");
@@ -291,7 +281,7 @@ mod tests {
         }
     }
 
-    /// Times at which each process was started and killed, ms, on a computer so busy that each start takes `start_ms`
+    /// Times of each start and kill of a process, ms, on a busy computer on which each start takes `start_ms`
     /// until the first report. Then the processes report twice a second, except while they `hang`.
     fn on_a_busy_computer(
         kinds: &[ProcessKind],
@@ -359,7 +349,6 @@ mod tests {
                 .iter()
                 .filter(|(_, a)| matches!(a, SupervisorAction::Kill(..)))
                 .count();
-            // No process that makes progress is killed.
             assert!(kills <= 6 * 2 && (start_ms > 15_000 || kills == 0), "{kills}");
         }
     }
@@ -371,7 +360,6 @@ mod tests {
                 |(ms, a): &(i64, SupervisorAction)| matches!(a, SupervisorAction::Kill(..)).then_some(*ms);
             actions.iter().filter_map(killed).collect()
         };
-        // A process that never gets ready is retried for ever.
         let never = kills(&on_a_busy_computer(&[PILOT], 1_000_000, |_| false, 1_000_000));
         assert!(never.len() >= 8, "{never:?}");
         assert!(never.windows(2).all(|w| w[1] - w[0] <= 123_000), "{never:?}");

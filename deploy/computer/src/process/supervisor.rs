@@ -1,4 +1,4 @@
-//! Execution of the decisions of [`SupervisorNode`]: start ([`start`]), kill and end of all processes.
+//! Executes the decisions of [`SupervisorNode`]: starts ([`start`]), kills and ends processes.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -20,12 +20,11 @@ use crate::process::start::{ProcessSurroundings, start};
 use crate::process::supervision::{Observed, SupervisorAction, SupervisorLimits, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
-/// Name of the supervisor as a process whose steps are recorded.
+/// Process name under which the supervisor's steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
-/// Time in which processes have to end when asked, ns; `TimeoutStopSec` of the services is longer.
+/// Time for processes to end when asked, ns; `TimeoutStopSec` of the services is longer.
 const GRACE_NS: i64 = 4_000_000_000;
 
-/// One process under supervision.
 struct ManagedProcess {
     kind: ProcessKind,
     /// Arguments before the program, which enter its network namespace.
@@ -40,24 +39,24 @@ pub struct Supervisor {
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     flight: Option<PathBuf>,
-    /// Directory of the state that survives a process; None: that of the service manager.
+    /// Directory of the state that survives a process; None: the service manager's.
     state: Option<PathBuf>,
     /// Processes write errors to the supervisor's standard error, not to files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
-    /// In flight, a process that cannot be started does not end the others.
+    /// In flight, a process that cannot start does not end the others.
     keeps_others: bool,
-    /// Events of the first start of a process, returned by the next poll.
+    /// Events of the first start of a process, for the next poll.
     events: Vec<SupervisorEvent>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum SupervisorEvent {
-    /// It ended; it is restarted unless it is the world.
+    /// It ended, and is restarted unless it is the world.
     Ended(ProcessKind, String),
     /// It was silent for this time, s, and is killed.
     Silent(ProcessKind, f64),
-    /// It could not be started; the start is retried.
+    /// It could not start, and is retried.
     NotStarted(ProcessKind, String),
 }
 
@@ -82,8 +81,8 @@ impl fmt::Display for SupervisorEvent {
 }
 
 impl Supervisor {
-    /// A supervisor without processes; their standard error goes to files in `directory`. The decisions are recorded in
-    /// the directory of the processes' flight.
+    /// Supervisor without processes. Their standard error will go to files in `directory`, the record of the
+    /// decisions to `flight`.
     pub fn new(
         directory: PathBuf,
         flight: Option<PathBuf>,
@@ -120,12 +119,11 @@ impl Supervisor {
         self.inherit_stderr = true;
         self
     }
-    /// Keeps the state that survives a process in this directory.
     pub fn keeping_state_in(mut self, directory: PathBuf) -> Supervisor {
         self.state = Some(directory);
         self
     }
-    /// Starts a process with these arguments of the program; `prefix` stands before the program.
+    /// Starts a process with these arguments of the program, after the command `prefix`.
     pub fn start(
         &mut self,
         kind: ProcessKind,
@@ -180,8 +178,8 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Restarts processes that ended, after a delay, and kills those that are silent for too long. `reported` returns
-    /// the time of a process's newest report on the steady clock, ns.
+    /// Restarts ended processes after a delay, and kills silent ones. `reported` returns the time of a
+    /// process's newest report on the steady clock, ns.
     pub fn poll(
         &mut self,
         reported: impl Fn(ProcessKind) -> Option<i64>,
@@ -243,7 +241,6 @@ impl Supervisor {
         let managed = self.processes.iter_mut().find(|p| p.kind == kind)?;
         managed.child.as_mut()
     }
-    /// Writes a line to a process's standard input.
     pub fn write_line(&mut self, kind: ProcessKind, line: &str) {
         if let Some(input) = self.child_mut(kind).and_then(|c| c.stdin.as_mut()) {
             // A process that has ended is restarted and misses the line.
@@ -252,22 +249,19 @@ impl Supervisor {
     }
     fn kill(&mut self, kind: ProcessKind) {
         if let Some(child) = self.child_mut(kind) {
-            // The process may have ended meanwhile.
             let _gone = child.kill();
         }
     }
-    /// Restarts of all processes.
     pub fn restarts(&self) -> u32 {
         self.node.restarts()
     }
-    /// The last line that a process wrote to standard error.
     pub fn last_error_line(&self, kind: ProcessKind) -> Option<String> {
         let text = std::fs::read_to_string(self.directory.join(format!("{}.err", kind.name()))).ok()?;
         let last = text.lines().rev().find(|l| !l.trim().is_empty());
         last.map(str::to_string)
     }
 
-    /// Ends all processes: closes their standard input, and kills those that are left after the grace time.
+    /// Ends all processes: closes their standard input, and kills the remaining ones after the grace time.
     pub fn stop(&mut self) {
         let mut children: Vec<Child> = self.processes.iter_mut().filter_map(|p| p.child.take()).collect();
         for child in &mut children {
@@ -279,7 +273,6 @@ impl Supervisor {
             pause(Duration::from_millis(10));
         }
         for mut child in children {
-            // The process may have ended meanwhile.
             let _gone = child.kill();
             let _status = child.wait();
         }
@@ -292,7 +285,6 @@ impl Drop for Supervisor {
     }
 }
 
-/// Arguments of the program that run `kind` with this configuration.
 pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
     vec![
         kind.subcommand().into(),
@@ -301,8 +293,8 @@ pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
     ]
 }
 
-/// This process's own program, even if its file was replaced. An upgrade puts a new file in its place; the kernel keeps
-/// the old one while it runs, so all processes of a supervisor have the same version.
+/// This process's own program, even if an upgrade has replaced its file: the kernel keeps the old file while
+/// it runs, so all processes of a supervisor have the same version.
 fn own_program() -> std::io::Result<PathBuf> {
     let file = std::env::current_exe()?;
     Ok(if file.exists() {
@@ -357,7 +349,6 @@ mod tests {
         };
         let (_, started) = missing(ProcessKind::Camera, limits);
         assert!(started.unwrap_err().to_string().contains("camera"));
-        // No process needs the viewers' server.
         assert!(missing(ProcessKind::View, limits).1.is_ok());
     }
 }

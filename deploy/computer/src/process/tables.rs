@@ -1,4 +1,4 @@
-//! Tables of the processes' reports: resource use, age of their inputs, radio.
+//! Tables of the processes' reports: resource use, age of inputs, radio.
 
 use alight_shared::process::{InputState, ProcessKind};
 use alight_shared::topics::{self, Topic};
@@ -8,7 +8,6 @@ use crate::process::snapshot::{Snapshot, time};
 use crate::table::{Cell, Table};
 
 impl Snapshot {
-    /// Table of the processes: resource use, duration of a step.
     pub fn usage(&self, now_ns: i64) -> String {
         let heads = [
             "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up",
@@ -33,8 +32,8 @@ impl Snapshot {
         table.text()
     }
 
-    /// Delay from a measurement on the vessel to the set-point, in parts: age of each message when it is read, duration
-    /// of each step.
+    /// Delay from a measurement on the vessel to the set-point, by part: age of each message when read,
+    /// duration of each step.
     pub fn stages(&self) -> String {
         const STAGES: [(ProcessKind, &Topic); 6] = [
             (ProcessKind::Predictor, &topics::BRIDGE_ESTIMATE),
@@ -60,7 +59,6 @@ impl Snapshot {
         table.text()
     }
 
-    /// Table of the radio's traffic.
     pub fn radio(&self) -> String {
         let mut table = Table::new(2.., ["sender", "over the radio", "Hz", "bytes/s"]);
         let mut total = 0.0;
@@ -82,7 +80,7 @@ impl Snapshot {
         table.text()
     }
 
-    /// Table of the topics as each process reads them.
+    /// Table of the topics, with the values of each reader.
     pub fn topics(&self) -> String {
         let heads = [
             "reader",

@@ -9,12 +9,12 @@ use crate::record::geometry::{frame, pose};
 
 /// Distance between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
-/// Maximum number of points of one line or circle, so that a deck of any length stays drawable.
+/// Maximum number of points of one line or circle; a deck of any length can be drawn.
 const POINTS: u32 = 400;
 /// Bytes of one point: three coordinates and a colour.
 const STRIDE: u32 = 16;
 
-/// A colour: red, green, blue.
+/// Red, green, blue.
 type Rgb = [u8; 3];
 const ORANGE: Rgb = [220, 140, 50];
 const WHITE: Rgb = [240, 240, 240];
@@ -24,7 +24,6 @@ const YELLOW: Rgb = [230, 205, 30];
 const GREEN: Rgb = [60, 200, 90];
 const BLUE: Rgb = [70, 140, 255];
 
-/// Encoded points of one frame.
 #[derive(Default)]
 struct Points(Vec<u8>);
 
@@ -47,7 +46,7 @@ impl Points {
             self.add(at, color);
         }
     }
-    /// A rectangle about `centre` in the frame's first two axes.
+    /// Rectangle about `centre` in the frame's first two axes.
     fn rectangle(&mut self, centre: [f64; 3], [length, width]: [f64; 2], color: Rgb) {
         let [x, y] = [0.5 * length, 0.5 * width];
         let corners = [[x, y], [x, -y], [-x, -y], [-x, y], [x, y]];
@@ -90,7 +89,7 @@ impl Points {
     }
 }
 
-/// The deck's edge, its tags and the line forward from its centre.
+/// The deck's edge, its tags and a line forward from its centre.
 pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
     let mut points = Points::default();
     points.rectangle([0.0; 3], [deck.length_m, deck.width_m], ORANGE);
@@ -101,7 +100,7 @@ pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
     points.cloud(timestamp, frame::DECK)
 }
 
-/// Rotors (those in front are red), arms and feet.
+/// Rotors (front ones red), arms and feet.
 pub fn drone(timestamp: Timestamp, drone: &DroneGeometry) -> PointCloud {
     let mut points = Points::default();
     let at = drone.arm_m / core::f64::consts::SQRT_2;
@@ -115,11 +114,9 @@ pub fn drone(timestamp: Timestamp, drone: &DroneGeometry) -> PointCloud {
     points.cloud(timestamp, frame::DRONE)
 }
 
-/// Positions of the deck's forecast.
 pub fn forecast(timestamp: Timestamp, poses: &[Pose]) -> PointCloud {
     along(timestamp, poses, GREEN)
 }
-/// Positions of the plan.
 pub fn plan(timestamp: Timestamp, poses: &[Pose]) -> PointCloud {
     along(timestamp, poses, BLUE)
 }

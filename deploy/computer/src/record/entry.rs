@@ -1,11 +1,11 @@
-//! Record of a node's step: time, input bit for bit, hash of the output; and the header with the process that made the
-//! steps.
+//! Record of a node's step: time, input bit for bit, hash of the output; and the header that names the
+//! process.
 //!
-//! The flight recorder's files hold every input in full: each process can be replayed without the others, even if one
-//! was killed. Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output. A
-//! recording, which has all nodes in one file, therefore leaves them out of the inputs and refers to them by sequence
-//! number. The replay inserts the forecast and the plan that it has computed itself, and the hash of each output shows
-//! whether the bits are equal. Four nodes receive the drone's state in the same tick: the first entry holds it, the
+//! The flight recorder's files hold every input in full, so that each process can be replayed without the
+//! others, even if one was killed. Forecasts and plans are nine tenths of all bytes, and each is another
+//! node's output. A recording has all nodes in one file and therefore refers to them by sequence number. The
+//! replay inserts the forecast and the plan that it has computed; the hash of each output shows whether the
+//! bits are equal. Four nodes receive the drone's state in the same tick: the first entry holds it, the
 //! others refer to it.
 
 use core::any::Any;
@@ -28,13 +28,12 @@ pub struct Entry<I> {
     /// The node's own time, ns.
     pub now_ns: i64,
     pub input: I,
-    /// Parts that are left out of the input.
     pub references: References,
     /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 
-/// Appends the entry of a step: the bytes of an [`Entry`], for any types of input and output.
+/// Appends the bytes of an [`Entry`], for any types of input and output.
 pub fn append(
     to: &mut Vec<u8>,
     now_ns: i64,
@@ -46,7 +45,7 @@ pub fn append(
     wire::append_record(to, &(references, hash))
 }
 
-/// [`alight_shared::wire::hash_record`] of an output, which is encoded at the end of `scratch` first, so that it is
+/// [`alight_shared::wire::hash_record`] of an output. It is encoded at the end of `scratch` first, to be
 /// hashed in one run instead of number by number.
 pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireError> {
     let begin = scratch.len();
@@ -56,17 +55,15 @@ pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireErr
     appended.map(|()| hash)
 }
 
-/// Header of a file: the process whose steps follow.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartHeader {
     pub process: String,
     pub boot: u32,
-    /// Start of the process on the computer's steady clock, ns: the order of its starts.
+    /// Start of the process on the computer's steady clock, ns, which orders its starts.
     pub began_ns: i64,
-    /// Steps of this start before the first in this file: above zero from the second part on, and if the first steps
+    /// Number of the first step in the file, from 0; above 0 from the second part on, and if the first steps
     /// could not be written.
     pub first_step: u64,
-    /// The text of its configuration.
     pub config: String,
 }
 
@@ -85,7 +82,6 @@ impl PartHeader {
         .map(|(name, value)| (name.to_owned(), value))
         .into()
     }
-    /// Header from these values and the texts attached to them.
     pub fn of(values: &BTreeMap<String, String>, texts: &BTreeMap<String, String>) -> Option<PartHeader> {
         Some(PartHeader {
             process: values.get("process")?.clone(),
@@ -97,24 +93,22 @@ impl PartHeader {
     }
 }
 
-/// Parts that are left out of an input, and where their content is: empty in the flight recorder's files.
+/// Locations of the parts that an input leaves out; empty in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
-    /// Boot id and sequence number.
+    /// Boot id and sequence number, as for the plan.
     forecast: Option<(u32, u32)>,
-    /// Boot id and sequence number.
     plan: Option<(u32, u32)>,
     /// The drone's state is the newest in the file.
     drone: bool,
 }
 
-/// Header of the newest drone state in the file.
 #[derive(Default)]
 pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
-    /// Removes from an input's `part` the data that the file already holds. The file lacks the last steps of a process
-    /// that was killed.
+    /// Removes from an input's `part` the data that the file already holds. The file lacks the last steps of
+    /// a killed process.
     pub fn take(&mut self, part: &mut dyn Any, newest: &mut NewestHeader, written: &Computed) {
         if let Some(slot) = part.downcast_mut::<Option<DeckForecast>>() {
             let taken = slot.take_if(|f| find(&written.forecasts, |k| &k.header, name(&f.header)).is_ok());
@@ -130,26 +124,24 @@ impl References {
     }
 }
 
-/// Boot id and sequence number: unique among messages of a kind.
+/// Boot id and sequence number, unique among messages of a kind.
 fn name<C: Clock>(header: &Header<C>) -> (u32, u32) {
     (header.boot, header.sequence)
 }
 
-/// A referenced forecast or plan that the replay has not computed, or a drone state that no earlier entry holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Missing;
 
-/// Forecasts and plans that are kept: more than can be in transit between two nodes.
+/// Number of forecasts and plans to keep: more than can be in transit between two nodes.
 const KEPT: usize = 128;
 
-/// Outputs that the replay has computed, or that a recording has written, newest last.
+/// Outputs that the replay has computed or a recording has written, newest last.
 #[derive(Default)]
 pub struct Computed {
     forecasts: Vec<DeckForecast>,
     plans: Vec<Plan>,
-    /// The newest drone state that was read.
+    /// The newest drone state in the input.
     drone: Option<DroneState>,
-    /// Buffer in which outputs are encoded for hashing.
     pub scratch: Vec<u8>,
 }
 
@@ -162,7 +154,6 @@ impl Computed {
             keep(&mut self.plans, *plan);
         }
     }
-    /// Restores the parts that were left out of an input's `part`.
     pub fn fill(&mut self, part: &mut dyn Any, references: References) -> Result<(), Missing> {
         if let Some(slot) = part.downcast_mut::<Option<DroneState>>() {
             match references.drone {

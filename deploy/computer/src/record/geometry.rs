@@ -3,22 +3,19 @@
 use foxglove::messages::{Pose, Quaternion, Vector3};
 use nalgebra::UnitQuaternion;
 
-/// Frames of the scene.
 pub mod frame {
     /// Foxglove's fixed frame: east, north, up.
     pub const WORLD: &str = "world";
-    /// The true NED.
+    /// NED of the true world.
     pub const NED: &str = "ned";
-    /// At the vessel's position on the water, east, north, up: a viewer's camera follows it. A camera that followed the
-    /// vessel's own frame, whose third axis points down, would be upside down.
+    /// East, north, up at the vessel's position on the water, for a viewer's camera that follows it. In the
+    /// vessel's own frame, whose third axis points down, that camera would be upside down.
     pub const CHASE: &str = "chase";
-    /// The vessel's body.
     pub const VESSEL: &str = "vessel";
     pub const DECK: &str = "deck";
-    /// The drone's body.
     pub const DRONE: &str = "drone";
     pub const CAMERA: &str = "camera";
-    /// The NED frame of the drone's odometry, placed so that the odometry matches the true drone.
+    /// NED frame of the drone's odometry, placed so that the odometry matches the true drone.
     pub const DRONE_NED: &str = "drone_ned";
 }
 

@@ -1,4 +1,4 @@
-//! Log of a flight: its directory, one of its files, or a recording, which holds the flight in one file.
+//! Log of a flight: its directory, one of its files, or a recording, which is the flight in one file.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -16,17 +16,15 @@ use crate::record::entry::PartHeader;
 use crate::record::reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header};
 use crate::record::{About, LIVE};
 
-/// One start of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {
-    /// Process, and the first step that is present.
+    /// Process, and number of the first step in the files.
     pub header: PartHeader,
     /// Files with its steps, in order.
     pub files: Vec<PathBuf>,
 }
 
 impl ProcessStart {
-    /// Display name.
     pub fn name(&self) -> String {
         format!("{}-{:08x}", self.header.process, self.header.boot)
     }
@@ -35,7 +33,6 @@ impl ProcessStart {
         let origin = format!("{}, the {}'s configuration", file.display(), self.header.process);
         Ok(config::parse(&self.header.config, &origin)?)
     }
-    /// Clock of its computer.
     pub fn clock(&self) -> ProcessClock {
         #[derive(Default, Deserialize)]
         #[serde(default)]
@@ -48,11 +45,11 @@ impl ProcessStart {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// Kind of the process; `None` for a supervisor.
+    /// Kind of the process; None for a supervisor.
     pub fn kind(&self) -> Option<ProcessKind> {
         ProcessKind::named(&self.header.process)
     }
-    /// Order of entries of equal times: the world, then the rows as their data flow.
+    /// Order of entries of equal times: the world, then the rows in data-flow order.
     pub fn rank(&self) -> Option<usize> {
         let kind = self.kind()?;
         let rows = alight_usv::computer::PROCESSES.iter();
@@ -61,7 +58,6 @@ impl ProcessStart {
     }
 }
 
-/// Order in which steps are replayed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayOrder {
     /// One start after the other: one file at a time is in memory.
@@ -72,7 +68,7 @@ pub enum ReplayOrder {
 
 pub struct Log {
     path: PathBuf,
-    /// Starts by name, a process's first start first; in a recording, in the order of the data flow.
+    /// Starts by process name, then in order; in a recording, in data-flow order.
     pub starts: Vec<ProcessStart>,
     /// Metadata of the recording; empty for a flight's directory and for a part.
     pub about: About,
@@ -105,11 +101,9 @@ impl Log {
         log.about = found.about;
         Ok(log)
     }
-    /// The path, for errors.
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Whether the log is a flight in one file.
     pub fn is_recording(&self) -> bool {
         self.is_recording
     }
@@ -128,7 +122,6 @@ impl Log {
     pub fn find(&self, process: &str) -> Option<&ProcessStart> {
         self.starts.iter().find(|s| s.header.process == process)
     }
-    /// The first start of this process, or an error.
     pub fn first(&self, process: &str) -> Result<&ProcessStart, CliError> {
         self.find(process).ok_or_else(|| {
             CliError(format!(
@@ -161,7 +154,7 @@ impl Log {
     ) -> Result<(), CliError> {
         let all: Vec<&ProcessStart> = self.starts.iter().collect();
         let groups: Vec<&[&ProcessStart]> = match order {
-            // All starts are in the same file.
+            // In a recording all starts are in the same file.
             _ if self.is_recording() => all.chunks(1).take(1).collect(),
             ReplayOrder::ByStart => all.chunks(1).collect(),
             ReplayOrder::ByTime => vec![&all],
@@ -192,7 +185,7 @@ impl Log {
     }
 }
 
-/// The starts whose steps these parts hold: by name, a process's first start first.
+/// Starts of which these parts hold steps, by process name, then in order.
 fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     let mut found = Vec::new();
     for part in parts {
@@ -219,7 +212,7 @@ fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     Ok(starts)
 }
 
-/// Steps of several files, one file after the other; one at a time is in memory.
+/// Steps of several files in sequence; one file at a time is in memory.
 struct Steps {
     waiting: VecDeque<PathBuf>,
     file: Option<LogFile>,
@@ -239,7 +232,6 @@ impl Steps {
     fn peek(&self) -> Option<LogStep<'_>> {
         self.file.as_ref()?.step(self.at)
     }
-    /// Advances to the next step.
     fn advance(&mut self) -> Result<(), CliError> {
         self.at += 1;
         self.load()
@@ -255,10 +247,9 @@ impl Steps {
     }
 }
 
-/// Reader of one start, or of a recording.
 struct Source {
     steps: Steps,
-    /// Clock of a process; a simulated world has its own time.
+    /// Clock of a process; None for a simulated world, which has its own time.
     clock: Option<ProcessClock>,
     rank: Option<usize>,
     /// Time of the next step, and its rank among equal times.

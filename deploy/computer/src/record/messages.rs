@@ -1,4 +1,4 @@
-//! Messages of a flight for viewers: from a recorded step, or from shared memory.
+//! Messages of a flight for viewers, from a recorded step or from shared memory.
 
 use alight_bridge::BridgeOut;
 use alight_shared::msg::{
@@ -13,10 +13,9 @@ use alight_uav::planner::PlannerOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::{ComputerIn, ComputerOut};
 
-/// A message, with its time of sending if that matters.
+/// Message, with its time of sending if that matters.
 #[derive(Clone, Copy)]
 pub enum Message<'a> {
-    /// Measurements of the vessel's sensors.
     Sensors(&'a SensorReadings),
     /// The vessel's estimate on its own computer.
     OwnEstimate(&'a VesselEstimate<VesselClock>),
@@ -30,19 +29,19 @@ pub enum Message<'a> {
     Uvdar(&'a UvdarFix),
     Range(&'a RangeSample),
     Forecast(&'a DeckForecast),
-    /// Comes after the forecast of the same time.
+    /// Follows the forecast of the same time.
     Drone(&'a DroneState),
     Command(&'a Command),
     Autopilot(&'a AutopilotState),
     Mission(&'a MissionState),
     Plan(Time<DroneClock>, &'a Plan),
-    /// The plan as received by the pilot.
+    /// The plan as the pilot received it.
     FlownPlan(&'a Plan),
     SetPoint(Time<DroneClock>, &'a SetPoint),
     Touchdown(&'a Touchdown),
 }
 
-/// Passes the messages of a step to `each`: each message in the step of the row that writes it, those of sensors and
+/// Passes the messages of a step to `each`, in the step of the row that writes them; those of sensors and
 /// operators in the step that uses them.
 pub fn each_message(step: &Step<'_>, each: &mut dyn FnMut(Message<'_>)) {
     let now = Time::from_nanos(step.now_ns);

@@ -1,6 +1,6 @@
-//! Logs of flights, all in MCAP. [`entry`] is the record of a step; [`log`] reads every kind of log:
-//! - a flight's directory, with files that each process writes by itself ([`flight`]);
-//! - a recording: a flight in one file, for viewing and replay ([`Recorder`]).
+//! Logs of flights, all in MCAP. [`entry`] is the record of a step; [`log`] reads a flight's directory, with
+//! a file for each process ([`flight`]), and a recording, which is a flight in one file for viewing and
+//! replay ([`Recorder`]).
 //!
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit; the configurations are attachments;
@@ -29,20 +29,19 @@ pub mod views;
 
 pub use recorder::Recorder;
 
-/// Name of the process that records the truth of a simulated world.
+/// Process that records the truth of a simulated world.
 pub const WORLD: &str = "world";
-/// Extension of a log's files.
 const EXTENSION: &str = "mcap";
-/// Name of the metadata record that identifies the process of a file's steps; one for each process.
+/// Metadata record that identifies the process of a file's steps; one for each process.
 const PROCESS: &str = "process";
-/// Name of the metadata record about a recording.
+/// Metadata record of a recording.
 const RECORDING: &str = "recording";
 /// Key in that record: 0 if its nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
-/// Name of the attachment of a recording in which another planner than the drone's flew.
+/// Attachment of a recording in which another planner than the drone's flew.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Topic of the steps of a start, after these: a restarted process has its own.
+/// Topic of the steps of a start; a restarted process has its own, so `before` lists the earlier starts.
 fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeader>) -> String {
     let (process, boot) = (&header.process, header.boot);
     match before.any(|h| h.process == *process) {
@@ -53,8 +52,6 @@ fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeade
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct About {
-    /// Names and values.
     pub values: BTreeMap<String, String>,
-    /// Texts by their names.
     pub texts: BTreeMap<String, String>,
 }

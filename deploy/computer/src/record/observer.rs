@@ -6,9 +6,8 @@ use alight_shared::wire::WireError;
 
 use crate::record::entry::PartHeader;
 
-/// Receives each step.
 pub trait StepObserver {
-    /// A step at `t`, the world's time.
+    /// Step at `t`, the world's time.
     fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>);
     /// A recorded step that is not replayed: of the simulated world, or of a row that lacks an input.
     fn recorded(&mut self, _t: Time<TrueTime>, _of: &PartHeader, _entry: &[u8]) -> Result<(), WireError> {

@@ -1,12 +1,12 @@
-//! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's stated size,
-//! and a damaged size would end the program.
+//! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's
+//! stated size, and a damaged size would end the program.
 
-/// Maximum number of bytes in one chunk; our chunks are far smaller.
+/// Maximum number of bytes in a chunk; ours are far smaller.
 const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// Magic bytes at both ends of a file, and opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const CHUNK: u8 = 0x06;
-/// No record has this opcode: a file system leaves zeros in a block that was never written.
+/// Opcode of no record: a file system leaves zeros in a block that was never written.
 const NONE: u8 = 0;
 
 fn number(bytes: &[u8], at: usize) -> Option<u64> {
@@ -14,17 +14,15 @@ fn number(bytes: &[u8], at: usize) -> Option<u64> {
     slice.try_into().ok().map(u64::from_le_bytes)
 }
 
-/// Sound part of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
-    /// End of its last whole record.
     pub end: usize,
     /// Description of the bytes after that; None: the file was finished.
     pub cut: Option<String>,
 }
 
 impl Outline {
-    /// Checks the records of `file`; an error if its beginning is not valid.
+    /// Checks the records of `file`; an error if its beginning is invalid.
     pub fn of(file: &[u8]) -> Result<Outline, String> {
         if !file.starts_with(MAGIC) {
             return Err("it does not begin as an MCAP file does".into());
@@ -48,7 +46,7 @@ impl Outline {
                     format!("the record at byte {at} claims {length} bytes, more than the file has"),
                 );
             };
-            // A chunk begins with two times; then comes its uncompressed size.
+            // A chunk begins with two times, followed by its uncompressed size.
             if opcode == CHUNK
                 && let Some(size) = number(file, begin + 16)
                 && size > MAX_CHUNK_BYTES
@@ -61,7 +59,7 @@ impl Outline {
                 );
             }
             if opcode == NONE {
-                return cut(at, format!("the record at byte {at} is none"));
+                return cut(at, format!("byte {at} begins no record"));
             }
             at = end;
         }

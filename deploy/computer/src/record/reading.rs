@@ -1,6 +1,6 @@
-//! Reader of a log's files: those of the flight recorder, and a recording, which holds a flight in one file.
+//! Reader of a log's files: those of the flight recorder, and recordings.
 //!
-//! A file of the flight recorder without an end, which a kill or a power cut left, is read up to its last whole chunk.
+//! A flight recorder's file without an end, after a kill or a power cut, is read up to its last whole chunk.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -23,8 +23,8 @@ const MAX_FILE_BYTES: u64 = 2 << 30;
 /// Maximum size of a file's beginning, configurations included, bytes.
 const MAX_BEGINNING_BYTES: u64 = 1 << 20;
 
-/// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that some damaged
-/// length fields claim, and panics when the capacity overflows.
+/// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that a
+/// damaged length field claims, and panics when the capacity overflows.
 pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
     let loud = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
@@ -38,7 +38,6 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
     })
 }
 
-/// A recorded step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogStep<'a> {
     pub header: &'a PartHeader,
@@ -54,18 +53,16 @@ impl LogStep<'_> {
     pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
         wire::decode_record(self.bytes)
     }
-    /// The node's own time, ns: the first field of an entry.
+    /// The node's own time, ns, the first field of an entry.
     pub fn now_ns(&self) -> i64 {
         let first = self.bytes.first_chunk();
         first.map_or(0, |b| i64::from_le_bytes(*b))
     }
 }
 
-/// Contents of a file before its first chunk.
 #[derive(Default)]
 pub struct LogBeginning {
     pub headers: Vec<PartHeader>,
-    /// Metadata and attachments of a recording.
     pub about: About,
     /// The file ends before the first chunk.
     is_cut: bool,
@@ -88,7 +85,6 @@ impl LogBeginning {
         beginning.read_to_end(&mut bytes).doing(doing)?;
         LogBeginning::of(path, &bytes, false)
     }
-    /// Whether it is that of a recording, in which processes begin at any time.
     fn is_recording(&self) -> bool {
         !self.about.values.is_empty()
     }
@@ -143,7 +139,6 @@ impl LogBeginning {
             found.headers.push(header);
         }
         if found.headers.is_empty() {
-            // A recording of an earlier version.
             check_format(path, found.about.values.get("format"))?;
             return Err(foreign(&origin));
         }
@@ -175,12 +170,11 @@ fn damaged(origin: impl Display, why: impl Display) -> CliError {
     ))
 }
 
-/// The file's records, with whole chunks; the file may have no end.
+/// The file's records, with whole chunks; the end may be missing.
 fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
     LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
 }
 
-/// A file in memory.
 pub struct LogFile {
     pub headers: Vec<PartHeader>,
     /// Reason why the file has no end; None: it was finished.
@@ -214,12 +208,12 @@ impl LogFile {
         };
         file.cut = file.take_steps(&bytes).map_err(|e| damaged(&origin, e))?;
         match &file.cut {
-            // A recording is not made in flight: there is nothing to recover.
+            // A recording is not made in flight, so its steps are not recovered.
             Some(why) if is_recording => Err(damaged(&origin, why)),
             Some(_) | None => Ok(file),
         }
     }
-    /// Reads the steps; returns the reason why the file has no end, if so.
+    /// Reads the steps; returns the reason if the file has no end.
     fn take_steps(&mut self, file: &[u8]) -> Result<Option<String>, String> {
         let Outline { end, cut } = Outline::of(file)?;
         let mut channels = BTreeMap::new();
@@ -278,7 +272,7 @@ impl LogFile {
             }
             Ok(())
         };
-        // A chunk counts as a whole or not at all: its checksum comes at its end.
+        // Only a whole chunk counts, because its checksum comes at its end.
         let taken = take();
         if taken.is_err() {
             self.marks.truncate(marks);
@@ -289,7 +283,6 @@ impl LogFile {
     pub fn steps(&self) -> usize {
         self.marks.len()
     }
-    /// The step at this index.
     pub fn step(&self, at: usize) -> Option<LogStep<'_>> {
         let &(header, number, log_ns, end) = self.marks.get(at)?;
         let before = at.checked_sub(1).and_then(|k| self.marks.get(k));
@@ -307,7 +300,6 @@ pub fn read_header(path: &Path) -> Result<Option<PartHeader>, CliError> {
     Ok(LogBeginning::read(path)?.headers.into_iter().next())
 }
 
-/// Whether the file at `path` begins with the MCAP magic bytes.
 pub fn is_mcap(path: &Path) -> bool {
     let begins = || -> std::io::Result<[u8; 5]> {
         let mut begin = [0; 5];
@@ -317,7 +309,6 @@ pub fn is_mcap(path: &Path) -> bool {
     begins().is_ok_and(|b| mcap::MAGIC.starts_with(&b))
 }
 
-/// Whether the file has its end, the magic bytes.
 pub fn is_whole(path: &Path) -> bool {
     use std::io::{Seek, SeekFrom};
     let end = || -> std::io::Result<[u8; 8]> {

@@ -1,4 +1,4 @@
-//! Export of a flight to one file: every node's steps in their own channel, and views for people.
+//! Export of a flight to one file: every node's steps in a separate channel, and views for users.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,10 +16,9 @@ use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, RECORDING};
 
-/// Writes the steps of a running flight, or of a log that is replayed.
+/// Writes the steps of a running flight or of a replayed log.
 pub struct Recorder {
     pub sink: Sink,
-    /// Topics for viewers.
     pub views: Views,
     /// Starts so far, and their channels.
     starts: Vec<(PartHeader, ChannelId)>,
@@ -60,14 +59,12 @@ impl Recorder {
         create()
             .map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    /// Adds a start of a process, whose steps follow.
     pub fn begin(&mut self, header: PartHeader) {
         match self.sink.process(&header, self.starts.iter().map(|(h, _)| h)) {
             Ok(channel) => self.starts.push((header, channel)),
             Err(e) => self.sink.fail(e),
         }
     }
-    /// The channel of a start that was added.
     pub fn channel(&self, process: &str, boot: u32) -> Option<ChannelId> {
         let is_own = |(h, _): &&(PartHeader, ChannelId)| h.process == process && h.boot == boot;
         self.starts.iter().find(is_own).map(|(_, channel)| *channel)
@@ -86,7 +83,6 @@ impl Recorder {
         })
     }
 
-    /// Ends the recording with the outcome of the flight.
     pub fn finish(mut self, path: &Path, outcome: &[(&str, String)]) -> Result<(), CliError> {
         let doing = format_args!("recording to {}", path.display());
         let ended = self.sink.metadata("outcome", named(outcome));

@@ -1,5 +1,5 @@
-//! Vessel, deck and drone in Foxglove's scene: as the drone knows them, or, in a recording of the simulation, as they
-//! are.
+//! Vessel, deck and drone in Foxglove's scene: as the drone estimates them, or as they are in a recording of
+//! the simulation.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DroneState};
@@ -26,7 +26,7 @@ pub struct Scenery {
     period_ms: i64,
     /// Whether the last shapes included the drone.
     shown: Option<bool>,
-    /// Water level in the drone's NED, m down, from the deck's mean level: that NED has its origin at any height.
+    /// Water level, m down, from the deck's mean level in the drone's NED, whose origin may be at any height.
     water_m: Option<f64>,
 }
 
@@ -63,7 +63,7 @@ impl Scenery {
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// Shows the drone at its own estimate at `t`.
+    /// Shows the drone at its own estimate.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,

@@ -1,12 +1,12 @@
-//! Message types of a recording's plots that have no well-known schema. SI units; angles in degrees where the name
-//! states it. A field without a value is not written.
+//! Message types of a recording's plots that have no well-known schema. SI units; angles in degrees where the
+//! name states it. A field without a value is not written.
 
-// The derived schemas list files in a hash set, whose order has no effect.
+// Derived schemas list files in a hash set, whose order has no effect.
 #![allow(clippy::disallowed_types)]
 
 use foxglove::Encode;
 
-/// The vessel's state as estimated by its computer.
+/// Vessel state as estimated by its computer.
 #[derive(Encode)]
 pub struct VesselEstimate {
     pub eta: [f64; 6],
@@ -51,7 +51,7 @@ pub struct Heading {
     pub heading_sd_deg: f64,
 }
 
-/// A fix from ultraviolet markers.
+/// Fix from ultraviolet markers.
 #[derive(Encode)]
 pub struct Uvdar {
     pub position_m: [f64; 3],
@@ -93,7 +93,7 @@ pub struct Forecast {
     pub predicted_slopes: Vec<f64>,
 }
 
-/// The mission. The wind is the odometry's estimate of the mean, towards north and east, with its standard deviation.
+/// The wind is the odometry's mean estimate, towards north and east, with its standard deviation.
 #[derive(Encode)]
 pub struct Mission {
     pub state: String,
@@ -147,9 +147,9 @@ pub struct SetPoint {
 }
 
 /// True state of drone and deck. Positions are the drone's centre of mass and the deck's centre, heights up;
-/// `forward_m`, `starboard_m` and `height_above_deck_m` are the vector from the deck's centre to the centroid of the
-/// feet in the deck's axes, in which the errors are drone minus deck. The wind is the air's velocity at the drone,
-/// including gusts and the deck's lee, NED, towards.
+/// `forward_m`, `starboard_m` and `height_above_deck_m` are the vector from the deck's centre to the centroid
+/// of the feet in the deck's axes, in which the errors are drone minus deck. The wind is the air's velocity
+/// at the drone, including gusts and the deck's lee, NED, towards.
 #[derive(Encode)]
 pub struct Truth {
     pub deck_north_m: f64,

@@ -82,7 +82,6 @@ fn deck_cubes(deck: &DeckGeometry) -> Vec<CubePrimitive> {
                 [side, side, 0.01],
                 color(0.05, 0.05, 0.05, 1.0),
             ),
-            // Marks forward on the tag.
             cube(
                 [x + 0.25 * side, y, z - 0.01],
                 [0.3 * side, 0.1 * side, 0.01],
@@ -100,7 +99,6 @@ fn rotors(drone: &DroneGeometry) -> Vec<CylinderPrimitive> {
             size: Some(vector([0.36, 0.36, 0.02])),
             bottom_scale: 1.0,
             top_scale: 1.0,
-            // Front rotors red.
             color: if x > 0.0 {
                 color(0.85, 0.15, 0.1, 0.8)
             } else {

@@ -11,22 +11,18 @@ use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use crate::record::entry::{ENCODING, PartHeader};
 use crate::record::{PROCESS, topic};
 
-/// Size of a chunk, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
-/// A channel of the file, or of the viewers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChannelId(pub u16);
 
-/// Opens channels of protobuf messages, in a file or to viewers.
 pub trait OpenChannels {
     /// Opens a channel; `schema` is its name and file descriptor set.
     fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError>;
 }
 
-/// Takes messages, into a file or to viewers.
 pub trait TakeMessages {
     /// Takes a message of time `t_ns`, which `encode` appends to the given buffer.
     fn message<E>(
@@ -37,7 +33,7 @@ pub trait TakeMessages {
     ) -> Result<(), E>;
 }
 
-/// Text of an error for people: the system's own, if there is one.
+/// Text of an error for users: the system's own, if there is one.
 pub fn why(error: &McapError) -> String {
     match error {
         McapError::Io(e) => e.to_string(),
@@ -45,7 +41,7 @@ pub fn why(error: &McapError) -> String {
     }
 }
 
-/// Error text for a file that could not be written, with what to do.
+/// Error text for a file that could not be written, with the remedy.
 pub fn unwritable(path: &Path, error: &McapError) -> String {
     let full = match error {
         McapError::Io(e) => matches!(
@@ -68,7 +64,6 @@ pub fn unwritable(path: &Path, error: &McapError) -> String {
 
 pub struct Sink {
     writer: Writer<BufWriter<File>>,
-    /// Messages so far in each channel.
     sequences: BTreeMap<u16, u32>,
     scratch: Vec<u8>,
     /// Error after which messages are lost.
@@ -80,7 +75,7 @@ impl Sink {
     pub fn create(path: &Path) -> Result<Sink, McapError> {
         Sink::of(File::create(path)?, None, false)
     }
-    /// Begins in `file`; with `whole_chunks` a chunk is written at once when complete, otherwise as it grows.
+    /// Begins in `file`. With `whole_chunks` each chunk is written when complete, otherwise as it grows.
     pub fn of(file: File, compression: Option<Compression>, whole_chunks: bool) -> Result<Sink, McapError> {
         let options = WriteOptions::new()
             .profile("")
@@ -112,11 +107,10 @@ impl Sink {
         let none = BTreeMap::new();
         Ok(ChannelId(self.writer.add_channel(0, &topic, ENCODING, &none)?))
     }
-    /// Stores the error: messages are lost from now on.
+    /// Stores the error; messages are lost from now on.
     pub fn fail(&mut self, error: McapError) {
         self.failed.get_or_insert(error);
     }
-    /// Attaches a text to the file.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
         self.writer.attach(&Attachment {
             log_time: 0,
@@ -126,7 +120,6 @@ impl Sink {
             data: text.as_bytes().into(),
         })
     }
-    /// Writes a metadata record.
     pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), McapError> {
         self.writer.write_metadata(&Metadata {
             name: name.into(),
@@ -200,7 +193,7 @@ mod tests {
 
     #[test]
     fn recording_on_a_full_disk() {
-        // Every write to it fails as on a full disk.
+        // Every write to this file fails as on a full disk.
         let path = Path::new("/dev/full");
         let record = || -> Result<(), McapError> {
             let mut sink = Sink::create(path)?;

@@ -26,7 +26,6 @@ const SLOW_MS: i64 = 100;
 const FAST_MS: i64 = 40;
 const ALONE_MS: i64 = 200;
 
-/// A channel of messages `M`.
 pub struct ViewTopic<M>(ChannelId, PhantomData<M>);
 
 impl<M: Encode> ViewTopic<M> {
@@ -41,12 +40,10 @@ impl<M: Encode> ViewTopic<M> {
     }
 }
 
-/// Log time of a message: the world's time.
 pub fn stamp(t: Time<TrueTime>) -> u64 {
     u64::try_from(t.nanos()).unwrap_or_default()
 }
 
-/// Time in Foxglove's format.
 pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
     let ns = stamp(t);
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
@@ -90,7 +87,7 @@ impl Throttle {
     }
 }
 
-/// Channels, and what was shown last.
+/// Channels, and the values shown last.
 pub struct Views {
     pub transforms: ViewTopic<FrameTransforms>,
     forecast_path: ViewTopic<PosesInFrame>,
@@ -114,7 +111,7 @@ pub struct Views {
     solver: ViewTopic<schema::Solver>,
     autopilot: ViewTopic<schema::Autopilot>,
     set_point: ViewTopic<schema::SetPoint>,
-    /// The vessel's own computer is a source: the state that a drone receives from it would be shown twice.
+    /// The vessel's own computer is a source, so the state that a drone receives from it is not shown again.
     has_vessel: bool,
     /// True position of the drone in the vessel's NED, if known.
     pub true_drone: Option<[f64; 3]>,
@@ -175,7 +172,7 @@ impl Views {
         )
     }
 
-    /// Shows a message at `t`. The odometry of a received vessel is left out, because its origin is a position of the
+    /// Shows a message at `t`, except the odometry of a received vessel, whose origin is a position of the
     /// vessel.
     pub fn message(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &Message<'_>) {
         match *message {
@@ -388,7 +385,7 @@ impl Views {
         self.autopilot.put(sink, t, &view);
     }
 
-    /// Shows the mission's state, with a log line when state or reason change.
+    /// Shows the mission's state, with a log line when state or reason changes.
     fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &MissionState) {
         let now = Some((m.state, m.waiting.code));
         let entered = self.shown_state.map(|s| s.0) != Some(m.state);
@@ -437,7 +434,6 @@ impl Views {
         self.log.put(sink, t, &line);
     }
 
-    /// Shows the plan and the solver's statistics.
     fn plan(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, now: Time<DroneClock>, plan: &Plan) {
         if !self.plans.passes(t) {
             return;
@@ -454,7 +450,6 @@ impl Views {
         self.plan_path.put(sink, t, &path);
     }
 
-    /// Shows the set-point for the autopilot.
     fn set_point(
         &self,
         sink: &mut impl TakeMessages,

@@ -1,5 +1,5 @@
-//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process, repeated
-//! until its status confirms them.
+//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process,
+//! repeated until its status confirms them.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ pub struct OrderOnItsWay {
 }
 
 impl OrderOnItsWay {
-    /// Gives an order to the process of this computer.
+    /// Begins to send an order to this computer's vessel process.
     pub fn give(
         memory: &Memory,
         computer: &VesselComputerConfig,
@@ -40,7 +40,7 @@ impl OrderOnItsWay {
             statuses: memory.subscriber()?,
         })
     }
-    /// Sends the order when it is due. Returns the status that confirms it.
+    /// Sends the order when it is due; returns the status that confirms it.
     pub fn poll(&mut self) -> Option<VesselStatus> {
         let names_it = |s: &VesselStatus| s.orders.contains(&self.order.message.header.boot);
         let answer = self.statuses.newest(steady_ns()).filter(names_it);

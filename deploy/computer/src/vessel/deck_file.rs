@@ -1,11 +1,11 @@
 //! File of the deck's checkpoint.
 //!
-//! It is written to the disk at each change, first completely and under another name, with version and checksum: the
-//! next start finds the old state or the new one. An unknown state closes the deck until the crew opens it: when the
-//! file is missing, cannot be read, or cannot be replaced at the start (it may be outdated). A file that cannot be
-//! replaced later is removed, so that no start finds it. It stays only on a disk that became read-only; a start after
-//! that disk became writable again would trust it. The first file is written by the installation or a launcher: nothing
-//! stands on the deck yet.
+//! It is replaced atomically at each change, with version and checksum, so the next start finds the old state
+//! or the new one. If the file is missing, unreadable, or cannot be replaced at the start (it may be
+//! outdated), the state is unknown and the deck stays closed until the crew opens it. A file that cannot be
+//! replaced later is removed, so that no start finds it. It remains only on a disk that became read-only; a
+//! start after that disk became writable again would trust it. The installation or a launcher writes the
+//! first file, because nothing stands on the deck yet.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,8 +59,8 @@ pub fn write_first(directory: &Path, computer: &VesselComputerConfig) -> Result<
     replace(&path, FIRST, true).map_err(|e| format!("writing {}: {e}", path.display()))
 }
 
-/// Initial state of the process: the one found, once it has been written to the disk again. Otherwise a closed deck,
-/// with the error.
+/// Initial state of the process: `found`, once it has been written to the disk again; a closed deck if the
+/// write fails.
 fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoint, Option<String>) {
     let written = encode(vessel, &found).and_then(|bytes| {
         replace(path, &bytes, true).map_err(|e| format!("writing {}: {e}", path.display()))
@@ -91,7 +91,7 @@ pub struct DeckFile {
 }
 
 impl DeckFile {
-    /// Opens the computer's file. Returns the state left by the previous start, too.
+    /// Opens the computer's file; also returns the state of the previous start.
     pub fn open(computer: &VesselComputerConfig) -> Result<(DeckFile, VesselCheckpoint), CliError> {
         let path = own_path(computer);
         let doing = format!("starting the writer of {}", path.display());
@@ -116,13 +116,12 @@ impl DeckFile {
             self.newest = Some(kept);
         }
     }
-    /// Error if the newest state is not on the disk.
     pub fn error(&self) -> Option<String> {
         self.store.error()
     }
 }
 
-/// State left by the previous start, or a closed deck if it is unknown.
+/// State of the previous start; a closed deck if it is unknown.
 fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
     let unknown = |closure| VesselCheckpoint {
         deck: DeckCheckpoint::unknown(closure),
@@ -140,7 +139,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
         }
         Err(e) => {
             let damaged = path.with_extension("damaged");
-            // A copy: until the closed state has replaced it, the next start must find it damaged, too.
+            // The next start must also find the damaged file until the closed state has replaced it.
             let _kept_aside = fs::copy(path, damaged);
             warn!(
                 "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck open",
@@ -197,13 +196,12 @@ mod tests {
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
         // The closed state is written at once, because the next start has no other information.
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
-        // First file of an installation or a simulated run.
         replace(&path, FIRST, true).unwrap();
         assert_eq!(closed(&path), None);
         remove(&path);
     }
 
-    /// Root ignores permissions, so a directory blocks the new file.
+    /// Blocks the new file with a directory, because root ignores permissions.
     fn block(path: &Path) -> PathBuf {
         let mut new = path.as_os_str().to_owned();
         new.push(".new");

@@ -1,7 +1,7 @@
 //! Digital inputs of the deck ([`DigitalLine`]): the crew's switch, an occupancy sensor, and the helm's switch.
 //!
-//! Each is read twice a second in a thread of its own, because a driver may take long. An input that cannot be read has
-//! no level, and the deck arbiter counts it as active.
+//! Each is read twice a second in a separate thread, because a driver may take long. An input that cannot be
+//! read has no level, and the deck arbiter counts it as active.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
@@ -17,7 +17,7 @@ const PERIOD: Duration = Duration::from_millis(500);
 const MAX_READING_NS: i64 = 2_000_000_000;
 pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file (docs/operate.md), or clear the key in \
                           vessel.toml";
-/// Possible inputs, as key and path; an empty path means no input.
+/// Key and path of each possible input; an empty path means no input.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),
@@ -37,8 +37,8 @@ struct Input {
 }
 
 impl Input {
-    /// Starts reading; None if the input is not configured. This waits for the first level: without it the deck would
-    /// be closed, and a restart of the vessel's process would abort a descent.
+    /// Starts reading; None if the input is not configured. Waits for the first level, because without it the
+    /// deck would be closed, and a restart of the vessel's process would abort a descent.
     fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
         let (sender, readings) = sync_channel(1);
         (!path.is_empty()).then(|| {
@@ -96,7 +96,6 @@ impl InputFiles {
             turning,
         }
     }
-    /// Key, path and error of each input that cannot be read.
     pub fn errors(&self) -> Vec<String> {
         self.0.iter().flatten().filter_map(|i| i.error.clone()).collect()
     }

@@ -1,4 +1,4 @@
-//! Process of the vessel's estimator, deck arbiter and broadcast: from sensors to zenoh.
+//! Process of the vessel's estimator, deck arbiter and broadcast: from sensors to Zenoh.
 
 use std::time::Duration;
 
@@ -35,10 +35,9 @@ use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
 /// Maximum time between wake-ups without sensor readings.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// Time between two summaries of the measurements of real sensors, ns.
+/// Period of the summary of real sensors' measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
-/// Runs until stopped: receive, step, publish.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(estimate(args))
 }
@@ -52,7 +51,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     process.run_awaiting(&mut edge).await
 }
 
-/// The vessel's radio, and the crew's equipment of the deck: file, inputs, lamp.
+/// The vessel's radio, and the crew's equipment on deck: file, inputs, lamp.
 struct DeckEdge {
     radio: VesselRadio,
     deck_file: DeckFile,
@@ -148,7 +147,6 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
 }
 
 impl AwaitedEdge<VesselComputer> for DeckEdge {
-    /// Waits for measurements, packets, or the next step.
     async fn arrival(&mut self, wakes: &Wakes) -> Result<bool, CliError> {
         let gap_s = (steady_ns() - self.waited_ns) as f64 * 1e-9;
         self.waited_ns = steady_ns();
@@ -172,9 +170,8 @@ fn stood_still(gap_s: f64) -> CliError {
     ))
 }
 
-/// Log messages of the process, and its metrics in addition to those of its node.
+/// Log messages of the process, and its metrics in addition to the node's.
 struct ForPeople {
-    /// Time from the measurement of an estimate to its publication, s.
     estimate_age_s: Quantiles,
     peers: AccessRejections,
     /// Time of the next summary of the sources, on the steady clock; None without sources.

@@ -1,7 +1,7 @@
-//! Lamp at the helm, on a [`DigitalLine`]: when lit it requests a steady course.
+//! Lamp at the helm, on a [`DigitalLine`]: it requests a steady course while lit.
 //!
-//! It is written twice a second in a thread of its own, because a driver may take long, and is switched off when the
-//! process ends.
+//! It is written twice a second in a separate thread, because a driver may take long; it is switched off when
+//! the process ends.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,7 +24,7 @@ pub struct HelmLamp {
 }
 
 impl HelmLamp {
-    /// Starts driving the lamp at `path`, initially off; an empty path means no lamp.
+    /// Starts to drive the lamp at `path`, initially off; an empty path means no lamp.
     pub fn start(path: &str) -> HelmLamp {
         let error = Arc::new(Mutex::new(None));
         let mut lamp = HelmLamp {
@@ -63,7 +63,7 @@ impl Drop for HelmLamp {
     }
 }
 
-/// Shows the level that was sent last until the sender ends, then switches the lamp off.
+/// Shows the newest level until the sender ends, then switches the lamp off.
 fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
     let mut line = DigitalLine::new(path);
     let (mut lit, mut ended, mut before) = (false, false, None);

@@ -20,10 +20,9 @@ use crate::process::service::{self, ComputerService};
 /// Silence after which a process is killed and restarted, s: six periods of the reports.
 const SILENCE_TIMEOUT_S: f64 = 3.0;
 
-/// Runs the vessel's processes until stopped.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<VesselComputerConfig>(&args.process.config)?;
-    // A malformed address is rejected here, not in a process that would restart again and again.
+    // An invalid address is rejected here, not in a process that would restart again and again.
     for source in &computer.sensor.sources {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
         source.connect.parse::<LinkUrl>().map_err(of)?;

@@ -15,15 +15,15 @@ use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_port::RadioPort;
 
-/// Number of the process's reports, made twice a second, for each report sent by radio. While the link is congested,
-/// half as many are sent.
+/// Number of the process's reports, made twice a second, per report sent by radio; twice as many while the
+/// link is congested.
 const STATUS_DECIMATION: u32 = 2;
 
 pub struct VesselRadio {
     port: RadioPort,
-    /// Peers have certificates; without them any peer in reach could command.
+    /// Peers have certificates; without them, any peer within range could send commands.
     secured: bool,
-    /// Some peers are operators, who are sent the statuses of drones.
+    /// Some peers are operators, who receive the statuses of drones.
     operators: bool,
     reports: u32,
     /// Number of time requests and commands that cannot be decoded, or that arrive when no command is permitted.
@@ -54,11 +54,11 @@ impl VesselRadio {
     pub fn counts(&self) -> RadioCounts {
         self.port.radio.counts()
     }
-    /// Whether the session is still valid after the process did not run for `gap_s`, s.
+    /// Whether the session is still valid after the process was suspended for `gap_s`, s.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }
-    /// Abandons the session, for a process that ends now.
+    /// Abandons the session of a process that ends now.
     pub fn abandon(&mut self) {
         self.port.radio.abandon();
     }
@@ -91,8 +91,8 @@ impl VesselRadio {
             }
         });
     }
-    /// Adds the rates of the radio to the report of the process and sends it. The report is sent less often than it is
-    /// made, because users can wait. While only `rate_fraction` of the full rates is used, it is sent even less often.
+    /// Adds the radio's rates to the report of the process and sends it. Users can wait, so only some reports
+    /// are sent, and fewer while only `rate_fraction` of the full rates is used.
     pub fn report(&mut self, report: ProcessState, rate_fraction: f64) -> ProcessState {
         let report = ProcessState {
             flows: self.port.flows(report.at_ns),
@@ -107,7 +107,7 @@ impl VesselRadio {
     }
 }
 
-/// Message that arrived at `at`; counts an invalid one.
+/// Decodes a message that arrived at `at`; an invalid one counts in `undecoded`.
 fn decode<M: DeserializeOwned>(
     packet: &Received,
     at: Time<VesselClock>,

@@ -1,5 +1,5 @@
-//! Process of the vessel's real sensors: from bytes of serial ports, UDP and TCP to dated measurements for the vessel's
-//! process, and twice a second a report about each source.
+//! Process of the vessel's real sensors: from bytes of serial ports, UDP and TCP to dated measurements for
+//! the vessel's process, with a report about each source twice a second.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ use crate::process::args::ProcessArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
-/// Time without a link's error after which it is reported again, ns.
+/// Time without a link's error after which its next occurrence is reported, ns.
 const REPORTED_NS: i64 = 60_000_000_000;
 const MAX_REPORTED: usize = 8;
 
@@ -91,7 +91,6 @@ struct SensorEdge<'a> {
     sources: &'a [SourceConfig],
     links: ByteLinks,
     steps: Interval,
-    /// Bytes of each source since the last step.
     bytes: Vec<Vec<u8>>,
     faults: Vec<Fault>,
     foreign: Vec<Foreign>,
@@ -144,7 +143,7 @@ impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
                 *of = a.foreign;
             }
             self.take(a, steady_ns());
-            // The bytes of a step are limited; more of them wait.
+            // A step takes a limited number of bytes; more of them wait.
             let full = self.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
             arrival = if full { None } else { self.links.arrived() };
         }
@@ -183,7 +182,7 @@ struct Fault {
 }
 
 impl Fault {
-    /// Whether an error is to be reported: once while it recurs, with bytes in between or not.
+    /// Whether to report an error: once while it recurs, even if bytes arrive in between.
     fn is_news(&mut self, error: &str, now_ns: i64) -> bool {
         self.reported
             .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < REPORTED_NS);
@@ -199,7 +198,7 @@ impl Fault {
     }
 }
 
-/// Datagrams from others than a link's peer, and the newest sender.
+/// Number of datagrams from foreign senders, and the newest sender.
 type Foreign = Option<(u64, SocketAddr)>;
 
 pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {

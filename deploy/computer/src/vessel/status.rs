@@ -1,5 +1,3 @@
-//! Status of the vessel, as its process publishes it.
-
 use std::collections::VecDeque;
 
 use alight_shared::msg::{
@@ -10,7 +8,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
 const MOTION_PERIOD_NS: i64 = 90_000_000;
-/// Number of statuses covered by `lately`: 10 s.
+/// Number of recent statuses that the use of sources covers: 10 s.
 const LATELY: usize = 20;
 
 pub struct CrewDeviceErrors {
@@ -37,7 +35,7 @@ impl VesselStatusReport {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
         let (input, out) = (input.vessel().readings, &out.vessel);
         let arrived = [
-            // An attitude sensor replaces a missing inertial one.
+            // An attitude sensor replaces a missing inertial sensor.
             !(input.imu.is_empty() && input.attitude.is_empty()),
             !input.gnss.is_empty(),
             !input.heading.is_empty(),
@@ -50,7 +48,7 @@ impl VesselStatusReport {
             self.estimated_ns = Some(now_ns);
             if now_ns.saturating_sub(self.motion_ns) >= MOTION_PERIOD_NS {
                 self.motion_ns = now_ns;
-                // Samples that do not fit come too late for a picture of the motion.
+                // Samples that do not fit are too late for the motion picture.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
             estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));
@@ -141,7 +139,6 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
     all
 }
 
-/// State of the deck by arbiter and relay at `now`.
 fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &CrewDeviceErrors) -> DeckStatus {
     let arbiter = node.arbiter();
     let line = |e: &String| Line::from(e.as_str());

@@ -1,6 +1,6 @@
-//! Chart of one landing in the layout of the paper's figure 4 and of the Python module's `plots.landing`: the path from
-//! above, and over the time to touchdown the displacement to the deck, the velocities, the differences of roll and
-//! pitch, and that of yaw.
+//! Chart of one landing in the layout of the paper's figure 4 and of the Python module's `plots.landing`: the
+//! path from above, and over the time to touchdown the displacement to the deck, the velocities, and the
+//! differences of roll and pitch, and of yaw.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     std::fs::write(path, svg).doing(doing())
 }
 
-/// Unwraps the yaw, so that it does not jump from 180 to -180 deg; at the end it is within that range.
+/// Unwraps the yaw, which then does not jump from 180 to -180 deg and ends within that range.
 fn with_continuous_yaw(trace: &Trace) -> Trace {
     let mut trace = trace.clone();
     let mut after: Option<f64> = None;
@@ -50,7 +50,7 @@ fn with_continuous_yaw(trace: &Trace) -> Trace {
     trace
 }
 
-/// Quantity of a panel: its name, the number of its pattern and of its colour, and its value at a point.
+/// Quantity of a panel: its name, number of its pattern, number of its colour, and value at a point.
 type Value<'a> = (&'a str, usize, usize, &'a dyn Fn(&TracePoint) -> f64);
 
 struct Panel<'a> {
@@ -153,7 +153,6 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
     let path = || shown(trace, f64::INFINITY);
     let ends = || path().flat_map(|p| [p.drone, p.deck]);
     let (east, north) = (range_of(ends().map(|p| p[1])), range_of(ends().map(|p| p[0])));
-    // The same scale on both axes, so that a circle is a circle.
     let (w, h) = area.dim_in_pixel();
     let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(90).max(1));
     let half = ((east.end - east.start) / stretch).max(north.end - north.start) / 2.0;
@@ -196,7 +195,7 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
 mod tests {
     use super::*;
 
-    /// Descent of a metre in 20 s next to a turning deck, one point a second.
+    /// Descent of a metre in 20 s next to a turning deck, one point per second.
     fn trace(touchdown_s: Option<f64>) -> Trace {
         let point = |k: u32| TracePoint {
             t_s: 100.0 + f64::from(k),
@@ -240,7 +239,6 @@ mod tests {
                 SVGBackend::with_string(&mut svg, SIZE),
             )
             .unwrap();
-            // Only the lowest panel shows the times, as in the Python module's figure.
             assert_eq!(svg.matches(axis).count(), 1, "{svg}");
             assert_eq!(svg.contains("touchdown"), touchdown_s.is_some());
             for name in [

@@ -1,5 +1,5 @@
-//! Radio path between vessel and drone in a live landing: the loopback interface with an impairment inside the
-//! processes, or a link emulator between two network namespaces.
+//! Radio path between vessel and drone in a live landing: the loopback interface with an impairment inside
+//! the processes, or a link emulator between two network namespaces.
 
 use std::path::PathBuf;
 
@@ -25,10 +25,9 @@ use crate::scene::Scene;
 
 const PORT: u16 = 7447;
 
-/// Ages skipped at the start (five seconds), before clocks and session are synchronised.
+/// Number of ages skipped at the start (five seconds), while clocks and session are not synchronised.
 const WARM_UP_AGES: usize = 50;
 
-/// Radio path, set up before the processes start.
 pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
@@ -124,17 +123,17 @@ impl RadioPath {
         command.insert(0, "rehearse".into());
         supervisor.start(ProcessKind::Link, command, Vec::new())
     }
-    /// Prefix of a process's command that enters its computer's namespace. The simulated vehicles are on the vessel's
-    /// network, as its sensors are.
+    /// Prefix of a process's command that enters its computer's namespace. The simulated vehicles use the
+    /// vessel's network, as its sensors do.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
-        // The cable to the simulated autopilot is not part of the radio: its end is in the world's namespace.
+        // The cable to the simulated autopilot is not part of the radio; it ends in the world's namespace.
         let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link | Autopilot));
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }
 }
 
-/// Certificates of vessel and drone: those of the directory in the flags, otherwise new ones for this landing.
+/// Certificates of vessel and drone: those of the directory in the flags, otherwise new ones.
 fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
     if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
@@ -148,7 +147,6 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
         None => {
             let directory = owned.file("keys");
             if directory.exists() {
-                // Left by a landing that was killed.
                 std::fs::remove_dir_all(&directory)
                     .doing(format_args!("removing {}", directory.display()))?;
             }
@@ -167,7 +165,6 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
     ])
 }
 
-/// Observer of the link during the flight.
 #[derive(Default)]
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
@@ -177,8 +174,8 @@ pub struct RadioWatch {
 }
 
 impl RadioWatch {
-    /// Takes the processes' output lines and the age of the vessel's newest state. Starts the emulator's outage when
-    /// the mission enters the outage's state.
+    /// Takes the processes' output lines and the age of the vessel's newest state; starts the emulator's
+    /// outage when the mission enters the outage's state.
     pub fn observe(
         &mut self,
         air: &RadioPath,
@@ -188,7 +185,6 @@ impl RadioWatch {
         supervisor: &mut Supervisor,
     ) {
         for line in lines {
-            // Lines of other processes have other contents.
             if let Ok(EmulatorReport::Packets(to_drone, to_vessel)) = serde_json::from_str(line) {
                 self.packets = Some([to_drone, to_vessel]);
             }
@@ -243,7 +239,7 @@ pub struct RadioReport {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WayReport {
     pub packets: u64,
-    /// Bytes per second, including IP headers.
+    /// Including IP headers.
     pub bytes_per_s: f64,
     pub lost: f64,
     /// Packets that a full queue rejected.

@@ -1,5 +1,3 @@
-//! Flags of the live system.
-
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -123,7 +121,7 @@ impl LandArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Emulate {
-    /// Between namespaces for a named link, if it is permitted; otherwise inside the processes.
+    /// Between namespaces for a named link, if permitted; otherwise inside the processes.
     Auto,
     /// Between namespaces.
     Always,

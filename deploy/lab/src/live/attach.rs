@@ -1,5 +1,5 @@
-//! `alight attach`: runs a process of vessel or drone with the attachments of a bench: an impaired radio, or a baseline
-//! as the planner.
+//! `alight attach`: runs a process of vessel or drone with the attachments of a bench: an impaired radio, or
+//! a baseline as the planner.
 
 use std::path::PathBuf;
 

@@ -19,7 +19,6 @@ use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Position of the simulated sea for a firmware, in the Adriatic.
 pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 
 /// Source of the simulated drone's motor commands.
@@ -36,7 +35,7 @@ pub enum AutopilotKind {
 }
 
 impl AutopilotKind {
-    /// The address of its MAVLink when it runs on this computer.
+    /// Default address of its MAVLink on this computer.
     pub const fn connect(self) -> &'static str {
         match self {
             AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://127.0.0.1:14540",
@@ -45,18 +44,16 @@ impl AutopilotKind {
     }
 }
 
-/// An impairment of the radio.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkImpairment {
-    /// The steady clock's reading at the profile's time zero, ns.
+    /// Reading of the steady clock at the profile's time zero, ns.
     pub epoch_ns: i64,
-    /// Seed of its losses and delays.
+    /// Seed of losses and delays.
     pub seed: u64,
-    /// The outage, which begins at the first entry of a state of the mission.
+    /// Outage, which begins at the first entry of a state of the mission.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outage: Option<Fault>,
-    /// Delay, loss, outages.
     pub profile: SimulatedRadioConfig,
 }
 
@@ -64,10 +61,9 @@ pub struct LinkImpairment {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attachments {
-    /// Impairment of the messages received by radio.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
-    /// A planner that the drone's program does not include.
+    /// Planner that the drone's program does not include.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
 }
@@ -81,11 +77,11 @@ impl Check for Attachments {
     }
 }
 
-/// Devices of the simulated vehicles for installed processes. Without them, images go through shared memory.
+/// Devices of the simulated vehicles for installed processes; without them, images go through shared memory.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Devices {
-    /// The named pipe that takes the belly camera's raw images.
+    /// Named pipe for the belly camera's raw images.
     pub camera: PathBuf,
     /// Delay from the middle of an image's exposure to its delivery in that pipe, s.
     pub camera_delay_s: f64,
@@ -128,7 +124,7 @@ config! {
         pub ground_station: Option<String> = None;
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
-        /// Connection of the drone's computer; with one it may be started later than the vehicles.
+        /// Devices of the drone's computer, which may then start later than the vehicles.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub devices: Option<Devices> = None;
         /// Scenario of the simulation, as `alight config scenario` prints it.
@@ -145,8 +141,8 @@ pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<So
     all
 }
 
-/// Prints a world's configuration with every key, and with the addresses that `alight vessel` and `alight drone` have
-/// by default.
+/// Prints a world's configuration with every key, and with the default addresses of `alight vessel` and
+/// `alight drone`.
 pub fn print_world() -> Result<Exit, CliError> {
     let mut world = SimulatedWorld::default();
     // A process that is started by hand has this computer's clock.
@@ -157,7 +153,6 @@ pub fn print_world() -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Writes a configuration into the instance's directory.
 pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
     let path = owned.file(name);
     let text = toml::to_string(config).doing(format_args!("writing {name}"))?;
@@ -165,14 +160,13 @@ pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Res
     Ok(path)
 }
 
-/// A port of the loopback interface that is free now.
 pub fn free_port() -> Result<u16, CliError> {
     let bound = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
     let address = bound.doing("looking for a free port")?;
     Ok(address.port())
 }
 
-/// The flags of the process `name` with these attachments.
+/// Flags of the process `name` with these attachments.
 pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
     let path = |p: &Path| p.display().to_string();
     ["attach".into(), name.into()]

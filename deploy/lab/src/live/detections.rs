@@ -5,7 +5,6 @@ use alight_sim::sensors::DroneReadings;
 use alight_transport::TransportError;
 use alight_transport::memory::{Memory, Publisher};
 
-/// Publishers of the simulated drone.
 pub struct Detections {
     tags: Publisher<TagPose>,
     uvdar: Publisher<UvdarFix>,

@@ -1,7 +1,7 @@
 //! `alight rehearse link`: layer-3 link with the faults of a profile between two network namespaces.
 //!
-//! Every IP packet that the vessel's side sends into its TUN device leaves the drone's when the profile permits it, and
-//! vice versa. [`alight_sim::radio`] draws the delay or loss of each packet from the seed.
+//! An IP packet that one side sends into its TUN device leaves the other side's when the profile permits.
+//! [`alight_sim::radio`] draws the delay or loss of each packet from the seed.
 
 use std::io::BufRead;
 use std::path::PathBuf;
@@ -26,9 +26,8 @@ use crate::live::impairment::Impaired;
 use crate::live::namespaces::{ADDRESSES, Namespaces};
 use crate::live::profile;
 
-/// Maximum number of packets between a device and the emulator; further ones are lost, as in a full network card.
+/// Maximum number of packets between a device and the emulator; further packets are dropped.
 const INBOX: usize = 1024;
-/// Maximum wait before checking for the end.
 const MAX_WAIT: Duration = Duration::from_millis(100);
 const REPORT_PERIOD_NS: i64 = 1_000_000_000;
 
@@ -47,7 +46,7 @@ pub struct LinkArgs {
     /// Read all from a file, as `alight land` writes it
     #[arg(long, value_name = "FILE", hide = true)]
     pub config: Option<PathBuf>,
-    /// End when standard input closes, and take orders from it
+    /// Take orders from standard input, and end when it closes
     #[arg(long, hide = true)]
     pub supervised: bool,
 }
@@ -73,7 +72,7 @@ pub enum EmulatorReport {
     Packets(ChannelCounts, ChannelCounts),
 }
 
-/// Line from its supervisor on standard input: the mission has entered the state of the profile's outage, which begins.
+/// Line on standard input: the mission has entered the state in which the profile's outage begins.
 pub const OUTAGE: &str = "outage";
 
 pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
@@ -131,7 +130,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     let mut buffer = [0_u8; 65_536];
     while let Ok(length) = device.recv(&mut buffer) {
         let packet = buffer.get(..length).unwrap_or_default().to_vec();
-        // IPv4 only: the kernel's own IPv6 packets are ignored.
+        // The kernel's own IPv6 packets are ignored.
         let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
         let at_ns = steady_ns();
         if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
@@ -160,7 +159,6 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
         std::thread::spawn(move || listen(sender));
         outages
     });
-    // Index 0 carries the packets of the vessel's side.
     let mut ways = [Direction::ToDrone, Direction::ToVessel].map(|way| Impaired::new(&emulation.link, way));
     let mut next_report_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
@@ -190,7 +188,7 @@ fn report_counts([to_drone, to_vessel]: &[Impaired<Vec<u8>>; 2]) -> Result<(), C
     Ok(())
 }
 
-/// Waits for a packet or until one is due. Returns the due packets, each with the side of its device; None at the end.
+/// Waits for a packet or until one is due. Returns the due packets with the side of each; None at the end.
 fn turn(
     ways: &mut [Impaired<Vec<u8>>; 2],
     inbox: &Receiver<ReceivedPacket>,

@@ -1,5 +1,5 @@
-//! Fault injected into a running landing: a killed or briefly frozen process, or an order, in a phase or at the first
-//! contact.
+//! Fault injected into a running landing, in a phase or at the first contact: a killed or briefly frozen
+//! process, or an order.
 
 use core::fmt;
 use core::str::FromStr;
@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::args::{PHASES, phase};
 
-/// Name of the first contact among the phases.
 const CONTACT: &str = "contact";
 
 /// Requested fault of one process, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
@@ -69,13 +68,12 @@ impl fmt::Display for FaultSpec {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaultReport {
-    /// The fault as requested.
     pub fault: String,
     /// Time of the fault since the start, s; null if it did not occur.
     pub at_s: Option<f64>,
     /// The mission's state at the fault.
     pub state: Option<State>,
-    /// Time from the fault to the process's first message afterwards, s; null if none arrived.
+    /// Time from the fault to the process's next message, s; null if none arrived.
     pub recovery_s: Option<f64>,
 }
 
@@ -90,7 +88,7 @@ impl fmt::Display for FaultReport {
                 )
             }
             (Some(at), Some(state), None) => write!(f, "at {at:.2} s in {}, no report since", state.name()),
-            _ => f.write_str("its phase did not come"),
+            _ => f.write_str("its phase was not reached"),
         }
     }
 }
@@ -98,49 +96,43 @@ impl fmt::Display for FaultReport {
 /// Observation of a running landing.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInput {
-    /// Time since the start, s.
     pub t_s: f64,
     pub mission: Option<MissionState>,
     /// The process that the fault affects.
     pub process: Option<ProcessState>,
-    /// The drone has touched something.
     pub contact: bool,
 }
 
-/// Action of a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LiveAct {
-    /// A signal to the process with this id.
+    /// Signal to the process with this id.
     Signal(u32, Signal),
     Order(CommandKind),
 }
 
-/// Orders among the kinds of faults.
 pub const ORDERS: [(FaultKind, CommandKind); 3] = [
     (FaultKind::Abort, CommandKind::Abort),
     (FaultKind::Hold, CommandKind::Hold),
     (FaultKind::OrderedAgain, CommandKind::Land),
 ];
 
-/// A fault of a process, or an order, in progress.
+/// Fault or order in progress.
 pub struct LiveFault {
     timer: FaultTimer,
     /// Start of the phase or time of the contact, since the start of the landing, s.
     moment_s: Option<f64>,
-    /// Time of the fault on the steady clock, ns, and the process id, until messages of the process arrive again.
+    /// Time of the fault on the steady clock, ns, and process id; None once the process reports again.
     met: Option<(i64, u32)>,
-    /// Report so far.
     pub report: FaultReport,
 }
 
 impl LiveFault {
-    /// The fault with its delay after the phase begins and its freeze duration, drawn from the seed; None if its kind
-    /// affects no process.
+    /// The fault with its freeze duration and its delay after the phase begins, drawn from the seed; None if
+    /// its kind affects no process.
     pub fn new(spec: FaultSpec, seed: u64) -> Option<LiveFault> {
         spec.kind.process()?;
         Some(LiveFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed)))
     }
-    /// Fault from a storm's list.
     pub fn of(fault: &storm::Fault) -> LiveFault {
         let spec = FaultSpec {
             kind: fault.kind,
@@ -159,11 +151,10 @@ impl LiveFault {
         }
     }
 
-    /// The affected process, never the world, which is the vehicles themselves; None for an order.
+    /// The affected process, never the world, which is the vehicles; None for an order.
     pub fn process(&self) -> Option<ProcessKind> {
         self.timer.fault.kind.process()
     }
-    /// Whether the process is frozen, not killed.
     pub fn freezes(&self) -> bool {
         self.timer.fault.kind.freezes()
     }
@@ -172,7 +163,6 @@ impl LiveFault {
         self.met.is_some()
     }
 
-    /// The action that is due now.
     pub fn poll(&mut self, now_ns: i64, input: &FaultInput) -> Option<LiveAct> {
         let mission = input.mission?;
         let begun = match self.timer.fault.moment {

@@ -1,5 +1,5 @@
-//! Impairment of one direction of the radio: of a process's messages if no link emulator is permitted, of IP packets in
-//! the emulator.
+//! Impairment of one direction of the radio: of IP packets in the link emulator, or of a process's messages
+//! where no emulator is permitted.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -20,7 +20,6 @@ use super::config::LinkImpairment;
 
 const MAX_WAIT: Duration = Duration::from_millis(50);
 
-/// Channel that delays and loses packets by a profile.
 pub struct Impaired<T> {
     radio: SimulatedRadio<T>,
     epoch_ns: i64,
@@ -38,7 +37,7 @@ impl<T: Clone> Impaired<T> {
             entered_ns: Arc::default(),
         }
     }
-    /// Waits for the mission of the instance to enter the outage's state, on a thread that ends with the process.
+    /// Waits for the instance's mission to enter the outage's state, on a thread that ends with the process.
     pub fn follow_mission(&mut self, instance: Instance) {
         let Some(outage) = self.outage else { return };
         let entered_ns = Arc::clone(&self.entered_ns);
@@ -85,7 +84,7 @@ impl<T: Clone> Impaired<T> {
         let at = self.true_time(at_ns);
         self.radio.send(at, bytes, value);
     }
-    /// Values that have arrived by `now_ns`, with their time of arrival on the steady clock, ns.
+    /// Values that have arrived by `now_ns`, with their arrival time on the steady clock, ns.
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {
@@ -108,7 +107,6 @@ pub struct Inbound {
 }
 
 impl Inbound {
-    /// Messages that pass through an impairment.
     pub fn new(impaired: Impaired<Received>) -> Inbound {
         Inbound {
             impaired,

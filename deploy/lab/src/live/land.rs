@@ -1,5 +1,5 @@
-//! `alight land`: one landing in real time, with every process of vessel and drone on this machine and the simulated
-//! world as the vehicles.
+//! `alight land`: one landing in real time, with every process of vessel and drone on this machine and the
+//! simulated world as the vehicles.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -39,7 +39,6 @@ use crate::record::{self, RecordingScene};
 use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
-/// Period of the supervisor's loop.
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
 /// Time after the landing in which messages of a faulted process have to return, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
@@ -47,17 +46,15 @@ const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 const SILENCE_TIMEOUT_S: f64 = 5.0;
 /// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
-/// Maximum number of entries of mission states that are kept.
+/// Maximum number of recorded entries of mission states.
 const MAX_PHASES: usize = 1000;
 /// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
-/// Scene of the flags, with the flags of the live system applied.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
 
-/// Applies the flags of the live system to a scene.
 fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
@@ -97,7 +94,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // An external firmware flies in another session, which has to run in real time too.
+    // An external firmware flies in another session, which also has to run in real time.
     let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
@@ -108,7 +105,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         recorder::can_write(flight)?;
     }
     let landing = match Landing::begin(args, faults, &memory, &plan, &owned) {
-        // A signal can interrupt a start; an error that follows from it is not an error of the input.
+        // A signal can interrupt a start, which is not an error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
             return Ok(Exit::Failed);
@@ -194,12 +191,10 @@ impl Ending {
     }
 }
 
-/// The world's report, among the output lines of the processes.
 fn verdict(lines: &[String]) -> Option<WorldReport> {
     lines.iter().find_map(|line| serde_json::from_str(line).ok())
 }
 
-/// A landing in progress.
 struct Landing<'a> {
     args: &'a LandArgs,
     plan: &'a LandingSetup,
@@ -216,7 +211,6 @@ struct Landing<'a> {
     state: State,
     phases: Vec<PhaseEntry>,
     faults: Vec<LiveFault>,
-    /// The drone has touched something.
     contact: bool,
     stop_requested: Arc<AtomicBool>,
     watch: RadioWatch,
@@ -240,7 +234,7 @@ impl<'a> Landing<'a> {
         let directory = owned.instance().directory();
         let mut supervisor = Supervisor::new(directory.clone(), plan.flight.clone(), limits)?;
         supervisor = supervisor.keeping_state_in(directory);
-        // A simulated deck is empty before anything lands there.
+        // A simulated deck is empty before the first landing.
         deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;
         let mut kinds = vec![ProcessKind::World];
@@ -250,7 +244,7 @@ impl<'a> Landing<'a> {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
         }
         if let Some(view) = args.view.over(&plan.drone.view) {
-            // Outside the emulated radio's namespaces: viewers are at neither end of the radio.
+            // Viewers run outside the namespaces of the emulated radio.
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
@@ -323,7 +317,6 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Time since the start, s.
     fn t_s(&self) -> f64 {
         let clock = ProcessClock {
             epoch_ns: self.plan.clock.epoch_ns,
@@ -423,7 +416,7 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is due, until the mission has begun it: after a restart the mission restores the
+    /// Commands the landing when it is due, until the mission has begun it; a restarted mission restores the
     /// landing by itself.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =

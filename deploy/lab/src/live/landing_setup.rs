@@ -1,4 +1,4 @@
-//! Configurations of the computers and of the simulated world in one live landing, written for their processes.
+//! Configurations of the computers and of the simulated world for one live landing.
 
 use std::path::PathBuf;
 
@@ -29,13 +29,11 @@ use crate::scene::Scene;
 /// Delay from the start of the processes to the world's time zero, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;
 
-/// Files of the computers, and the drone's clock.
 pub struct LandingSetup {
     pub air: RadioPath,
     pub vessel: VesselComputerConfig,
     pub drone: DroneComputerConfig,
     vessel_file: PathBuf,
-    /// Configuration file of the drone's computer.
     pub drone_file: PathBuf,
     world: PathBuf,
     attachments: Attachments,
@@ -107,7 +105,7 @@ impl LandingSetup {
             drone,
         })
     }
-    /// Arguments of a process, with its attachments if it has any.
+    /// Arguments of a process, with its attachments.
     pub fn arguments(&self, kind: ProcessKind) -> Vec<String> {
         let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
             &self.drone_file
@@ -125,7 +123,6 @@ impl LandingSetup {
     }
 }
 
-/// Configuration of the vessel's computer in a scene.
 fn vessel_computer(
     scene: &Scene,
     args: &LandArgs,

@@ -1,5 +1,5 @@
-//! A storm's list on real processes (`alight land --faults`): its scene, and the faults that can be applied to
-//! processes, to the radio or as orders.
+//! A storm's list on real processes (`alight land --faults`): its scene, and the faults that can be applied
+//! to processes, to the radio or as orders.
 
 use std::path::Path;
 
@@ -10,7 +10,6 @@ use crate::live::fault::{LiveFault, ORDERS};
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-/// Hint at the command that flies the other faults.
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 
 /// Reads a list of faults for one drone that real processes can fly.
@@ -40,7 +39,7 @@ pub fn scene(storm: &Storm) -> Scene {
 /// Faults of a scene that real processes can have, without those of the radio.
 #[derive(Default)]
 pub struct LiveFaults {
-    /// Faults of processes, and orders. The supervisor restarts a killed process, independent of `lasts_s`.
+    /// Faults of processes, and orders. The supervisor restarts a killed process regardless of `lasts_s`.
     pub faults: Vec<LiveFault>,
     radio_lost: bool,
 }
@@ -60,14 +59,14 @@ impl LiveFaults {
         let kind = fault.kind;
         if fault.entry != 1 {
             return Err(format!(
-                "{}: real processes have faults at first entries",
+                "{}: real processes have faults at first entries only",
                 kind.name()
             ));
         }
         if kind.process().is_some() {
             if !kind.freezes() && fault.size != 0.0 {
                 return Err(format!(
-                    "{}, size {}: a process that was killed has its checkpoint here",
+                    "{}, size {}: a killed process always keeps its checkpoint",
                     kind.name(),
                     fault.size
                 ));
@@ -77,7 +76,7 @@ impl LiveFaults {
         }
         let Moment::In(_) = fault.moment else {
             return Err(format!(
-                "{} at the contact: a process alone fails there",
+                "{} at the contact: only a process can fail there",
                 kind.name()
             ));
         };
@@ -90,7 +89,7 @@ impl LiveFaults {
             let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
             let names: Vec<&str> = possible.map(FaultKind::name).collect();
             return Err(format!(
-                "{}: real processes have {} and radio-lost once",
+                "{}: real processes can have {}, and radio-lost once",
                 kind.name(),
                 names.join(", ")
             ));

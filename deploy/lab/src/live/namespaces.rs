@@ -1,6 +1,5 @@
-//! Two Linux network namespaces, one for the vessel's computer and one for the drone's, each with a TUN device; the
-//! link emulator connects the devices. They are made and removed with iproute2's `ip`, which needs the right to
-//! administer the network (root).
+//! Two Linux network namespaces, one per computer, each with a TUN device for the link emulator. iproute2's
+//! `ip` makes and removes them, which needs the right to administer the network (root).
 
 use std::process::{Command, Stdio};
 
@@ -53,7 +52,6 @@ impl Namespaces {
     /// Removes both, including those of a run that was killed. Processes in them keep their sockets.
     pub fn remove(&self) {
         for side in 0..2 {
-            // A missing namespace needs no removal.
             let _none = ip(&["netns", "del", &self.space(side)]);
         }
     }
@@ -62,7 +60,7 @@ impl Namespaces {
         Ok([self.device(0)?, self.device(1)?])
     }
     fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
-        // Created in the program's own namespace under a unique name, then moved: the open file stays attached to it.
+        // Created in this namespace under a unique name, then moved; the open file stays attached.
         let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
         let device = DeviceBuilder::new()
             .name(&born)
@@ -83,7 +81,6 @@ impl Namespaces {
     }
 }
 
-/// Namespaces that are removed when dropped.
 pub struct OwnSpaces(Namespaces);
 
 impl OwnSpaces {

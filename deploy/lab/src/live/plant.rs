@@ -1,7 +1,7 @@
-//! Drive of the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP, or a
-//! firmware in lock-step, by sockets around [`alight_sim::autopilots`]. The simulation does not wait for a firmware
-//! that is absent or late: the drone stays on its pad, or flies on with its last motor commands, and the sea continues
-//! in real time.
+//! Drive of the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP,
+//! or a firmware in lock-step, by sockets around [`alight_sim::autopilots`]. The simulation does not wait for
+//! an absent or late firmware: the drone stays on its pad or flies on with its last motor commands, and the
+//! sea continues in real time.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -29,18 +29,16 @@ use alight_uav::autopilot::wire::Encoder;
 
 use crate::live::config::AutopilotKind;
 
-/// Timeout of one read.
 const READ: Duration = Duration::from_millis(2);
-/// Time limit for PX4's answer to a sample, ns. An answer that is not there by then comes with the next sample at the
-/// earliest, because its rate loop may have begun to run at every second sample. Its own set-points and odometry age
-/// meanwhile. Measured: waits of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
+/// Time limit for PX4's answer to a sample, ns. A missing answer comes at the earliest with the next sample,
+/// because its rate loop may run at every second sample. Its set-points and odometry age meanwhile. Measured:
+/// waits of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// Maximum number of successful reads in one slice.
 const MAX_READS: u32 = 64;
 
-/// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
+/// Waits; false if the process was asked to end. Without the memory of a drone's computer it only sleeps.
 pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
     match memory {
         Some(memory) => memory.wait(span),
@@ -57,12 +55,11 @@ pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTim
     let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
 }
 
-/// Connection to the autopilot that drives the rotors.
 enum Link {
     /// MAVLink bytes of the simulated autopilot, exchanged with the drone's computer.
     Simulated {
         socket: UdpSocket,
-        /// A ground station on its second link.
+        /// Ground station on its second link.
         station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
         signing: Option<Signing>,
@@ -81,31 +78,26 @@ enum Link {
     },
 }
 
-/// Result of one slice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     Answered,
     /// The firmware does not answer every sample, and none is due for this one.
     NoneDue,
-    /// No answer in time.
     Unanswered,
 }
 
-/// The plant of the simulated autopilot or of a firmware.
 pub struct Plant {
     link: Link,
     config: FirmwareConfig,
-    /// Exchanges per tick.
     exchanges: u32,
     received_ns: i64,
-    /// Encoder of the vessel's beacon.
     beacon: Encoder,
     late: u64,
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to `mavlink` and to
-    /// a ground station at `station`, signed if a key is set.
+    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to
+    /// `mavlink` and to a ground station at `station`, signed if a key is set.
     pub fn open(
         kind: AutopilotKind,
         mavlink: &str,
@@ -162,8 +154,8 @@ impl Plant {
             late: 0,
         })
     }
-    /// Places the drone when it is due: in the air under the simulated autopilot; on the ground under a firmware, from
-    /// where a pilot flies it.
+    /// Places the drone when it is due: in the air under the simulated autopilot; on the ground under a
+    /// firmware, from where a pilot flies it.
     pub fn place(&mut self, physics: &mut Physics) {
         if physics.drone(0).is_some() {
             return;
@@ -181,8 +173,8 @@ impl Plant {
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
         }
     }
-    /// Takes the readings of devices connected to the simulated autopilot: rangefinder and beacon. The plant of a
-    /// firmware has neither: the ranges stay in the readings.
+    /// Takes the readings of devices on the simulated autopilot: rangefinder and beacon. A firmware's plant
+    /// has neither, so its ranges remain in the readings.
     pub fn take(&mut self, readings: &mut DroneReadings, clock: &ClockModel) {
         let Link::Simulated {
             autopilot: Some(autopilot),
@@ -197,7 +189,6 @@ impl Plant {
         }
         for report in readings.beacons.drain(..) {
             let frame = self.beacon.frame(BEACON, &MavlinkMessage::FollowTarget(report));
-            // There may be no receiver yet.
             frame.iter().for_each(|bytes| drop(socket.send(bytes)));
         }
     }
@@ -287,7 +278,6 @@ impl Plant {
     }
 }
 
-/// A non-blocking socket that sends to `to`.
 fn dial(to: &str) -> std::io::Result<UdpSocket> {
     let socket = UdpSocket::bind("0.0.0.0:0")?;
     socket.connect(to)?;
@@ -295,7 +285,6 @@ fn dial(to: &str) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Received data, at most [`MAX_READS`].
 fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
     while received.len() < MAX_READS as usize
@@ -306,8 +295,8 @@ fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the ground
-/// station's if there is one.
+/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the
+/// ground station's if there is one.
 fn simulated_turn(
     (socket, station): (&UdpSocket, Option<&UdpSocket>),
     autopilot: &mut SimulatedAutopilot,
@@ -319,13 +308,12 @@ fn simulated_turn(
         let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
         *handed_over = autopilot.choose(offboard);
     }
-    // There may be no receiver yet.
     let send = |to: &UdpSocket, all: &[Vec<u8>]| {
         all.iter().for_each(|bytes| drop(to.send(bytes)));
     };
     let mut received = datagrams(socket);
     if let Some(station) = station {
-        // Each link receives what arrived on the other, as a firmware forwards it.
+        // Each link receives the messages of the other, as a firmware forwards them.
         let commanded = datagrams(station);
         send(station, &received);
         send(socket, &commanded);
@@ -339,7 +327,6 @@ fn simulated_turn(
     motors
 }
 
-/// Accepts PX4's connection.
 fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
     if stream.is_none()
         && let Ok((new, from)) = door.accept()
@@ -369,8 +356,8 @@ fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8
     }
 }
 
-/// Sends the sensors' measurements and, if motor commands are due, reads until they arrive or until `until`. Err: the
-/// link is broken.
+/// Sends the sensors' measurements and, if motor commands are due, reads until they arrive or until `until`.
+/// Err: the link is broken.
 fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
     stream.write_all(sent).map_err(|_| ())?;
     if !plant.due() {
@@ -434,7 +421,6 @@ mod tests {
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 
-    /// Maximum number of slices before a test gives up.
     const MAX: i64 = 2000;
 
     fn sensed(k: i64) -> PlantState {
@@ -510,7 +496,6 @@ mod tests {
                 let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
-                    // The packet is repeated, as after a lost answer.
                     socket.send(&packet).unwrap();
                     let mut buffer = [0; 1024];
                     socket.recv(&mut buffer).unwrap();

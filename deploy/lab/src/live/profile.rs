@@ -1,4 +1,4 @@
-//! Radio profiles: by name, each a TOML file in `deploy/links`, or by file.
+//! Radio profiles, each a TOML file: by name in `deploy/links`, or by path.
 
 use std::path::Path;
 
@@ -20,7 +20,6 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     PROFILES.iter().map(|(name, _)| *name)
 }
 
-/// The profile with this name, or in the TOML file at this path.
 pub fn load(name: &str) -> Result<SimulatedRadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
         return Ok(config::parse(text, name)?);

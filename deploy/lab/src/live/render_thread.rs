@@ -1,5 +1,5 @@
-//! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes the images
-//! in the drone's shared memory or writes them as a device would.
+//! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes
+//! the images in the drone's shared memory or writes them as a device would.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -23,21 +23,20 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::live::config::Devices;
 
-/// Maximum number of shots in the queue; further ones are lost, as in an overrun camera.
+/// Maximum number of shots in the queue; further shots are lost, as in an overrun camera.
 const QUEUE_LENGTH: usize = 2;
 
-/// Maximum delay of a device's image beyond its nominal delay, ns; a later one is lost, because the reader derives the
-/// age from the nominal delay.
+/// Maximum lateness of a device's image, ns; a later image is lost, because the reader derives the age from
+/// the nominal delay.
 const MAX_LATE_NS: i64 = 5_000_000;
 
-/// Handle of the rendering thread.
 pub struct RenderThread {
     shots: SyncSender<Shot>,
     lost: Arc<AtomicU64>,
 }
 
 enum Sink {
-    /// Shared memory of the drone, held as long as its port.
+    /// Shared memory of the drone, which must outlive its port.
     Memory { images: ImagePublisher, _memory: Memory },
     /// Device of the drone's computer.
     Pipe(Pipe),
@@ -63,8 +62,8 @@ impl Sink {
             }
         }
     }
-    /// Whether an image exposed at this time would be lost. In shared memory an image carries its time and is never
-    /// late.
+    /// Whether an image exposed at this time would be lost. In shared memory an image carries its time and is
+    /// never late.
     fn too_late(&self, shot: &Shot) -> bool {
         match self {
             Sink::Memory { .. } => false,
@@ -84,8 +83,7 @@ impl Pipe {
     fn early_ns(&self, at_ns: i64) -> i64 {
         at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
     }
-    /// Delivers the image that was exposed at `at_ns`. A late image, or one without a reader, is lost, as with a
-    /// camera.
+    /// Delivers the image that was exposed at `at_ns`. A late image, or one without a reader, is lost.
     fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
         let early_ns = self.early_ns(at_ns);
         if early_ns < -MAX_LATE_NS {
@@ -106,7 +104,7 @@ impl Pipe {
         }
         written
     }
-    /// Write end of the pipe, if it has a reader; later data wait for that reader.
+    /// Write end of the pipe, if it has a reader.
     fn reader(&self) -> Option<File> {
         let flags = OFlags::NONBLOCK.bits().cast_signed();
         let pipe = OpenOptions::new()
@@ -140,7 +138,6 @@ impl RenderThread {
         };
         RenderThread::start(open, scenario, seed).map(Some)
     }
-    /// Camera of a seed as a device of the drone's computer.
     pub fn into_pipe(devices: &Devices, scenario: &Scenario, seed: u64) -> Result<RenderThread, CliError> {
         let devices = devices.clone();
         let open = move || Ok(Sink::Pipe(Pipe { devices, open: None }));

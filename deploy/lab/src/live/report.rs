@@ -19,7 +19,6 @@ pub struct ProcessUsage {
     pub memory_mb: f64,
     /// Median duration of a step of its node, s.
     pub step_p50_s: f64,
-    /// 99th percentile of that duration, s.
     pub step_p99_s: f64,
 }
 
@@ -58,7 +57,6 @@ pub struct LiveOutcome {
 }
 
 impl LiveReport {
-    /// Report by the newest messages of the processes.
     pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
         let [pilot, world] = [ProcessKind::Pilot, ProcessKind::World]
             .map(|kind| snapshot.processes.get(&kind).copied().unwrap_or_default());

@@ -1,8 +1,8 @@
 //! Lines between simulated devices and the computers: pseudo-terminals in place of serial ports, or UDP.
 //!
-//! Only the sensor's end is held open. The computer's end has a fixed path, like the name of a USB adapter. After the
-//! computer has closed it, a new pseudo-terminal replaces it, because the old one keeps the exclusive mode that its
-//! reader set (TIOCEXCL), and unread bytes.
+//! Only the sensor's end is held open. The computer's end has a fixed path, like the name of a USB adapter.
+//! After the computer has closed it, a new pseudo-terminal replaces it, because the old one keeps unread
+//! bytes and its reader's exclusive mode (TIOCEXCL).
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -27,12 +27,11 @@ const MAX_RECEIVED: usize = 1 << 16;
 pub struct SerialLine {
     path: PathBuf,
     sensor_end: File,
-    /// Whether the computer had the line open at the last check.
+    /// The computer had the line open at the last check.
     open: bool,
 }
 
 impl SerialLine {
-    /// A line that the computer opens at `path`.
     pub fn at(path: &Path) -> io::Result<SerialLine> {
         Ok(SerialLine {
             path: path.into(),
@@ -71,7 +70,7 @@ impl SerialLine {
     }
 }
 
-/// A new pseudo-terminal whose other end is at `path` and counts as not open yet.
+/// New pseudo-terminal whose other end is at `path` and counts as not open yet.
 fn connect(path: &Path) -> io::Result<File> {
     let line = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
     grantpt(&line)?;
@@ -82,7 +81,7 @@ fn connect(path: &Path) -> io::Result<File> {
         .to_str()
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
     let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    // The kernel reports an end that was closed, but reports one that was never opened as open.
+    // The kernel reports a closed end, but reports one that was never opened as open.
     drop(
         OpenOptions::new()
             .read(true)
@@ -101,21 +100,19 @@ fn connect(path: &Path) -> io::Result<File> {
 pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
     Carries::assign(sources).ok_or_else(|| {
         CliError(
-            "no sensor of the vessel's file has format = \"mavlink\", in which alone a rehearsal sends inertial \
+            "no sensor of the vessel's file has format = \"mavlink\", the only one in which a rehearsal sends inertial \
              samples; add one for the rehearsal"
                 .into(),
         )
     })
 }
 
-/// Line of a simulated sensor.
 enum Wire {
     Serial(SerialLine),
     Udp(UdpSocket),
 }
 
 impl Wire {
-    /// Line to the computer that reads at `url`.
     fn to(url: &LinkUrl) -> Result<Wire, CliError> {
         match url {
             LinkUrl::Serial(path, _) => {
@@ -135,7 +132,7 @@ impl Wire {
             | LinkUrl::TcpOut(_)
             | LinkUrl::Can(_)
             | LinkUrl::SignalK(..) => Err(CliError(format!(
-                "{url}: a simulated sensor sends to serial:// or udpin:// alone"
+                "{url}: a simulated sensor sends only to serial:// or udpin://"
             ))),
         }
     }
@@ -149,14 +146,13 @@ impl Wire {
     }
 }
 
-/// Simulated devices of the vessel, each on its line.
 pub struct SensorLines {
     boat: Boat,
     wires: Vec<Wire>,
 }
 
 impl SensorLines {
-    /// Lines of the sensors in this configuration, at the addresses that it names; measurements carry times of `clock`.
+    /// Lines of the configured sensors at their addresses; measurements carry times of `clock`.
     pub fn of(
         sources: &[SourceConfig],
         scenario: &Scenario,
@@ -192,7 +188,6 @@ mod tests {
         for _ in 0..2 {
             let url = LinkUrl::Serial(path.clone(), 115_200);
             let mut computer = ByteLink::with_peer(url, None).await.unwrap();
-            // The computer opens it with the first read, and sends a request.
             computer.read(|_| panic!("nothing was sent to it")).await;
             computer.write(b"request");
             assert_eq!(line.exchange(b"measured").unwrap(), b"request");

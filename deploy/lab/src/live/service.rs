@@ -19,15 +19,14 @@ use alight_transport::signal::{Signal, signal};
 const RESTART_NS: i64 = 100_000_000;
 /// TimeoutStopSec of the units, ns.
 const STOP_NS: i64 = 5_000_000_000;
-/// Limit for a service to become ready, s.
 pub const READY_S: f64 = 60.0;
 const POLL: Duration = Duration::from_millis(10);
-/// Number of last output lines that are shown of a service.
+/// Number of last output lines of a service to show.
 const LAST_LINES: usize = 5;
 
 pub fn command(program: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
-    // A process group of its own: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
+    // Own process group: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
     command
         .args(arguments)
         .process_group(0)
@@ -50,8 +49,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which is its state directory and
-    /// receives its output. `program` may include a prefix.
+    /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which also receives its
+    /// state and its output. `program` may include a prefix.
     pub fn start<W: AsRef<OsStr>>(
         name: &'static str,
         program: &[W],
@@ -103,7 +102,6 @@ impl Service {
     fn errors_file(&self) -> PathBuf {
         self.directory.join(format!("{}.err", self.name))
     }
-    /// Process id, while it lives.
     pub fn id(&self) -> Option<u32> {
         self.child.as_ref().map(Child::id)
     }
@@ -115,7 +113,6 @@ impl Service {
     pub fn output(&self) -> Vec<String> {
         self.lines.iter().flat_map(Receiver::try_iter).collect()
     }
-    /// Lines of its standard output as they come, until it ends.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.lines.iter().flatten()
     }
@@ -125,7 +122,6 @@ impl Service {
         let from = lines.len().saturating_sub(LAST_LINES);
         lines.get(from..).unwrap_or_default().join("\n")
     }
-    /// Reads its reports; true while it lives.
     pub fn poll(&mut self) -> bool {
         let mut buffer = [0; 512];
         while let Ok(n) = self.notified.recv(&mut buffer) {
@@ -156,11 +152,10 @@ impl Service {
             None => Err(CliError::because(doing, self.complaints())),
         }
     }
-    /// Kills it and its child processes, as its manager does; waits for their end.
+    /// Kills the service and its child processes, as systemd does, and waits for their end.
     pub fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
         let mut left = children(child.id());
-        // The process may have ended meanwhile.
         let _gone = child.kill();
         let deadline_ns = steady_ns() + STOP_NS;
         while (self.poll() || !left.is_empty()) && steady_ns() < deadline_ns {
@@ -193,7 +188,7 @@ fn socket(directory: &Path, name: &str) -> PathBuf {
     directory.join(format!("{name}.notify"))
 }
 
-/// Whether the process `pid` runs. A process that has ended has no program, even as a zombie.
+/// Whether the process `pid` runs; a zombie does not.
 pub fn runs(pid: u32) -> bool {
     std::fs::read_link(format!("/proc/{pid}/exe")).is_ok()
 }
@@ -201,7 +196,7 @@ pub fn runs(pid: u32) -> bool {
 fn children(pid: u32) -> Vec<u32> {
     let parent = |of: u32| {
         let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
-        // Fields are counted after the command's name, which is in parentheses and may contain spaces.
+        // Fields are counted after the command name, which is in parentheses and may contain spaces.
         let fields = stat.rsplit(')').next()?;
         fields.split_whitespace().nth(1)?.parse::<u32>().ok()
     };

@@ -1,6 +1,6 @@
 //! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot, camera and
-//! rangefinder. It communicates with the other processes only as real vehicles would, and with its supervisor by lines
-//! on standard output.
+//! rangefinder. It communicates with other processes only as real vehicles would, and with its supervisor by
+//! lines on standard output.
 
 use std::fmt;
 use std::time::Duration;
@@ -39,12 +39,9 @@ use crate::live::truth::TruthSample;
 
 const SECOND_NS: i64 = 1_000_000_000;
 
-/// Line that reports the first measurement on the vessel's serial lines.
 pub const SENSING: &str = "world: sensors send";
-/// Line that reports the first contact.
 pub const CONTACT: &str = "world: first contact";
 
-/// Final report of the world to its supervisor, as one JSON object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
@@ -54,22 +51,20 @@ pub enum WorldReport {
     TooSlow(TooSlow),
 }
 
-/// The simulated world fell behind real time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TooSlow {
-    /// Delay behind real time, s.
     pub behind_s: f64,
     /// Time since the start, negative in the warm-up, s.
     pub t_s: f64,
 }
 
 impl TooSlow {
-    /// Delay at which the simulation is stopped, s: after it every link of the system has timed out; an autopilot waits
-    /// 0.5 to 1 s for set-points.
+    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an
+    /// autopilot waits 0.5 to 1 s for set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// Report of a tick that is `late_s` late at `t_s`, if the delay has to end the simulation. A delay in the warm-up,
-    /// such as while a firmware connects, does no harm.
+    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the
+    /// warm-up, such as while a firmware connects, does no harm.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
         (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
@@ -90,7 +85,6 @@ impl fmt::Display for TooSlow {
     }
 }
 
-/// An outcome and the values that its report takes from the truth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Landed {
     pub outcome: Outcome,
@@ -98,7 +92,7 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
-    /// Maximum delay of a tick of the simulated world, s.
+    /// Maximum lateness of a tick of the simulated world, s.
     pub latest_tick_s: f64,
 }
 
@@ -130,8 +124,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority that
-    // would occupy a processor.
+    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority
+    // that would occupy a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)
@@ -142,7 +136,6 @@ fn print(report: &WorldReport) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Opens the plant that drives the drone's rotors.
 fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) -> Result<Plant, CliError> {
     let (scenario, firmware) = (&world.scenario, &world.firmware);
     let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
@@ -152,28 +145,23 @@ fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) ->
     Plant::open(kind, &world.mavlink, station, signing, firmware, sensors)
 }
 
-/// Relation of the next tick to the clock.
 enum Pace {
-    /// The tick is not due yet.
     Early,
     Due,
-    /// The process was asked to end during the wait.
     EndRequested,
     TooSlow(TooSlow),
 }
 
-/// The world in real time, with its links to both computers.
 struct LiveWorld<'a> {
     world: &'a SimulatedWorld,
     truth: Option<NodeRecorder>,
     life: Life,
     clock: ProcessClock,
     sensors: SensorLines,
-    /// The first measurement was reported.
     sensing: bool,
     /// Camera of a drone with its own devices.
     camera: Option<RenderThread>,
-    /// Line of the drone's own GNSS receiver, and the corrections that arrived on it.
+    /// Line of the drone's own GNSS receiver.
     receiver: Option<SerialLine>,
     corrections: Vec<u8>,
     drone: Rejoined<DroneSide>,
@@ -288,7 +276,6 @@ impl<'a> LiveWorld<'a> {
         false
     }
 
-    /// Sends the current measurements to both computers.
     fn measure(&mut self) {
         let measured = self.physics.vessel_readings();
         self.sensors.send(&measured, &self.physics.vessel_rtcm());
@@ -305,7 +292,7 @@ impl<'a> LiveWorld<'a> {
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Only the camera's data are sent, and those of the rangefinder, which a firmware's plant lacks.
+            // Only data of the camera are sent, and of the rangefinder, which a firmware's plant lacks.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,
@@ -333,7 +320,7 @@ impl<'a> LiveWorld<'a> {
         ]);
     }
 
-    /// The judged outcome; draws the plot of the landing.
+    /// Judged outcome; also draws the plot of the landing.
     fn report(&mut self) -> Result<WorldReport, CliError> {
         let (world, landing) = (self.world, &mut self.landing);
         let sim_time_s = self.physics.now().secs();
@@ -387,7 +374,6 @@ impl LandingWatch {
             motors_on_deck_s: 0.0,
         }
     }
-    /// Reads the newest messages of the drone's computer.
     fn receive(&mut self, computer: &mut DroneSide, drone_ns: i64) {
         self.mission = computer.mission.newest(drone_ns).unwrap_or(self.mission);
         self.forecast = computer.forecasts.newest(drone_ns).or(self.forecast);
@@ -420,14 +406,12 @@ impl LandingWatch {
     }
 }
 
-/// Access of the simulated vehicle to the drone's memory.
 struct DroneSide {
     memory: Memory,
     detections: Detections,
     mission: Subscriber<MissionState>,
     forecasts: Subscriber<DeckForecast>,
     state: Publisher<ProcessState>,
-    /// The simulated camera, if images are rendered.
     render_thread: Option<RenderThread>,
 }
 
@@ -455,7 +439,6 @@ struct History {
 }
 
 impl History {
-    /// Time between points, s.
     const STEP_S: f64 = 0.05;
 
     fn new(kept: bool) -> History {

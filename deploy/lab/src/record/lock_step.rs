@@ -1,5 +1,3 @@
-//! Observers of a flight in lock-step: its recorder and viewers.
-
 use alight_bridge::BridgeConfig;
 use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing};

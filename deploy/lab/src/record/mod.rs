@@ -31,7 +31,6 @@ use crate::live::truth::TruthSample;
 use lock_step::LockStepObservers;
 use truth::TruthViews;
 
-/// Content of the attachment [`BASELINE_FILE`].
 #[derive(Serialize, Deserialize)]
 struct BaselineFile {
     baseline: Option<Baseline>,
@@ -50,7 +49,6 @@ pub struct RecordingScene<'a> {
     pub seed: u64,
     /// Sea as named on the command line.
     pub sea: &'a str,
-    /// Whether the nodes run as processes.
     pub live: bool,
 }
 
@@ -76,7 +74,7 @@ impl RecordingScene<'_> {
     }
 }
 
-/// Flies the subject's trial, records it to `path`, and shows it to `watch`. An error of the recording is returned in
+/// Flies the trial, records it to `path`, and shows it to `watch`. An error of the recording is returned in
 /// addition to the flight.
 pub fn fly(
     path: Option<&Path>,
@@ -119,7 +117,7 @@ pub fn export(
     let observers: Vec<&mut dyn StepObserver> = vec![&mut recorder];
     let replayed = replay(&log, &law, Span::ZERO, observers)?;
     recorder.finish(outcome)?;
-    // The replay's outputs are recorded, so they have to equal those of the flight.
+    // The replay's outputs are recorded, so they must equal those of the flight.
     match replayed.iter().find_map(|r| Some((&r.node, r.differs_at_step?))) {
         Some((node, step)) => Err(CliError(format!(
             "recording {}: {node} computes another output at its step {step} than it had in flight; please report it",
@@ -137,7 +135,6 @@ struct FlightRecorder {
 }
 
 impl FlightRecorder {
-    /// Creates the file and writes its constant contents.
     fn create(path: &Path, subject: &RecordingScene<'_>) -> Result<FlightRecorder, CliError> {
         let (recorder, truth) = Recorder::create(path, &subject.about()?, |sink| {
             TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
@@ -148,17 +145,15 @@ impl FlightRecorder {
             truth,
         })
     }
-    /// Adds a start of a process, whose steps follow.
     fn begin(&mut self, header: PartHeader) {
         self.recorder.iter_mut().for_each(|r| r.begin(header.clone()));
     }
-    /// Whether this start was added.
     fn has(&self, process: ProcessKind, boot: u32) -> bool {
         let recorder = self.recorder.as_ref();
         recorder.is_none_or(|r| r.channel(process.name(), boot).is_some())
     }
-    /// Records the truth at the beginning of a tick. Ends the process if it was asked to end (Ctrl-C), with a recording
-    /// that is readable up to now.
+    /// Records the truth at the beginning of a tick. If asked to end (Ctrl-C), ends the process with a
+    /// recording that is readable up to now.
     fn truth(
         &mut self,
         t: Time<TrueTime>,
@@ -183,7 +178,6 @@ impl FlightRecorder {
         alight_computer::terminal::note(true, line);
         std::process::exit(1);
     }
-    /// Ends the recording with the outcome of the flight.
     fn finish(mut self, outcome: &Outcome) -> Result<(), CliError> {
         let ending = [
             ("outcome", outcome.outcome.name().to_string()),

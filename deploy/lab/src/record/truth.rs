@@ -12,7 +12,6 @@ use alight_sim::physics::body::RigidState;
 use mcap::McapError;
 use nalgebra::Vector3;
 
-/// Period at which shapes are sent, ms.
 const SCENE_MS: i64 = 5_000;
 
 pub struct TruthViews {

@@ -11,9 +11,8 @@ pub enum Block {
     Text(String),
     Items(Vec<String>),
     Table(Table),
-    /// Chart with its caption; on the page only.
+    /// Only on the page.
     Chart(Chart),
-    /// Preformatted lines.
     Lines(Vec<String>),
 }
 
@@ -84,7 +83,6 @@ impl Document {
     }
 }
 
-/// Writes files into the directory `out`, which is created if missing.
 pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
     std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
     for (name, text) in files {

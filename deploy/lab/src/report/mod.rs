@@ -1,3 +1,1 @@
-//! Documents of reports.
-
 pub mod document;

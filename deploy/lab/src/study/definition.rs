@@ -9,7 +9,6 @@ use clap::builder::PossibleValue;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-/// Studies shipped with the program.
 const SHIPPED: [(&str, &str); 12] = [
     ("table2", include_str!("../../../../tests/studies/table2.toml")),
     ("seas", include_str!("../../../../tests/studies/seas.toml")),
@@ -60,8 +59,8 @@ pub struct Changes {
     /// The simulated vessel's engines suffice for its speed.
     pub powered: bool,
     pub published: BTreeMap<String, PublishedResult>,
-    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files
-    /// that these flags name.
+    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of
+    /// the files that these flags name.
     #[serde(flatten)]
     pub flags: Table,
 }
@@ -147,7 +146,6 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     Ok(definition)
 }
 
-/// Studies of the program with their titles.
 pub fn offered() -> Vec<PossibleValue> {
     let shipped = SHIPPED.iter().map(|(name, text)| {
         let title = parse(text, name).map(|d| d.title).unwrap_or_default();
@@ -161,7 +159,6 @@ pub fn offered() -> Vec<PossibleValue> {
 pub(super) mod tests {
     use super::*;
 
-    /// Studies shipped with the program.
     pub fn shipped() -> impl Iterator<Item = (&'static str, Definition)> {
         SHIPPED
             .iter()

@@ -28,7 +28,6 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Prints the commands that fly the study in parts.
 fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     if name == "merge" {
         return Err(CliError(
@@ -48,7 +47,7 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Flies the study of that name, or of the file of that name.
+/// Flies the study called `name`, or that of the file of that name.
 fn fly(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;
@@ -68,7 +67,6 @@ fn fly(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     report::publish(args, &study)
 }
 
-/// Joins the rows of shards into `--out`.
 fn merge(args: &StudyArgs) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError(

@@ -11,7 +11,7 @@ use super::rows::{CurveAxes, Rows, joined};
 use crate::chart::{self, Curve};
 use crate::report::document::Chart;
 
-/// Metric of a set of trials: its name, column, chart caption and decimals, and its value.
+/// Metric of a set of trials: name, column, chart caption, decimals, and value.
 type Metric = (
     &'static str,
     &'static str,
@@ -75,12 +75,10 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     SampleStatistics::of(values).map(|s| s.mean)
 }
 
-/// Number of aborted descents.
 pub fn aborts(o: &Outcome) -> f64 {
     f64::from(o.attempts.saturating_sub(u32::from(o.position_error_m.is_some())))
 }
 
-/// Landings of one planner in one group.
 pub struct Pool {
     group: String,
     planner: String,
@@ -90,7 +88,6 @@ pub struct Pool {
     metrics: [Option<f64>; METRICS.len()],
 }
 
-/// Pools outcomes by their rows' groups.
 pub fn of(rows: &Rows, planners: &[&str], outcomes: &[Outcome]) -> Vec<Pool> {
     let mut groups: Vec<&str> = Vec::new();
     for row in &rows.rows {

@@ -194,7 +194,6 @@ struct Report {
     failures: Vec<String>,
 }
 
-/// Row in machine-readable form.
 #[derive(Serialize)]
 struct PrintedRow<'a> {
     #[serde(flatten)]
@@ -205,7 +204,6 @@ struct PrintedRow<'a> {
     against: Option<&'a Comparison>,
 }
 
-/// Reports the results of a study.
 pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<(), CliError> {
     let outcomes: Vec<&Outcome> = study.outcomes.iter().collect();
     let rows: Vec<ReportRow> = outcomes
@@ -266,7 +264,7 @@ fn seeds_of(outcomes: &[Outcome]) -> String {
     }
 }
 
-/// Results of each planner over all scenarios, if there are several scenarios.
+/// Results of each planner over all scenarios; empty for a single scenario.
 fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     if rows <= planners.len() {
         return Vec::new();
@@ -313,7 +311,6 @@ fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> V
     others.iter().flat_map(compare).collect()
 }
 
-/// Failures with their reasons, at most [`MAX_FAILURES`].
 fn failures(outcomes: &[Outcome]) -> Vec<String> {
     let failed = || outcomes.iter().filter(|o| !o.success);
     let line = |o: &Outcome| {
@@ -392,8 +389,8 @@ impl Report {
         }
         table
     }
-    /// Paired differences: better or worse if the interval excludes zero. Less is better, except for the rate of
-    /// landings.
+    /// Paired differences: better or worse if the interval excludes zero. Lower values are better, except for
+    /// the landing rate.
     fn differences(&self, is_shown: impl Fn(&Comparison) -> bool) -> Table {
         let heads = [
             "scenario",
@@ -477,7 +474,7 @@ impl Report {
         let mut blocks = vec![Block::Text(format!(
             "Configuration {hash}, {seeds}. Rates with Wilson's 95 % interval; descents begun, and how many of them \
              ended at rest on the deck or were broken off without a contact; means, in brackets the 95th \
-             percentile and what is published of the planner, else of the one to beat. In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
+             percentile and the published value of the planner, otherwise of the one to beat. In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
              published."
         ))];
         if !self.remarks.is_empty() {
@@ -510,7 +507,6 @@ impl Report {
             blocks,
         })
     }
-    /// Means with intervals, one chart per metric.
     fn charts(&self) -> Result<Vec<Chart>, CliError> {
         let mut planners: Vec<&str> = self.rows.iter().map(|r| r.planner.as_str()).collect();
         planners.sort_unstable();

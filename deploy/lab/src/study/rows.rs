@@ -26,7 +26,6 @@ const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 pub struct StudyRow {
     pub scenario: String,
     pub planner: String,
-    /// Group in which it is pooled.
     pub group: String,
     pub published: BTreeMap<String, PublishedResult>,
     pub world: Scenario,
@@ -34,7 +33,6 @@ pub struct StudyRow {
 }
 
 impl StudyRow {
-    /// Row of a scene, with the planner of its nodes.
     pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> StudyRow {
         StudyRow {
             planner: nodes.planner_name().into(),
@@ -45,7 +43,6 @@ impl StudyRow {
             nodes,
         }
     }
-    /// Whether this is the outcome of one of its trials.
     pub fn is_of(&self, o: &Outcome) -> bool {
         (&self.scenario, &self.planner) == (&o.sea, &o.planner)
     }
@@ -58,7 +55,6 @@ impl StudyRow {
 /// Names of the choices of a grid's two axes, for curves.
 pub struct CurveAxes(pub [(String, Vec<String>); 2]);
 
-/// Name of a scene, composed of its choices.
 pub fn joined<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.into_iter().filter(|n| !n.is_empty()).collect();
     names.join(", ")
@@ -99,7 +95,7 @@ fn flag_text(flag: &str, value: &str) -> String {
     }
 }
 
-/// Subject of a flag or key: a flag for the sea state has the same subject as one for the sea.
+/// Subject of a flag or key; the flags for sea state and sea have the same one.
 fn subject(flag: &str) -> String {
     match flag {
         "sea_state" | "sea-state" => "sea".into(),
@@ -107,8 +103,8 @@ fn subject(flag: &str) -> String {
     }
 }
 
-/// Keeps the choices that match the given flags; if none does, the flags themselves replace them. Rows listed one by
-/// one vary in the flags that all of them set.
+/// Keeps the choices that match the given flags; if none does, the flags replace the choices. Without axes,
+/// only flags that every row sets are compared.
 fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     let varied = |flag: &str| {
         let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
@@ -140,7 +136,6 @@ fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     }];
 }
 
-/// Flags of a scene alone.
 #[derive(Parser)]
 #[command(no_binary_name = true, args_override_self = true)]
 struct SceneFlags {
@@ -259,13 +254,12 @@ fn planners(definition: &Definition, wanted: &[PlannerArg]) -> Result<Vec<Change
     Ok(all)
 }
 
-/// Study to fly.
 pub struct Rows {
     /// All rows, by scene, then by planner.
     pub rows: Vec<StudyRow>,
     /// Grids that are drawn as curves.
     pub curves: Vec<CurveAxes>,
-    /// No scene was removed by a flag.
+    /// No flag has removed a scene.
     pub whole: bool,
 }
 
@@ -282,7 +276,6 @@ impl Rows {
     }
 }
 
-/// Rows of a study with the command line's flags.
 pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliError> {
     let given = args.scene.given();
     let planners = planners(definition, &args.planners)?;
@@ -427,7 +420,6 @@ mod tests {
             );
             assert_eq!(row.nodes.drone.mission.steady_s, 3.0);
         }
-        // Flag that one row sets.
         let text = "title = \"ours\"\n[[row]]\nname = \"a\"\n[[row]]\nname = \"b\"\nwind = 6\n";
         let rows = expanded(&parse(text, "own").unwrap(), "--wind 8").unwrap();
         assert!(rows.len() == 2 && rows.iter().all(|r| r.world.drone.wind.mean_mps == 8.0));

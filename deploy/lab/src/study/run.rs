@@ -21,11 +21,10 @@ use crate::record::{self, RecordingScene};
 use crate::trials::{fly_seed, in_parallel, seeds};
 
 pub struct GridRun<'a> {
-    /// Text of the study's file.
     pub study: &'a str,
     pub trials: u32,
     pub seed0: u64,
-    /// Threads; None: all cores.
+    /// None: all cores.
     pub jobs: Option<u16>,
     /// Directory of rows and scenes.
     pub out: Option<&'a Path>,
@@ -39,7 +38,6 @@ pub struct GridRun<'a> {
 }
 
 impl<'a> GridRun<'a> {
-    /// Grid by the flags of a study.
     pub fn of(args: &'a StudyArgs, study: &'a str) -> Self {
         GridRun {
             study,
@@ -79,7 +77,7 @@ fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
 
-/// Joins the contents of `dirs` into `out`: rows, and the files for replaying a trial. All have to be of one
+/// Joins the contents of `dirs` into `out`: rows, and the files for replaying a trial. All must have the same
 /// configuration, whose hash is returned.
 pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
     let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
@@ -119,7 +117,6 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     Ok((outcomes, hash))
 }
 
-/// File of a row's scene in a study's directory.
 pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
     out.join("scenarios").join(file_name(scenario))
 }
@@ -136,14 +133,13 @@ const HASH_FILE: &str = "configuration";
 /// File of the study whose rows a directory contains.
 pub const STUDY_FILE: &str = "study.toml";
 
-/// Hash of `dir`, if it has one.
 fn read_hash(dir: &Path) -> Option<String> {
     let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
     Some(text.trim().into())
 }
 
-/// Writes the files for replaying the study's trials. Rejects a directory with rows of another study, configuration or
-/// scene.
+/// Writes the files for replaying the study's trials. Rejects a directory with rows of another study,
+/// configuration or scene.
 fn prepare(study: &str, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
@@ -310,8 +306,8 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
 /// Trials of a row between two checks of its interval.
 const LOOKED_AT: usize = 20;
 
-/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. Because the row's own
-/// trials end it, the interval covers a little less than 95 %.
+/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. Because the
+/// row's own trials end it, the interval covers a little less than 95 %.
 fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
     let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
@@ -320,10 +316,8 @@ fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     flown >= LOOKED_AT && (rate - low).max(high - rate) <= within
 }
 
-/// Maximum number of failed trials that are flown again and recorded.
 const MAX_RECORDED_FAILURES: usize = 5;
 
-/// Flies the first failed trials again, each with a recording.
 fn record_failed(
     args: &GridRun<'_>,
     out: &Path,

@@ -1,5 +1,5 @@
-//! `alight study --tasks`: prints a study as commands that each fly a row and a block of seeds, one per line, for a
-//! scheduler that gives the next one to the next free worker (HyperQueue's `--each-line`, GNU parallel, xargs).
+//! `alight study --tasks`: prints a study as commands, one per line, that each fly a row and a block of
+//! seeds, for a scheduler with several workers (HyperQueue's `--each-line`, GNU parallel, xargs).
 
 use alight_computer::exit::CliError;
 
@@ -48,7 +48,6 @@ pub fn commands(
         .collect())
 }
 
-/// Command line without the flags that differ between the commands.
 fn kept(given: &[String]) -> Vec<&str> {
     let mut kept = Vec::new();
     let mut all = given.iter().map(String::as_str);
@@ -65,7 +64,6 @@ fn kept(given: &[String]) -> Vec<&str> {
     kept
 }
 
-/// Argument quoted for a POSIX shell.
 fn quoted(argument: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {

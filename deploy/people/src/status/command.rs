@@ -1,5 +1,3 @@
-//! `alight status`: status of this computer, read from another terminal.
-
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
@@ -37,7 +35,7 @@ pub struct StatusArgs {
 }
 
 const JSON_PERIOD: Duration = Duration::from_secs(1);
-/// Period of reading messages, and hence the resolution of their ages.
+/// Period of reading messages, which limits the resolution of their ages.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 struct ComputerObserver {
@@ -58,8 +56,8 @@ impl ComputerObserver {
             has_waited: false,
         })
     }
-    /// Reads messages for `span`; at first for as long as every process takes to report. Returns None when no process
-    /// runs or the user has ended the command.
+    /// Reads messages for `span`; the first call waits until every process can have reported. None if no
+    /// process runs or the user has ended the command.
     fn read(&mut self, span: Duration) -> Option<Status> {
         let first = Duration::from_secs_f64(OBSERVATION_S) + 2 * POLL_PERIOD;
         let mut left = if self.has_waited { span } else { first };

@@ -10,7 +10,6 @@ use super::Figure;
 
 /// Minimum speed at which a course over ground is shown, m/s.
 const STILL_MPS: f64 = 0.3;
-/// Text for a wind too light to have a direction.
 const CALM: &str = "calm";
 /// Half-width of the sectors called ahead and astern, deg.
 const ABOUT_DEG: f64 = 5.0;
@@ -21,7 +20,7 @@ pub struct Compass {
     pub heading_deg: f64,
     pub wind_from_deg: Option<f64>,
     pub waves_from_deg: Option<f64>,
-    /// Heading to turn to before a landing, if the turn is worth it.
+    /// Advised heading before a landing, if the turn is worth it.
     pub advised_deg: Option<f64>,
     pub text: String,
 }
@@ -40,7 +39,7 @@ pub fn known_to(sd_mps: f64, knots: bool) -> String {
     format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)
 }
 
-/// Text of a vessel's speed over ground, and its course in deg, None when it is stationary. Arguments: velocity to
+/// Texts of a vessel's speed and its course over ground in deg, None when stationary. Arguments: velocity to
 /// north and east, m/s.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
@@ -53,7 +52,7 @@ pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     (text, (mps >= STILL_MPS).then_some(course_deg))
 }
 
-/// Direction relative to the bow, deg, of a direction clockwise from north, deg.
+/// Direction relative to the bow, deg, from a direction clockwise from north, deg.
 fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     let turn = wrap_angle((direction_deg - heading_deg).to_radians()).to_degrees();
     (10.0 * turn).round() / 10.0
@@ -71,7 +70,7 @@ fn bow_text(from_bow_deg: f64) -> String {
     }
 }
 
-/// Direction that a wind comes from, deg from the bow, and its text. An unknown wind or a calm has no direction.
+/// Direction from which the wind blows, deg from the bow, and its text. None if it is unknown or calm.
 fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
     let Some(blows) = blows else {
         return (None, "wind unknown".into());
@@ -114,7 +113,6 @@ pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
     })
 }
 
-/// Bearing, deg, of a direction in rad clockwise from north.
 pub fn bearing_deg(rad: f32) -> f64 {
     f64::from(rad).to_degrees().rem_euclid(360.0)
 }
@@ -158,14 +156,14 @@ pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     )
 }
 
-/// Direction that the waves come from and the advised turn, deg from the bow; no turn if the course is already best.
+/// Direction from which the waves come and the advised turn, if any, deg from the bow.
 fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// Compass of the vessel, from the advice of its estimator and `blows`, the wind that a drone has reported.
+/// Compass of the vessel, from its estimator's advice and the wind that a drone has reported.
 pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);

@@ -20,7 +20,7 @@ use super::finding::{Finding, FindingTopic};
 use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 
-/// Age of the vessel's estimate that is a warning, as a fraction of its topic's limit.
+/// Age of the vessel's estimate above which a warning is given, as a fraction of its topic's limit.
 const OLD_LINK: f64 = 0.5;
 /// Maximum age of a detection whose tags count as in view, s.
 const FRESH_TAGS_S: f64 = 1.0;
@@ -80,7 +80,7 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// Finding on a mission that is silent, has ended, was aborted, or waits for an action of its operator.
+/// Finding on a mission that is silent, has ended, was aborted, or waits for its operator.
 fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("mission");
     if s.snapshot.mission.is_old(s.now_ns) {
@@ -130,7 +130,7 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
     let bridge = s.snapshot.processes.get(&ProcessKind::Bridge);
     let has_session = bridge.is_some_and(|p| p.count(MetricName::VesselSession) > 0);
     if age_s > limit_s && has_session {
-        let remedy = "look there with alight status: does its estimator run?";
+        let remedy = "run alight status on its computer: does its estimator run?";
         all.push(TOPIC.warning(
             "the vessel's Zenoh session is up, only its estimates are missing",
             remedy,
@@ -157,9 +157,9 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// Excess of the displayed charge over the usable charge, as fractions, above which the gauge is not trusted.
+/// Displayed minus usable charge, as a fraction of full, above which the gauge is not trusted.
 const DOUBTED: f64 = 0.02;
-/// Finding on a battery that does not last for the way to the deck and one attempt.
+/// Finding on a battery too low for the flight to the deck and one attempt.
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {
     let mission = s.snapshot.mission.as_ref()?;
     let reserve = mission.battery_reserve;
@@ -214,7 +214,7 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// Text for unknown waves of the vessel, when a landing needs her computer.
+/// Text for unknown waves, if a landing needs the vessel's computer.
 fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
     match (mission.min_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
@@ -340,7 +340,7 @@ fn link_figure(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
 }
 
-/// Battery, and the charge needed for the way to the deck and one attempt.
+/// Battery, with the charge needed for the flight to the deck and one attempt.
 fn battery(s: &ObservedSituation) -> Figure {
     const NAME: &str = "battery";
     let Some(a) = *s.snapshot.autopilot else {
@@ -374,7 +374,6 @@ fn battery(s: &ObservedSituation) -> Figure {
     }
 }
 
-/// Owner of the vessel's deck, and the course that the helm states.
 fn deck(s: &ObservedSituation) -> Figure {
     const NAME: &str = "deck";
     let Some(g) = *s.snapshot.grant else {
@@ -504,7 +503,7 @@ fn response(r: &AttitudeResponse) -> Figure {
     )
 }
 
-/// Mode of the landing, when it does not end on the deck.
+/// Mode of a landing that does not end on the deck.
 fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     match m.settings.mode {
         LandingMode::Land => None,

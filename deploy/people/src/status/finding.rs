@@ -53,7 +53,7 @@ pub struct Finding {
 }
 
 impl fmt::Display for Finding {
-    /// One line: topic, what was found, what to do.
+    /// One line: topic, text, remedy.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.topic, self.found)?;
         if self.remedy.is_empty() {
@@ -64,7 +64,7 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// Lines of `alight check`, of at most [`WIDTH`] columns unless a term is longer.
+    /// Lines of `alight check`, at most [`WIDTH`] columns wide unless a term is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
             FindingLevel::Fine => "fine",
@@ -81,7 +81,6 @@ impl Finding {
     }
 }
 
-/// Columns before a finding's text.
 const INDENT: usize = 24;
 
 #[derive(Clone, Copy)]
@@ -132,7 +131,6 @@ mod tests {
         );
         let pieces = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         assert!(pieces(&lines).join(" ").contains(found), "{lines}");
-        // A term that is longer than a line is not broken.
         let long = "x".repeat(100);
         assert!(FindingTopic("key").warning(&*long, "").lines().contains(&long));
     }

@@ -19,21 +19,21 @@ const STAGES: [State; 7] = [
 const NO_QUALITY: f64 = 0.005;
 pub const NO_WIND: &str = "the wind is not known yet";
 
-/// Text for a forecast without usable quality (0 to 1); None when the quality suffices.
+/// Text for a forecast of unusable quality (0 to 1); None if the quality suffices.
 pub fn no_forecast(quality: f64) -> Option<&'static str> {
     let none = !(quality >= NO_QUALITY);
     none.then_some("forecast quality 0 %: the vessel's motion is not identified yet, or she lies still")
 }
 
-/// Reason why the state forbids a landing order: the drone stands, takes off, or its attempt has ended or was aborted.
-/// None when a landing may be ordered or continue. `entered` is the reason for which the state was entered.
+/// Reason why the state, entered for the reason `entered`, forbids a landing order: the drone stands, takes
+/// off, or its attempt has ended or was aborted. None if a landing may be ordered or continue.
 pub fn barred(state: State, entered: &Reason) -> Option<String> {
     let bars = state.ending().is_some() || state.stands_for_take_off() || state == State::TakeOff;
     bars.then(|| state.because(entered))
 }
 
-/// Most important sentence of a state: the reason why the landing ended or was set back; otherwise its progress, or
-/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise what the drone does.
+/// Main message of a state: why the landing ended or was set back; otherwise its progress, or `waits: ` with
+/// the condition of the next state (`waits_for`, the text of `code`); otherwise the drone's action.
 pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
     let why = entered.to_string();
     if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
@@ -62,7 +62,7 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
     }
 }
 
-/// Whether a landing may be ordered now or may continue, with the reason in one sentence.
+/// Whether a landing may be ordered now or may continue, with the reason.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Go {
     /// None if unknown.
@@ -72,7 +72,6 @@ pub struct Go {
 }
 
 impl Go {
-    /// Unknown because `missing` is missing.
     pub fn unknown(missing: impl Into<String>) -> Go {
         Go {
             go: None,
@@ -85,7 +84,7 @@ impl Go {
             why: why.into(),
         }
     }
-    /// The worse of the two, or the first if they are equal: NO-GO before unknown before GO.
+    /// The worse of the two, the first if equal: NO-GO before unknown before GO.
     pub fn worse(self, other: Option<Go>) -> Go {
         let rank = |go: &Go| match go.go {
             Some(false) => 2,
@@ -97,7 +96,7 @@ impl Go {
             Some(_) | None => self,
         }
     }
-    /// Judgement by findings; `unknown` names data missing for it.
+    /// Judgement by findings; `unknown` names missing data.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
         let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
@@ -217,7 +216,6 @@ mod tests {
         );
     }
 
-    /// Sentences of progress do not begin with `waits`, and sentences of an ended landing name the cause.
     #[test]
     fn sentences_of_states() {
         let of =

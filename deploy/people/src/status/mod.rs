@@ -1,6 +1,6 @@
-//! Status of one computer: the known facts ([`ObservedSituation`]), their meaning ([`findings`]) and their texts.
-//! Terminal ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show the same object, [`Status`], which
-//! `alight status --json` prints. `alight check` reports [`finding`]s, too.
+//! Status of one computer: facts ([`ObservedSituation`]), findings ([`findings`]) and texts. Terminal
+//! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show the same object, [`Status`], which
+//! `alight status --json` prints. `alight check` uses [`finding`]s, too.
 
 pub mod certificate;
 pub mod command;
@@ -32,9 +32,8 @@ pub struct StateView {
     /// Time in this state, s; 0 if the state has not changed since the mission began.
     pub since_s: f64,
     pub entered: String,
-    /// Condition of the next state, with figure and limit; may be empty.
+    /// Condition of the next state, with value and limit; may be empty.
     pub waiting: String,
-    /// Most important sentence ([`go::sentence`]).
     pub sentence: String,
     pub stages: Vec<Stage>,
     pub stale: bool,
@@ -66,7 +65,6 @@ impl Figure {
             ..Figure::default()
         }
     }
-    /// Marks a quantity whose message may be outdated.
     pub fn stale(self, stale: bool) -> Figure {
         Figure { stale, ..self }
     }
@@ -99,8 +97,8 @@ pub struct Status {
     pub title: String,
     pub running: bool,
     pub headline: String,
-    /// Whether a landing may be ordered now or may continue. For a vessel this includes the report of her foremost
-    /// drone.
+    /// Whether a landing may be ordered now or may continue. For a vessel this includes the report of her
+    /// foremost drone.
     pub go: Go,
     pub state: Option<StateView>,
     /// Wind, waves and advised heading from the bow; None if no heading is known.
@@ -113,8 +111,8 @@ pub struct Status {
 }
 
 impl Status {
-    /// Status of a computer with configuration `configured`, from the `snapshot` of its processes; None when no process
-    /// runs.
+    /// Status of a computer with configuration `configured`, from the `snapshot` of its processes; None if no
+    /// process runs.
     pub fn look(snapshot: Option<&Snapshot>, configured: &ComputerReport) -> Status {
         match snapshot {
             Some(snapshot) => Status::of(ObservedSituation::look(snapshot, configured, steady_ns())),
@@ -191,7 +189,6 @@ impl Status {
         };
         Status::without(known, "no process runs", found)
     }
-    /// Status of a computer of which only the configuration is known.
     fn without(known: &ComputerReport, headline: &str, why: Finding) -> Status {
         Status {
             title: known.title.to_string(),

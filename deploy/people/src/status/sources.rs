@@ -1,5 +1,5 @@
-//! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate suffices for a
-//! landing.
+//! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate
+//! suffices for a landing.
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::SourceHealth;
@@ -7,10 +7,10 @@ use alight_shared::msg::{EstimatorStatus, Line};
 
 use super::finding::{Finding, FindingTopic};
 
-/// Age at which a sensor or an estimate is missing, s.
+/// Age above which a sensor or an estimate counts as missing, s.
 pub const MISSING_S: f64 = 2.0;
-/// Maximum standard deviations of an estimate for a landing. Chosen: within these deviations the drone finds the deck's
-/// tags from 10 m away, in a field of view of some 5 m; it begins at about this height above the deck.
+/// Maximum standard deviations of an estimate for a landing. Chosen: within these, the drone finds the deck's
+/// tags from about 10 m above the deck, in a field of view of some 5 m.
 const MAX_PLACE_M: f64 = 5.0;
 const MAX_HEIGHT_M: f64 = 5.0;
 const MAX_TILT_DEG: f64 = 2.0;
@@ -18,8 +18,8 @@ const MAX_HEADING_DEG: f64 = 5.0;
 /// Minimum number of recent measurements for a rejection rate.
 const MIN_RECENT: u64 = 5;
 
-/// Finding on one source. A missing source is a warning because another of its kind may replace it; [`estimator`]
-/// reports a kind that is missing altogether.
+/// Finding on one source. A missing source is a warning because another of its kind may replace it;
+/// [`estimator`] reports a kind without any source.
 pub fn source(s: &SourceHealth) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("source");
     let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
@@ -233,7 +233,7 @@ mod tests {
         ] {
             assert!(worse.found.contains(part), "{worse:?}");
         }
-        // Occasional rejections are not reported; without an estimate they are reported as the reason.
+        // Occasional rejections are reported only as the reason for a missing estimate.
         let now_and_then = rejecting([60, 3]);
         assert_eq!(source(&now_and_then).level, FindingLevel::Fine);
         assert_eq!(estimator(&sound(), &[now_and_then])[0].level, FindingLevel::Fine);

@@ -48,7 +48,7 @@ fn without_numbers(text: &str) -> String {
 }
 
 impl Status {
-    /// Key of the status; it changes only when the operator has to know.
+    /// Key of the status; it changes only if the operator has to know.
     pub fn key(&self) -> String {
         let state = self
             .state
@@ -111,7 +111,7 @@ impl Status {
         if lines.len() > height {
             let more = lines.len() - height.saturating_sub(1);
             lines.truncate(height.saturating_sub(1));
-            let text = format!("{more} lines more: alight status --all");
+            let text = format!("{more} more lines: alight status --all");
             lines.push(StatusLine {
                 text: cut(&text, width),
                 level: FindingLevel::Warning,
@@ -126,7 +126,7 @@ impl Status {
         let texts: Vec<String> = lines.iter().map(StatusLine::coloured).collect();
         texts.join("\n")
     }
-    /// Full report: each finding, each process's report, and each topic as each process reads it.
+    /// Full report: each finding, each process, and each topic as each process reads it.
     pub fn all(&self) -> String {
         let snapshot = &self.situation.snapshot;
         let mut lines = vec![self.title()];
@@ -173,7 +173,6 @@ fn label(level: FindingLevel) -> &'static str {
     }
 }
 
-/// Lines of an entry, indented below its text.
 fn wrapped(label: &str, text: &str, level: FindingLevel, indent: usize, width: usize) -> Vec<StatusLine> {
     let mut entry = format!("{label:<0$}", indent.saturating_sub(1));
     wrap(&mut entry, indent, width, text);
@@ -236,10 +235,9 @@ mod tests {
             lines[1].text,
             "ALARM      armed: landed and still ARMED -> keep clear"
         );
-        // The first warning is complete.
         assert!(lines[2].text.contains("warning 0") && lines[6].text.ends_with("-> none"));
         assert!(
-            lines[19].text.contains("more: alight status --all"),
+            lines[19].text.contains("more lines: alight status --all"),
             "{:?}",
             lines[19]
         );

@@ -15,7 +15,7 @@ use super::go::Go;
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 
-/// Silence after which a drone is out of reach, s. Drones report at 2 Hz.
+/// Silence after which a drone is out of reach, s; drones report at 2 Hz.
 pub const LOST_CONTACT_S: f64 = 5.0;
 
 pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
@@ -36,7 +36,7 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     all
 }
 
-/// Endpoints of the radio. An endpoint that did not fit into the report counts as reachable from outside, the worst
+/// Endpoints of the radio. One that did not fit into the report counts as reachable from outside, the worst
 /// case.
 fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
     let is_whole = known.listen.left_out == 0 && known.connect.left_out == 0;
@@ -107,7 +107,7 @@ fn deck_access(status: &VesselStatus) -> Finding {
         ),
         (None, Some(age_s)) if age_s > LOST_CONTACT_S => DECK.stopping(
             format!("{found}, silent for {}", time(age_s)),
-            format!("it may be on the deck; once it is not: {OPEN_DECK}"),
+            format!("it may be on the deck; once it has left: {OPEN_DECK}"),
         ),
         (None, _) => DECK.fine(found),
     }
@@ -143,7 +143,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(deck.unplaced.iter().map(|id| {
         DECK.stopping(
             format!(
-                "drone {id} is switched on without a position: it may be on the deck, which no other drone is given"
+                "drone {id} is switched on without a position: it may be on the deck, which is given to no other drone"
             ),
             format!("wait for its position; or look, and once it is not on the deck: {OPEN_DECK}"),
         )
@@ -194,7 +194,7 @@ fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
     FindingTopic("heading").fine(compass::advice(a, knots))
 }
 
-/// Name of the figures of drones; each has a level of its own.
+/// Name of the figures of drones; each has its own level.
 pub const DRONES: &str = "drones";
 
 pub fn drone(d: &DroneStatus) -> Finding {
@@ -237,12 +237,11 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
     status.drones.iter().map(contact_finding).collect()
 }
 
-/// Finding on a drone's newest report and its age.
 fn contact_finding(c: &DroneContact) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("drones");
     let found = drone(&c.status);
     let lost = c.age_s > LOST_CONTACT_S;
-    // An armed drone stays an alarm when it falls silent: anyone who approaches it has to know.
+    // A silent armed drone remains an alarm for anyone who approaches it.
     let found = match c.status.still_armed_s {
         None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
         None | Some(_) => found,
@@ -401,7 +400,6 @@ fn is_recent(e: &EstimatorStatus) -> bool {
     e.estimate_age_s.is_some_and(|s| s <= MISSING_S)
 }
 
-/// Waves, and the accuracy of the estimated motion.
 fn motion(e: &EstimatorStatus) -> [Figure; 2] {
     let waves = e.waves.map(|[height_m, quality]| {
         let note = format!("forecast quality {:.0} %", 100.0 * quality);

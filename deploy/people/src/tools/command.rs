@@ -89,8 +89,8 @@ impl OrderArg {
     }
 }
 
-/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None without an
-/// order.
+/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None
+/// without an order.
 pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
     let mut orders = typed.iter().skip(2).filter_map(|t| t.to_str());
     let order = orders.find_map(|t| OrderArg::from_str(t, false).ok());
@@ -192,7 +192,7 @@ pub struct CommandArgs {
     /// Ashore: number of the vessel
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub vessel_id: u32,
-    /// Drone; deck open: one that is clear of the deck
+    /// Drone; for deck open: a drone clear of the deck
     ///
     /// From ashore it is required if the vessel receives several drones, and saves time if it receives one. With `deck
     /// open` the crew has checked that this drone is neither on the deck nor above it.
@@ -249,7 +249,7 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// Configuration of the vessel's computer, on which this command runs; `what` names the order in errors.
+/// Configuration of the vessel's computer, on which this command runs; errors name the order as `what`.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
         return Err(CliError(format!(
@@ -259,8 +259,8 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliE
     commanded_vessel(args.config.as_deref(), args.instance.as_deref())
 }
 
-/// Gives an order to the vessel's process on this computer. Returns the status that confirms it; None if the process
-/// did not accept it.
+/// Gives an order to the vessel's process on this computer; returns the status that confirms it, None if it
+/// was not accepted.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
     let memory = join(&computer.instance, "alight-vessel", NAMED)?;
@@ -313,7 +313,6 @@ fn stated(order: DeckOrder) -> &'static str {
     }
 }
 
-/// Closes or opens the deck, or clears a take-off.
 fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     let order = match (ordered, args.drone) {
         (CrewOrderArg::Closed, None) => DeckOrder::Closed,
@@ -360,7 +359,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     ))
 }
 
-/// Text for the crew about a take-off clearance: an ordered take-off may be waiting only for it.
+/// Text for the crew about a take-off clearance: an ordered take-off may wait only for it.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
@@ -389,7 +388,6 @@ fn kept_by(silent_drone: &SilentDrone) -> String {
     )
 }
 
-/// Commands the drone through the shared memory of this computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     let is_abort = args.order == OrderArg::Abort;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
@@ -440,7 +438,6 @@ mod tests {
     use super::*;
     use alight_shared::msg::{Seq, State};
 
-    /// An ordered take-off may wait only for the crew's clearance.
     #[test]
     fn warning_by_the_state_of_a_cleared_drone() {
         let warns = |state| {

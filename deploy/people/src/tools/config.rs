@@ -19,12 +19,10 @@ pub struct ConfigArgs {
     pub tuning: bool,
 }
 
-/// Prints the vessel's configuration.
 pub fn vessel(args: &ConfigArgs) -> Result<Exit, CliError> {
     print::<VesselComputerConfig>(args, include_str!("../../../vessel/vessel.toml"))
 }
 
-/// Prints the drone's configuration.
 pub fn drone(args: &ConfigArgs) -> Result<Exit, CliError> {
     print::<DroneComputerConfig>(args, include_str!("../../../drone/drone.toml"))
 }

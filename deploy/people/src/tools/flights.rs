@@ -1,4 +1,4 @@
-//! `alight flights`: the flights that a computer recorded, with their outcomes.
+//! `alight flights`: flights that a computer recorded, with their outcomes.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ struct Row {
     begun: String,
     /// complete, running, cut off, or damaged.
     files: &'static str,
-    /// Number of files, and of those without an end.
+    /// Number of files, and number of files without an end.
     parts: usize,
     cut: usize,
     bytes: u64,
@@ -45,7 +45,6 @@ struct Row {
     summary: FlightSummary,
 }
 
-/// Lists the flights, the newest last.
 pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     let flights = flights(&args.directory)?;
     if args.mend {
@@ -68,7 +67,7 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Flights in `directory`, or `directory` itself if it is one.
+/// Flights in `directory`, or `directory` itself if it is a flight.
 fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(
@@ -103,7 +102,7 @@ fn repaired(path: &Path, done: &Repair) -> String {
 
 /// Newest completed flights in a recorder's directory, for the page.
 pub fn earlier(directory: &str) -> Vec<FlightLine> {
-    // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
+    // Without a recorder no flight is recorded; `alight flights` reports a directory that cannot be read.
     let all = store::flights(Path::new(directory)).unwrap_or_default();
     let ended = all.iter().rev().filter(|f| !f.is_running());
     ended

@@ -1,7 +1,7 @@
-//! `alight init`: asks the installer for boat and drone, writes the configurations of both computers, and checks them.
+//! `alight init`: asks the installer about boat and drone, then writes and checks both computers' files.
 //!
-//! The files are the shipped ones, with their comments and with the answers as values. Each answer is validated by the
-//! configuration's own checks before the next question.
+//! The files are the shipped ones, with their comments and with the answers as values. The configuration's
+//! own checks validate each answer before the next question.
 
 #[cfg(test)]
 mod tests;
@@ -35,7 +35,6 @@ pub struct InitArgs {
 }
 
 const SENSORS: usize = 8;
-/// Attempts at each question.
 const TRIES: usize = 5;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +52,7 @@ enum BoatFile {
 /// Key of a file: file, table ("" for the file's own keys) and name.
 type Place = (BoatFile, &'static str, &'static str);
 
-/// Question for a value: its text, and the keys that are set to the value.
+/// Question for a value, and the keys that are set to it.
 struct Question(&'static str, &'static [Place]);
 
 const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
@@ -138,7 +137,7 @@ const QUESTIONS: &[Question] = &[
         "Its hover thrust, 0 to 1 (MPC_THR_HOVER, MOT_THST_HOVER)",
         &[(BoatFile::Drone, "autopilot", "hover_thrust")],
     ),
-    Question("Its belly camera (/dev/video0; - : none of ours)", &[CAMERA]),
+    Question("Its belly camera (/dev/video0; -: none for Alight)", &[CAMERA]),
     Question(
         "Winds and speeds in knots, true or false",
         &[
@@ -167,7 +166,7 @@ impl Boat {
         let (_, line) = found.next()?;
         line.split_once(" = ").map(|(_, value)| value.to_owned())
     }
-    /// Replaces a value; the comments around it stay.
+    /// Replaces a value and keeps the comments around it.
     fn set(&mut self, (of, table, key): Place, value: &str) {
         self.replace((of, table, key), &format!("{key} = {value}"));
     }
@@ -217,7 +216,6 @@ impl Boat {
             let mass_kg = boat.number("drone.airframe", "mass_kg");
             [mass_kg, boat.number("autopilot", "hover_thrust")]
         };
-        // The shipped values were measured.
         let [mass_kg, hover] = hovers(self);
         if [mass_kg, hover] != hovers(&mut Boat::shipped()) {
             let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
@@ -244,8 +242,8 @@ impl Boat {
     }
 }
 
-/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and headings. A value
-/// of several lines is an array that ends with its bracket.
+/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and
+/// headings. A value of several lines is an array and ends with its bracket.
 fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     let (mut table, mut open) = ("", None);
     text.lines().map(move |line| {
@@ -445,7 +443,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
     }
 }
 
-/// Writes a new file; an existing one is an error.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let doing = || {
         format!(

@@ -104,7 +104,7 @@ struct Row {
 }
 
 fn show(dir: &Path, form: Form) -> Result<Exit, CliError> {
-    let doing = format_args!("looking into {}", dir.display());
+    let doing = format_args!("listing {}", dir.display());
     let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
     for entry in fs::read_dir(dir).doing(doing)?.take(MAX_SHOWN) {
         let entry = entry.doing(doing)?;

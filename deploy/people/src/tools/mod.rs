@@ -1,5 +1,3 @@
-//! Commands for users: flights, checks, certificates, configurations.
-
 pub mod check;
 pub mod command;
 pub mod config;

@@ -45,9 +45,8 @@ pub struct ReplayArgs {
     pub form: Form,
 }
 
-/// Parts that only the laboratory provides.
 pub struct Laboratory<'a> {
-    /// Law of a recorded baseline planner, which is not part of the drone's program.
+    /// Law of a recorded baseline planner, which the drone's program does not include.
     pub law: ForeignLaw<'a>,
     pub plot: Option<BeginPlot<'a>>,
 }
@@ -100,7 +99,6 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     report(args, &nodes)
 }
 
-/// Prints the result.
 fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in nodes {
@@ -179,7 +177,7 @@ fn observer(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn V
     Ok(observer)
 }
 
-/// Log of the recording at `path`. Reports its files that have no end.
+/// Log of the recording at `path`; reports its files that have no end.
 fn recorded(path: &Path) -> Result<Log, CliError> {
     let log = Log::open(path)?;
     if log.starts.iter().all(|s| s.header.process == WORLD) {

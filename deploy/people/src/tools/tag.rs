@@ -78,7 +78,6 @@ fn selected(args: &TagArgs, installed: &Path) -> Result<(DroneComputerConfig, St
     Ok((config::load(path)?, path.display().to_string()))
 }
 
-/// Prints the list and writes the sheets.
 pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
     let (computer, from) = selected(args, installed)?;
@@ -111,7 +110,7 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Count of the tags, and their smallest and largest numbers.
+/// Number of tags, and their smallest and largest ids.
 fn numbers(tags: &[DeckTag]) -> String {
     let ids = || tags.iter().map(|tag| tag.id);
     match (tags.len(), ids().min(), ids().max()) {
@@ -142,7 +141,7 @@ const BORDER_MM: f64 = 15.0;
 const MARK_MM: [f64; 2] = [5.0, 1.0];
 const FONT: Name = Name(b"F");
 
-/// Page being drawn, in mm from its lower left corner.
+/// Page in mm from its lower left corner.
 struct Page {
     content: Content,
     paper_mm: [f64; 2],
@@ -211,7 +210,7 @@ impl Page {
 }
 
 struct Sheets {
-    /// Vessel and tag numbers, printed on every sheet.
+    /// Vessel and tag numbers, for every sheet.
     whose: String,
     paper: Paper,
     pages: Vec<Page>,
@@ -363,7 +362,6 @@ mod tests {
         String::from_utf8_lossy(&sheets.0).into_owned()
     }
 
-    /// Without --config the tags are this computer's; a missing configuration is an error.
     #[test]
     fn tags_of_this_computer() {
         let directory = std::env::temp_dir().join(format!("alight-tag-{}", std::process::id()));

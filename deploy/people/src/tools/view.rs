@@ -1,5 +1,3 @@
-//! `alight view`: status of this computer in a browser or Foxglove.
-
 use alight_shared::msg::ComputerReport;
 use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
@@ -58,14 +56,14 @@ pub struct ViewCommand {
     pub supervised: bool,
 }
 
-/// Polling period, ns; the display rates of recordings lie on this grid.
+/// Polling period, ns; the display rates of recordings are multiples of it.
 const POLL_PERIOD_NS: i64 = 20_000_000;
 /// Polling period when only the page is served.
 const PAGE_PERIOD: Duration = Duration::from_millis(100);
-/// Pause before looking again for processes with this name.
+/// Pause before processes with this name are looked up again.
 const ABSENT_PAUSE: Duration = Duration::from_millis(500);
 
-/// Addresses to serve: the flags take precedence over the configuration.
+/// Addresses to serve; the flags take precedence over the configuration.
 fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     let address = |text: &str| {
         text.parse::<SocketAddr>()
@@ -82,7 +80,7 @@ fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     })
 }
 
-/// Starts the view of a simulated flight. Returns the view and the lines with its addresses.
+/// Starts the view of a simulated flight; returns the view and the lines with its addresses.
 pub fn start_viewer(
     view: &ViewConfig,
     name: &str,
@@ -170,7 +168,7 @@ fn drone(
             continue;
         };
         if is_new {
-            // Processes started since may have another number and another clock.
+            // Processes started since then may have another number and another clock.
             if let Ok(Computer::Drone(newest)) = subject.computer() {
                 computer = *newest;
                 configured = Facts::drone(&computer).report;
@@ -196,7 +194,6 @@ fn drone(
 
 fn reject(order: Option<PageOrder>) {
     if let Some(order) = order {
-        // The viewer that gave the order may be gone.
         let _gone = order.reply.send(Err("no mission runs".into()));
     }
 }
@@ -240,8 +237,8 @@ impl Ports {
         }
     }
 
-    /// Carries out the page's order, an abort, as `alight command abort` would on this computer, and replies with its
-    /// result.
+    /// Executes the page's order, an abort, like `alight command abort` on this computer, and replies with
+    /// its result.
     fn order(
         &mut self,
         computer: &DroneComputerConfig,
@@ -261,7 +258,7 @@ impl Ports {
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
             None if command.is_over(now) => {
-                Err("ABORT NOT TAKEN: the mission does not show it; take manual control".to_owned())
+                Err("ABORT NOT TAKEN: the mission does not confirm it; take manual control".to_owned())
             }
             None => return None,
         };
@@ -272,7 +269,7 @@ impl Ports {
     }
 }
 
-/// Time of day minus the steady clock, ns: messages for Foxglove bear the time of day.
+/// Time of day minus the steady clock, ns: messages for Foxglove carry the time of day.
 fn wall_offset_ns() -> i64 {
     wall_ns() - steady_ns()
 }

@@ -1,4 +1,4 @@
-//! `alight view` on the vessel's computer: her status, judged as `alight status` prints it.
+//! `alight view` on the vessel's computer: its status, judged as by `alight status`.
 
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
@@ -27,11 +27,11 @@ pub struct VesselObserver<'a> {
     aboard: InstanceFollower,
     configured: ComputerReport,
     motion: MotionHistory,
-    /// Time at which the newest status was written, steady clock, ns.
+    /// Time of the newest status on the steady clock, ns.
     ended_ns: i64,
     states: BTreeMap<u32, State>,
     log: VecDeque<(i64, String)>,
-    /// Flights that had ended when the view began, as the vessel's own process lists them.
+    /// Flights that had ended before the view began, from the vessel's process.
     earlier: Vec<FlightLine>,
     result: Option<(i64, &'static str, String)>,
     order: OrderView,
@@ -39,7 +39,7 @@ pub struct VesselObserver<'a> {
 }
 
 impl<'a> VesselObserver<'a> {
-    /// Observer of this vessel; `may_order` lets the page close her deck.
+    /// Observer of this vessel; `may_order` lets the page close the deck.
     pub fn new(computer: &'a VesselComputerConfig, may_order: bool) -> Result<VesselObserver<'a>, CliError> {
         Ok(VesselObserver {
             computer,
@@ -58,7 +58,7 @@ impl<'a> VesselObserver<'a> {
             given: None,
         })
     }
-    /// Gives the crew's order for the deck, as `alight command deck closed` does.
+    /// Gives the crew's order for the deck, like `alight command deck closed`.
     pub fn close_deck(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {
             let memory = self.aboard.poll().map(|(memory, _)| memory);
@@ -85,7 +85,6 @@ impl<'a> VesselObserver<'a> {
     }
     fn answer(&mut self, order: PageOrder, answer: Result<String, String>) {
         self.order.answer = answer.clone().unwrap_or_else(|e| e);
-        // The viewer that gave the order may be gone.
         let _gone = order.reply.send(answer);
     }
     pub fn picture(&mut self, now_ns: i64) -> Picture {
@@ -135,7 +134,7 @@ impl<'a> VesselObserver<'a> {
         }
         self.ended_ns = at_ns;
         let samples = &status.estimator.motion;
-        // The samples were taken evenly over the preceding half second.
+        // The samples are evenly spaced over the preceding half second.
         let step_ns = 500_000_000 / i64::try_from(samples.len().max(1)).unwrap_or(1);
         for (k, sample) in (0..)
             .zip(samples.iter().rev())
@@ -151,7 +150,7 @@ impl<'a> VesselObserver<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                // A view that began when the drone was already on the deck has observed no flight.
+                // A view that began with the drone on the deck has not observed its flight.
                 if let (Some(ended), Some(_)) = (state.ending(), before) {
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
                 }

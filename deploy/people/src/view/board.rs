@@ -1,4 +1,4 @@
-//! Board: situation and history of a running flight, from which it makes the page's picture.
+//! Situation and history of a running flight, as the source of the page's picture.
 
 use std::collections::VecDeque;
 
@@ -61,10 +61,10 @@ pub struct Board {
     pub earlier: Vec<FlightLine>,
     pub order: OrderView,
     pub camera: Option<ShownImage>,
-    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at rest, m, if
-    /// known.
+    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at
+    /// rest, m, if known.
     pub heights_m: Option<[f64; 2]>,
-    /// Clearance of the feet at which the flare begins, m, once the mission has named it.
+    /// Clearance of the feet at which the flare begins, m, after the mission has reported it.
     flare_m: Option<f64>,
 }
 
@@ -91,7 +91,7 @@ impl Board {
             flare_m: None,
         }
     }
-    /// Clears everything except the flights that ended; observes again from `t` on.
+    /// Clears everything except the ended flights; observes again from `t` on.
     pub fn reset(&mut self, t: Time<TrueTime>) {
         let known = core::mem::take(&mut self.situation.known);
         let flights = core::mem::take(&mut self.flights);
@@ -104,7 +104,6 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         let (snapshot, ns) = (&mut self.situation.snapshot, t.nanos());
         match *message {
@@ -112,7 +111,7 @@ impl Board {
                 self.has_vessel = true;
                 self.moved(t, motion(&e.eta));
             }
-            // This view shows the vessel's own estimate, not the one that a drone received.
+            // The vessel's own estimate is shown instead of the one that a drone received.
             Message::Estimate(_) if self.has_vessel => {}
             Message::Estimate(e) => self.moved(t, motion(&e.eta)),
             Message::Link(m) => snapshot.link.set(ns, Some(*m)),
@@ -170,7 +169,7 @@ impl Board {
         self.own_motion = Some((t, motion));
         self.sample(t);
     }
-    /// Motion at `t` by the vessel's own estimate, or by the drone's forecast if no estimate arrives.
+    /// Samples the motion at `t` from the vessel's own estimate, or from the drone's forecast without one.
     pub fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
@@ -202,7 +201,7 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // A view that began when the drone was already on the deck has observed no flight.
+        // A view that began with the drone on the deck has not observed its flight.
         if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
@@ -266,7 +265,7 @@ fn is_flight(state: State) -> bool {
     state.is_landing() || state.is_take_off()
 }
 
-/// Clearance of the flare, m, if a reason of the mission names it.
+/// Clearance of the flare, m, if a reason of the mission contains it.
 fn flare_m(m: &MissionState) -> Option<f64> {
     let names = |code| matches!(code, ReasonCode::Descending | ReasonCode::FlareHeight);
     let reasons = [m.waiting, m.entered];

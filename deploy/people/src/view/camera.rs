@@ -9,10 +9,9 @@ use crate::view::camera_image::ShownImage;
 use crate::view::view_observer::ViewObserver;
 
 const MAX_BYTES: usize = 20_000;
-/// JPEG qualities, of which the first that gives at most [`MAX_BYTES`] is used; only noise needs the last.
+/// JPEG qualities; the first with at most [`MAX_BYTES`] is used, and only noise needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];
 
-/// Reader of the camera's images while the page has a viewer.
 #[derive(Default)]
 pub struct CameraFeed {
     images: Option<ImageSubscriber>,

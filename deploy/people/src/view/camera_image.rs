@@ -1,5 +1,3 @@
-//! Image of the drone's camera on the page: its age, and the detections in it.
-
 use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::CameraView;
@@ -10,7 +8,7 @@ pub struct ShownImage {
     pub at: Time<TrueTime>,
     /// Middle of the exposure on the drone's clock, ns.
     pub at_ns: i64,
-    /// Number of tags and of outlines of the deck in the image.
+    /// Number of tags and of deck outlines in the image.
     pub marks: [u32; 2],
 }
 

@@ -1,8 +1,7 @@
-//! Limits on viewers' connections: number, queue of each, idle time.
+//! Limits on viewers' connections: number, backlog, idle time.
 //!
-//! When all places are taken, a new connection takes the place of another: of the connections without a complete
-//! request the one that was silent longest, otherwise of the viewers. Connections without a request therefore keep no
-//! viewer out.
+//! When all places are taken, a new connection replaces the one that was silent longest, first among those
+//! without a complete request, which therefore keep no viewer out.
 
 use std::future::Future;
 use std::io;
@@ -42,14 +41,14 @@ struct Place {
 }
 
 impl Guard {
-    /// Listens on `address`; must be called inside a runtime.
+    /// Listens on `address`; needs a tokio runtime.
     pub fn listen(address: SocketAddr) -> io::Result<Guard> {
         let socket = if address.is_ipv4() {
             TcpSocket::new_v4()?
         } else {
             TcpSocket::new_v6()?
         };
-        // A restarted server listens at once.
+        // Lets a restarted server listen at once.
         socket.set_reuseaddr(true)?;
         socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
         socket.bind(address)?;
@@ -109,7 +108,7 @@ struct State {
 }
 
 impl State {
-    /// Order of closing, the smallest first: without a request before with one, then by the length of silence.
+    /// Order of closing, smallest first: connections without a request first, then by length of silence.
     fn order(&self) -> (bool, i64) {
         (
             self.asked.load(Ordering::Relaxed),
@@ -118,12 +117,11 @@ impl State {
     }
 }
 
-/// Viewer, for the handlers of its requests.
 #[derive(Clone, Debug, Default)]
 pub struct ViewerPeer(Arc<State>);
 
 impl ViewerPeer {
-    /// The viewer has not read the last picture; it is sent nothing more until it has.
+    /// The viewer has not read the last picture, and is sent no other until it has.
     pub fn is_stalled(&self) -> bool {
         self.0.stalled.load(Ordering::Relaxed)
     }

@@ -1,12 +1,10 @@
-//! Messages to viewers with Foxglove.
-
 use std::sync::Arc;
 
 use alight_computer::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use mcap::McapError;
 
-/// Channels of a server. Messages of a channel without a subscriber are not encoded.
+/// Channels of a Foxglove server. Messages of a channel without a subscriber are not encoded.
 pub struct LiveSink {
     context: Arc<Context>,
     channels: Vec<Arc<RawChannel>>,

@@ -1,5 +1,3 @@
-//! Messages of the processes of a drone's computer, read from their shared memory without waiting.
-
 use alight_computer::record::messages::Message;
 use alight_shared::bus::readers;
 use alight_shared::msg::{

@@ -13,7 +13,6 @@ const SAMPLES: usize = 240;
 /// Roll and pitch (rad) and height (m, upwards), if known.
 type Sample = Option<[f64; 3]>;
 
-/// Samples at a fixed rate.
 #[derive(Debug, Default)]
 pub struct MotionHistory {
     samples: VecDeque<Sample>,
@@ -37,7 +36,6 @@ impl MotionHistory {
             return self.add(t, sample);
         }
         for k in 1..=due {
-            // Missed samples are gaps.
             self.samples.push_back(sample.filter(|_| k == due));
             self.newest = Some(newest + step * k);
         }

@@ -4,8 +4,8 @@ use serde::Serialize;
 
 use crate::status::Status;
 
-/// Position relative to the deck's centre at the same time: forward along the vessel's mean heading, to starboard, up,
-/// m.
+/// Position relative to the deck's centre at the same time: forward along the vessel's mean heading, to
+/// starboard, up, m.
 pub type DeckPoint = [f64; 3];
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -15,13 +15,11 @@ pub struct DroneView {
     pub closing_mps: f64,
     /// Roll, pitch, and heading relative to the vessel's mean heading, deg.
     pub euler_deg: [f64; 3],
-    /// The odometry is outdated.
     pub stale: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ContactView {
-    /// Time to the contact, s.
     pub in_s: f64,
     /// Roll and pitch of the deck at the contact, deg; None if the forecast ends before the contact.
     pub tilt_deg: Option<[f64; 2]>,
@@ -29,7 +27,6 @@ pub struct ContactView {
     pub rise_m: Option<f64>,
 }
 
-/// Deck from above and from the side.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SceneView {
     pub size_m: Option<[f64; 2]>,
@@ -42,14 +39,12 @@ pub struct SceneView {
     pub feet_m: Option<f64>,
     /// Height of the deck's centre above the water at rest, m, if known.
     pub freeboard_m: Option<f64>,
-    /// Clearance of the feet at which the flare begins, m, once the mission has named it.
+    /// Clearance of the feet at which the flare begins, m, after the mission has reported it.
     pub flare_m: Option<f64>,
     pub contact: Option<ContactView>,
-    /// No recent forecast was received.
     pub forecast_stale: bool,
     /// Planned positions of the drone's centre of mass, until the planned contact.
     pub plan: Vec<DeckPoint>,
-    /// No recent plan was received.
     pub plan_stale: bool,
     pub drone: Option<DroneView>,
 }
@@ -58,62 +53,53 @@ pub struct SceneView {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MotionView {
     pub step_s: f64,
-    /// Roll, deg.
     pub roll_deg: Vec<Option<f64>>,
-    /// Pitch, deg.
     pub pitch_deg: Vec<Option<f64>>,
-    /// Height above the mean, m.
+    /// Above the mean.
     pub heave_m: Vec<Option<f64>>,
 }
 
-/// Positions of drone and deck over ground, one sample every two seconds, oldest first: metres to north and east of the
+/// Positions of drone and deck over ground every two seconds, oldest first: metres to north and east of the
 /// deck's newest position; None if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TrackView {
     pub drone: Vec<Option<[f64; 2]>>,
-    /// Centre of the deck.
     pub deck: Vec<Option<[f64; 2]>>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LogLine {
-    /// Age, s.
     pub ago_s: f64,
     pub text: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResultView {
-    /// Time since its end, s.
     pub ago_s: f64,
-    /// Outcome: landed, gave up.
+    /// Landed, gave up.
     pub outcome: &'static str,
-    /// Reason, with its figures.
     pub text: String,
 }
 
-/// Flight that ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlightLine {
     /// Time since its end, or the date.
     pub when: String,
-    /// Outcome: landed, gave up.
+    /// Landed, gave up.
     pub outcome: String,
-    /// Reason, with its figures.
     pub text: String,
 }
 
 /// Newest image of the drone's camera. The page requests the image separately and computes its age.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraView {
-    /// Number of the image, different from that of the previous one.
+    /// Changes with each image.
     pub number: i64,
     /// Time since the middle of its exposure, s.
     pub age_s: f64,
     pub text: String,
 }
 
-/// Order that the page can give.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct OrderView {
     /// Text of the button; None if the page may not give the order.
@@ -122,7 +108,7 @@ pub struct OrderView {
     pub answer: String,
 }
 
-/// Complete picture: the object of `alight status --json`, and the parts that only the page has.
+/// The object of `alight status --json`, and the parts that only the page has.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Picture {
     /// Time of sending on a steady clock, s, from which a page that shows the picture late computes its age.
@@ -130,13 +116,13 @@ pub struct Picture {
     #[serde(flatten)]
     pub status: Status,
     pub scene: Option<SceneView>,
-    /// Image of the drone's camera; None without a running camera.
+    /// None without a running camera.
     pub camera: Option<CameraView>,
     pub motion: MotionView,
     pub track: TrackView,
     /// Events of this run, the newest first.
     pub log: Vec<LogLine>,
-    /// Flights that ended, the newest first.
+    /// Ended flights, the newest first.
     pub flights: Vec<FlightLine>,
     /// Newest flight that ended while the server was running.
     pub result: Option<ResultView>,

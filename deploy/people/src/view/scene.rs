@@ -7,7 +7,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
 
-/// Stages of the plan per drawn point.
 const PATH_STEP: usize = 2;
 /// Age at which a plan is no longer drawn, s: the vessel has left it behind.
 const FORGOTTEN_S: f64 = 5.0;

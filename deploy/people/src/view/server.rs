@@ -1,8 +1,6 @@
-//! Server for viewers: the page, its pictures as server-sent events, and Foxglove's protocol, on a runtime with one
-//! thread of its own.
-//!
-//! The server waits for no viewer: the newest picture replaces the one before, and a viewer that has not read the last
-//! one is sent nothing until it has.
+//! Server for viewers: the page, its pictures as server-sent events, and Foxglove's protocol, on a separate
+//! runtime with one thread. It waits for no viewer: the newest picture replaces the previous one, and a
+//! viewer is sent a picture only after it has read the last.
 
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
@@ -28,9 +26,8 @@ use tokio::sync::{oneshot, watch};
 use crate::view::guard::{Guard, ViewerPeer};
 use crate::view::picture::Picture;
 
-/// Messages queued for a viewer with Foxglove; then the oldest are dropped.
+/// Messages queued for a viewer with Foxglove; beyond that the oldest are dropped.
 const BACKLOG: usize = 512;
-/// Time limit for answering an order that the page gives.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before checking again a viewer that has not read the last picture.
 const STALL_PAUSE: Duration = Duration::from_millis(100);
@@ -40,13 +37,11 @@ pub struct Served {
     pub page: SocketAddr,
     pub foxglove: Option<SocketAddr>,
     pub name: String,
-    /// The page may give the crew's order.
     pub may_order: bool,
 }
 
 /// Order that the page gives; the answer is a text with the result.
 pub struct PageOrder {
-    /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
 }
 
@@ -97,7 +92,6 @@ impl Drop for Viewer {
 }
 
 impl Server {
-    /// Starts the server; an address that cannot be bound is an error.
     pub fn start(served: Served) -> Result<Server, CliError> {
         let (pictures, newest) = watch::channel(Bytes::new());
         let (camera, newest_image) = watch::channel(Bytes::new());
@@ -131,7 +125,6 @@ impl Server {
             thread: Some(thread),
         })
     }
-    /// Shows a picture to all viewers.
     pub fn show(&self, picture: Picture) {
         let picture = Picture {
             clock_s: (steady_ns() / 1_000_000) as f64 / 1e3,
@@ -144,7 +137,6 @@ impl Server {
         self.pictures
             .send_replace(format!("data: {json}\n\n").into_bytes().into());
     }
-    /// Serves `jpeg` as the newest image of the drone's camera.
     pub fn show_camera(&self, jpeg: Vec<u8>) {
         self.camera.send_replace(jpeg.into());
     }
@@ -158,7 +150,6 @@ impl Server {
     pub fn context(&self) -> Option<&Arc<Context>> {
         self.context.as_ref()
     }
-    /// Addresses at which it listens, as lines of text.
     pub fn lines(&self) -> Vec<String> {
         let Addresses { page, foxglove } = self.addresses;
         let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
@@ -278,7 +269,7 @@ fn router(shared: Shared) -> Router {
         .with_state(shared)
 }
 
-/// Marks the connection as one with a complete request, which takes precedence over those without.
+/// Marks the connection as one with a complete request, which takes precedence.
 async fn complete(ConnectInfo(peer): ConnectInfo<ViewerPeer>, request: Request, next: Next) -> Response {
     peer.has_asked();
     next.run(request).await
@@ -317,7 +308,6 @@ async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Vie
     (headers("text/event-stream"), Body::from_stream(stream)).into_response()
 }
 
-/// Sends the newest picture once.
 async fn state(State(shared): State<Shared>) -> Response {
     let newest = shared.pictures.borrow().clone();
     let json = newest
@@ -364,8 +354,8 @@ async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
     }
 }
 
-/// Whether a request comes from the page of this server: no other page can give an order, neither by a form nor by a
-/// script nor by a host name that leads here.
+/// Whether a request comes from the page of this server: no other page can give an order, be it by a form, a
+/// script or a host name that leads here.
 fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
     let one = |name: &HeaderName| {
         let mut all = given.get_all(name).iter();
@@ -373,7 +363,7 @@ fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
         first.filter(|_| all.next().is_none())
     };
     let (Some(host), Some(origin)) = (one(&HOST), one(&ORIGIN)) else {
-        return Err("the request names no page that it comes from (Origin)");
+        return Err("the request has no Origin header");
     };
     if origin.strip_prefix("http://") != Some(host) {
         return Err("the request comes from another page");
@@ -384,7 +374,7 @@ fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// Whether `host` is an IP address or this computer, with or without a port, and not a name that others control.
+/// Whether `host` is an IP address or this computer, with or without a port, not a name that others control.
 fn is_address(host: &str) -> bool {
     let bare = host.trim_start_matches('[').trim_end_matches(']');
     let name = host.split_once(':').map_or(host, |(name, _)| name);

@@ -20,8 +20,8 @@ pub struct GroundTrack {
 }
 
 impl GroundTrack {
-    /// Adds the positions of drone and deck at `t` when a sample is due. `frame` is the number of their frame; a new
-    /// frame starts a new track.
+    /// Adds the positions of drone and deck at `t` when a sample is due. `frame` is the number of their
+    /// frame, of which a change starts a new track.
     pub fn add(&mut self, t: Time<TrueTime>, frame: u8, drone: Ground, deck: Ground) {
         if self.newest.is_some_and(|at| t < at) || frame != self.frame {
             *self = GroundTrack {

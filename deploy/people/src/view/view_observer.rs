@@ -24,7 +24,7 @@ use crate::view::server::{Served, Server};
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
 /// Maximum pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
-/// Time for which the last picture of a simulation stays available to viewers.
+/// Time for which the last picture of a simulation remains available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
 
 const SCENE_MS: i64 = 1_000;
@@ -86,14 +86,13 @@ impl ViewObserver {
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Clears the board except for the flights that ended, when another set of processes runs. The clock of its steps
-    /// is ahead of that of its reports by `offset`.
+    /// Clears the board except for the ended flights, when another set of processes runs. `offset` is the
+    /// lead of the clock of its steps over that of its reports.
     pub fn reset(&mut self, offset: Span) {
         self.offset = offset;
         self.board.reset(Time::from_nanos(steady_ns()));
         self.next_ns = i64::MIN;
     }
-    /// Time on the board of a step at `t`.
     pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
         t - self.offset
     }
@@ -107,7 +106,6 @@ impl ViewObserver {
             ..Picture::default()
         });
     }
-    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
         if let Message::Drone(_) = message {
@@ -158,7 +156,7 @@ impl Live {
             self.forecast = Some(*forecast);
         }
         if let Message::Drone(drone) = *message {
-            // The drone is drawn where it reports to be: its NED is that of the scene, except for the water level.
+            // The drone's reported NED is that of the scene, except for the water level.
             let at = drone.position;
             let at = self.scenery.as_ref().map_or(at, |s| s.in_scene(at));
             (self.views.true_drone, self.drone) = (Some(at), Some(*drone));
@@ -176,7 +174,6 @@ impl Live {
     }
 }
 
-/// Slows steps that are computed faster than real time.
 enum Pace {
     Free,
     /// The drone has not appeared: there is nothing to show yet.
@@ -186,7 +183,6 @@ enum Pace {
 }
 
 impl Pace {
-    /// The drone is there.
     fn begin(&mut self, t: Time<TrueTime>) {
         if matches!(self, Pace::Waiting) {
             *self = Pace::From(steady_ns() - t.nanos());

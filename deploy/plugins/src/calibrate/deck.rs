@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use crate::calibrate::list;
 
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// Rotation of the camera's mount that the predictor allows for, in standard deviations.
+/// Camera mount rotation beyond which a warning is given, in the predictor's standard deviations.
 const MOUNT_SDS: f64 = 2.0;
 
 /// Measurement with the drone on the deck.
@@ -100,7 +100,6 @@ fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, Cl
     Ok(stand)
 }
 
-/// Calibration from the running processes.
 fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     let path = args
         .config
@@ -160,7 +159,6 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
     }
 }
 
-/// Calibration from a recording.
 fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     contained(path, || {
         let log = Log::open(path)?.only(&["mission", "predictor"]);

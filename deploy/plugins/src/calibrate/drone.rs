@@ -1,5 +1,5 @@
-//! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot identified it in a
-//! flight.
+//! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot
+//! identified it in a flight.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -20,7 +20,7 @@ use clap::Args;
 use serde_json::json;
 
 const LISTEN_TIME: Duration = Duration::from_secs(1);
-/// Maximum number of recorded flights, the newest first, that are searched for a response; reading one takes some
+/// Maximum number of recorded flights, newest first, to search for a response; reading one takes some
 /// seconds.
 const MAX_FLIGHTS: usize = 5;
 
@@ -82,7 +82,6 @@ fn text(r: &AttitudeResponse) -> String {
     )
 }
 
-/// Newest identified response in a recording.
 fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     contained(path, || {
         let log = Log::open(path)?.only(&["mission"]);
@@ -119,7 +118,6 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
 
 /// Response identified in the newest recorded flight. A running process begins each flight with the configured value.
 fn newest_flown(directory: &Path) -> Result<Option<AttitudeResponse>, CliError> {
-    // Without a recorder no flight is recorded.
     let flights = store::flights(directory).unwrap_or_default();
     for flight in flights.iter().rev().take(MAX_FLIGHTS) {
         if let Some(response) = recorded(&flight.path)? {

@@ -1,5 +1,5 @@
-//! `alight calibrate`: measures configuration values of this vessel and this drone and prints them as lines for the
-//! file. It changes nothing.
+//! `alight calibrate`: measures configuration values of this vessel and drone, and prints them as lines for
+//! the file. It changes nothing.
 
 mod deck;
 mod drone;
@@ -37,7 +37,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Line of a TOML list, rounded to the precision of its unit.
+/// Line of a TOML list, rounded to `digits` decimals.
 fn list(key: &str, values: &[f64], digits: usize) -> String {
     let mut text = format!("{key} = [");
     for (k, v) in values.iter().enumerate() {

@@ -22,8 +22,8 @@ use serde_json::{Value, json};
 
 use crate::calibrate::list;
 
-/// Maximum standard deviation of a usable antenna position, m: chosen to be better than a tape measure achieves on a
-/// boat.
+/// Maximum standard deviation of a usable antenna position, m. Chosen: better than a tape measure achieves on
+/// a boat.
 const USABLE_M: f64 = 0.1;
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
@@ -102,7 +102,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(some))
 }
 
-/// Calibration, and the configuration that it is compared with.
+/// Configuration and the calibration to compare it with.
 type Configured = (VesselNodeConfig, VesselCalibration);
 
 fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
@@ -133,7 +133,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     Ok((config, found))
 }
 
-/// Table of poses. Each column decays as its degree of freedom does; each may have values in different rows.
+/// Table of poses. Columns decay separately by degree of freedom, and may have values in different rows.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
     let doing = format_args!("reading {}", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
@@ -227,7 +227,6 @@ fn why(unknown: &NotObservable) -> String {
     }
 }
 
-/// Mass or inertia, if it was identified with a known weight.
 fn mass(dof: usize, decay: &Decay, loaded: &LoadedStiffness) -> Option<ValueWithSd> {
     let [roll, pitch] = loaded.as_ref()?;
     let of = match dof {
@@ -263,7 +262,6 @@ fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
     })
 }
 
-/// Prints the effect of a known weight on roll and pitch.
 fn print_loaded(loaded: &Stiffness) {
     for (name, of) in ["roll", "pitch"].iter().zip(loaded) {
         let text = match of {

@@ -1,5 +1,5 @@
-//! Encoding of messages in XCDR1, little endian, after the four-byte header that states it (DDSI-RTPS 2.3, section
-//! 10.2), as ROS 2's middlewares write them.
+//! Encoding of messages in XCDR1, little endian, after the four-byte header that states it (DDSI-RTPS 2.3,
+//! section 10.2), as ROS 2's middlewares write them.
 
 use byteorder::LittleEndian;
 use serde::Serialize;
@@ -7,7 +7,7 @@ use serde::Serialize;
 /// Plain CDR, little endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Encoded message; None if a field's type has no form in CDR.
+/// None if a field's type has no form in CDR.
 pub fn encode(message: &impl Serialize) -> Option<Vec<u8>> {
     let mut bytes = HEADER.to_vec();
     cdr_encoding::to_writer::<_, LittleEndian, _>(&mut bytes, message).ok()?;

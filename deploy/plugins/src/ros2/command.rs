@@ -1,5 +1,3 @@
-//! `alight ros2`: runs a ROS 2 node for this computer.
-
 use alight_shared::msg::ComputerReport;
 use alight_shared::msg::{Command, CommandKind};
 use alight_shared::time::{DroneClock, Time};
@@ -63,12 +61,11 @@ pub struct Ros2Args {
     orders: bool,
 }
 
-/// Reasons why an order is not forwarded.
 const ABSENT: &str = "not ordered: no process reports on this computer (systemctl status alight-drone)";
 const UNKNOWN: &str = "not ordered: the configuration of these processes is not found; name it with --config";
 const ENDS: &str = "not ordered: alight ros2 ends";
 const PERIOD: Duration = Duration::from_millis(50);
-/// Period of reading again a configuration that could not be read, ns.
+/// Period at which an unreadable configuration is read again, ns.
 const READ_AGAIN_NS: i64 = 1_000_000_000;
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
 /// History depth of a topic of poses, as with ROS's own publishers, and of `/tf`.
@@ -76,7 +73,6 @@ const DEPTH: u32 = 10;
 const TF_DEPTH: u32 = 100;
 const MAX_PREFIX: usize = 64;
 
-/// Publishes until stopped.
 pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Success);
@@ -141,7 +137,7 @@ struct Ports {
     commands: Publisher<Command>,
     /// The configuration belongs to these processes.
     is_configured: bool,
-    /// The configuration was found, so orders bear the right drone number.
+    /// The configuration was found, so orders carry the right drone number.
     is_known: bool,
     /// Dropped last, because the ports above are in this memory.
     _memory: Memory,
@@ -182,7 +178,6 @@ impl ComputerObserver {
             computer,
         })
     }
-    /// Reads new messages; None while no process reports.
     fn poll(&mut self) -> Result<Option<(&Computer, &mut Ports)>, CliError> {
         self.runs = self.joined.poll(Ports::join);
         let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
@@ -215,7 +210,7 @@ impl ComputerObserver {
                 Err(CliError(why)) => {
                     if self.unread.as_ref().is_none_or(|(before, _)| *before != why) {
                         terminal::line(format!(
-                            "{why}\nThe configuration read before is kept, and aborts alone are passed on, until it can be read."
+                            "{why}\nThe configuration read before is kept, and only aborts are passed on, until it can be read."
                         ));
                     }
                     self.unread = Some((why, steady_ns() + READ_AGAIN_NS));
@@ -261,7 +256,6 @@ impl Drone {
             request.reply(false, why);
         }
     }
-    /// Forwards orders and publishes new poses.
     fn step(&mut self, computer: &DroneComputerConfig, ports: &mut Ports, session: &mut RosSession) {
         while let Some(request) = session.request() {
             if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {

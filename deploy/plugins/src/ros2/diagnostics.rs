@@ -1,6 +1,6 @@
 //! Findings of `alight status` as ROS diagnostics: one status per topic of findings, and a summary.
 //!
-//! A viewer of diagnostics keeps the last status of each name. A topic without further findings is therefore reported
+//! A viewer of diagnostics keeps the last status of each name. A topic without findings is therefore reported
 //! as OK, and every topic is STALE while nothing runs, the mission is silent or a process has ended.
 
 use std::collections::BTreeSet;
@@ -10,7 +10,6 @@ use alight_people::status::Status;
 use alight_people::status::finding::{Finding, FindingLevel};
 
 pub struct Diagnostics {
-    /// Prefix of each name.
     node: String,
     /// Topics of all findings so far.
     topics: BTreeSet<&'static str>,
@@ -156,7 +155,6 @@ mod tests {
             ]
         );
         assert_eq!(all.status[2].values, [value("remedy", "antenna")]);
-        // A finding that has gone is reported as fine; topics are stale when nothing runs.
         let fine = judge.array(&status(Vec::new()), RosTime::default());
         assert_eq!(rows(&fine)[2], (level::OK, "drone_1: link", "as it should be"));
         let absent = Status::absent(&status(Vec::new()).situation.known);

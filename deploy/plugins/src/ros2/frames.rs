@@ -1,5 +1,5 @@
-//! Conversion to ROS frames (REP 103): worlds are east, north, up (ENU), bodies forward, left, up (FLU). Alight's are
-//! NED and FRD.
+//! Conversion from Alight's frames, NED and FRD, to ROS frames (REP 103): worlds are east, north, up (ENU),
+//! bodies forward, left, up (FLU).
 
 use alight_shared::frames::body_rates;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
@@ -17,7 +17,6 @@ fn frd_from_flu() -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(0.0, 1.0, 0.0, 0.0))
 }
 
-/// NED to ENU.
 pub fn enu([north, east, down]: [f64; 3]) -> RosVector {
     RosVector {
         x: east,
@@ -51,9 +50,9 @@ pub fn of_euler([roll, pitch, yaw]: [f64; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Covariance of a pose in ENU from the standard deviations of the position in NED (m) and of roll, pitch, yaw (rad).
-/// ROS defines it for rotations about fixed axes, whose angles are roll, pitch and yaw; only pitch and yaw change their
-/// signs.
+/// Covariance of a pose in ENU from the standard deviations of position in NED (m) and of roll, pitch, yaw
+/// (rad). ROS defines it for rotations about fixed axes by roll, pitch and yaw; only pitch and yaw change
+/// their signs.
 pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Covariance {
     let mut all = Covariance::default();
     let [roll, pitch, yaw] = euler_sd;
@@ -67,11 +66,11 @@ pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Cov
 }
 
 pub struct BodyVelocity {
-    /// Velocity in NED, m/s, and its standard deviations.
+    /// In NED, m/s, with standard deviations.
     pub velocity: [[f64; 3]; 2],
-    /// Rates in FRD, rad/s.
+    /// In FRD, rad/s.
     pub rates: Vector3<f64>,
-    /// Covariance of `rates`, (rad/s)².
+    /// (rad/s)².
     pub rates_covariance: Matrix3<f64>,
 }
 
@@ -119,7 +118,6 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// Direction of the body's axis in ENU.
     fn turned(q: &Quaternion, axis: Vector3<f64>) -> Vector3<f64> {
         UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z)) * axis
     }

@@ -1,10 +1,9 @@
 //! ROS 2 messages that are published and served, with the fields of their `.msg` and `.srv` files.
 //!
-//! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source: `share/*/*.json` of
-//! the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and ros-std-srvs 5.5.1 (Kilted). The hash of
-//! `TFMessage`, for which there is no package, was computed by REP 2016 from the same files; ros2_pyterfaces 0.3.0, on
-//! which pyzeros 0.1.0 is built, computes the same. (The `cydr` half of ros2_pyterfaces has another hash for
-//! `DiagnosticArray`, because it leaves out the fields that it cannot write.)
+//! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source:
+//! `share/*/*.json` of the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and
+//! ros-std-srvs 5.5.1 (Kilted). The hash of `TFMessage`, which has no package, was computed by REP 2016 from
+//! the same files; ros2_pyterfaces 0.3.0, on which pyzeros 0.1.0 is built, computes the same.
 
 use serde::Serialize;
 
@@ -71,7 +70,6 @@ pub struct Quaternion {
     pub x: f64,
     pub y: f64,
     pub z: f64,
-    /// Real part.
     pub w: f64,
 }
 
@@ -80,7 +78,7 @@ pub struct Quaternion {
 pub struct RosPose {
     /// m.
     pub position: Vector3,
-    /// Rotation that converts vectors from the child's frame to the header's.
+    /// Rotation from the child's frame to the header's.
     pub orientation: Quaternion,
 }
 
@@ -132,12 +130,11 @@ pub struct RosOdometry {
 /// `geometry_msgs/msg/TransformStamped`, its transform written out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformStamped {
-    /// Time, and parent frame.
     pub header: RosHeader,
     pub child_frame_id: String,
     /// Origin of the child in the parent, m.
     pub translation: Vector3,
-    /// Rotation that converts vectors from the child's frame to the parent's.
+    /// Rotation from the child's frame to the parent's.
     pub rotation: Quaternion,
 }
 
@@ -157,7 +154,6 @@ pub struct KeyValue {
 /// Levels of a `diagnostic_msgs/msg/DiagnosticStatus`.
 pub mod level {
     pub const OK: u8 = 0;
-    /// Works with restrictions.
     pub const WARN: u8 = 1;
     pub const ERROR: u8 = 2;
     /// No recent data.

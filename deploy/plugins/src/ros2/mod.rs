@@ -6,9 +6,10 @@
 //! forwards the services' orders; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. No
 //! flight waits for the node.
 //!
-//! hiroz 0.2, by Zenoh's makers, is not used: it turns on Zenoh's shared memory and brings `zenoh-ext` with bincode 1,
-//! and the dependencies of both have advisories. Whether its keys have hashes (all but Humble's) is a feature chosen at
-//! build time, while `--distro` is chosen at run time. By its own description it is experimental.
+//! hiroz 0.2, by Zenoh's makers, is not used. It is experimental by its own description, turns on Zenoh's
+//! shared memory and brings `zenoh-ext` with bincode 1; the dependencies of both have advisories. Whether its
+//! keys have hashes (all but Humble's) is a feature chosen at build time, while `--distro` is chosen at run
+//! time.
 
 pub mod cdr;
 pub mod command;

@@ -1,8 +1,8 @@
-//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens of nodes and
-//! their entities in ROS's graph, and the attachment of each message.
+//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens of
+//! nodes and their entities in ROS's graph, and the attachment of each message.
 //!
-//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0. For
-//! Humble: ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
+//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros
+//! 0.1.0. For Humble: ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
 
 use alight_computer::exit::CliError;
 use clap::ValueEnum;
@@ -13,7 +13,7 @@ use crate::ros2::messages::RosType;
 pub const MAX_DOMAIN: u32 = 232;
 const MAX_NAMESPACE: usize = 64;
 
-/// Kind of an entity other than a node.
+/// Entity other than a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entity {
     Publisher,
@@ -29,8 +29,8 @@ impl Entity {
     }
 }
 
-/// Distribution of ROS 2. Those before Iron have no hashes of types; publishers and receivers of different key forms do
-/// not exchange messages.
+/// Distribution of ROS 2. Before Iron, types have no hashes; publishers and receivers with different key
+/// forms do not exchange messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Distro {
     /// Keys without hashes (rmw_zenoh 0.1).
@@ -38,11 +38,10 @@ pub enum Distro {
     /// Keys with hashes (rmw_zenoh 0.2).
     #[default]
     Jazzy,
-    /// Keys with hashes, as those of Jazzy.
+    /// Keys with hashes, as for Jazzy.
     Kilted,
 }
 
-/// Placeholder for the hash in distributions without hashes.
 const NO_HASH: &str = "TypeHashNotSupported";
 
 impl Distro {
@@ -61,7 +60,6 @@ impl Distro {
             Distro::Jazzy | Distro::Kilted => parts.any(|part| part == NO_HASH),
         }
     }
-    /// Remedy for a session that [`Distro::is_apart`] detects.
     pub const fn remedy(self) -> &'static str {
         match self {
             Distro::Humble => {
@@ -125,7 +123,6 @@ impl RosNode {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// Distribution whose key form the node uses.
     pub fn distro(&self) -> Distro {
         self.distro
     }
@@ -143,7 +140,6 @@ impl RosNode {
         let hash = self.distro.hash(&at.kind);
         format!("{}/{name}/{}/{hash}", self.domain, at.kind.name)
     }
-    /// Token of the node in the session `zid`.
     pub fn token(&self, zid: &str) -> String {
         // The node is the entity 0.
         format!("{}/0/NN/{}", self.of_session(zid), self.place())
@@ -164,7 +160,7 @@ impl RosNode {
     fn of_session(&self, zid: &str) -> String {
         format!("@ros2_lv/{}/{zid}/0", self.domain)
     }
-    /// The enclave of SROS 2, which is empty; the namespace; the name.
+    /// Part of a token: the enclave of SROS 2, which is empty; the namespace; the name.
     fn place(&self) -> String {
         format!("%/{}/{}", escaped(&self.namespace), self.name)
     }
@@ -186,7 +182,6 @@ pub fn gid(token: &str) -> [u8; 16] {
 const GID_LENGTH: u8 = 16;
 /// Sequence number, time, length, gid.
 const ATTACHMENT_BYTES: usize = 8 + 8 + 1 + 16;
-/// Position of the time in an attachment.
 const TIME: core::ops::Range<usize> = 8..16;
 
 /// Attachment of a message: its number, the time of sending (ns since 1970), the sender.
@@ -199,15 +194,15 @@ pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     all
 }
 
-/// Time at which a message with this attachment was sent, ns since 1970 by its sender's clock; None if the attachment
-/// is invalid.
+/// Sending time of a message with this attachment, ns since 1970 by its sender's clock; None if the
+/// attachment is invalid.
 pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
     let bytes = attachment.get(TIME)?.try_into().ok()?;
     Some(i64::from_le_bytes(bytes))
 }
 
-/// Attachment of the response to a request: the same number and gid, by which the client recognises it, and the time.
-/// None if the request's attachment is invalid; newer versions of rmw_zenoh leave out the gid's length.
+/// Attachment of the response to a request: the same number and gid, by which the client recognises it, and
+/// the time. None if the request's attachment is invalid; newer versions of rmw_zenoh omit the gid's length.
 pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
     let fits = (ATTACHMENT_BYTES - 1..=ATTACHMENT_BYTES).contains(&request.len());
     let mut all = fits.then(|| request.to_vec())?;
@@ -268,7 +263,7 @@ mod tests {
         );
     }
 
-    /// Form of a Humble key according to PX4/PX4-Autopilot pull request 26619 and copper-project/copper-rs issue 1222.
+    /// Form of a Humble key by PX4/PX4-Autopilot pull request 26619 and copper-project/copper-rs issue 1222.
     #[test]
     fn ros_keys_of_humble_without_hashes() {
         let node = |distro| RosNode::new(0, "alight", "drone_1".into(), distro).unwrap();

@@ -1,5 +1,5 @@
-//! Orders of ROS services for the mission of this computer, given as `alight command` gives them and answered by the
-//! mission's state.
+//! Orders of ROS services for this computer's mission, sent like those of `alight command` and answered by
+//! the mission's state.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::process::local_command::{answer, give};
@@ -8,15 +8,14 @@ use alight_shared::msg::{Command, CommandKind, MissionState};
 use alight_shared::time::{Span, SteadyClock, Time};
 use alight_shared::topics;
 
-/// Client of a service that waits for the response.
 pub trait Caller {
     fn reply(self, taken: bool, message: &str);
 }
 
-/// Maximum time by which a request's stamp may be ahead of this computer's clock.
+/// Maximum lead of a request's stamp over this computer's clock.
 const AHEAD: Span = Span::from_millis(1000);
 
-/// Reason to reject a request that was sent at `sent_ns` by its client's clock: at `now_ns` it is too old, and its
+/// Reason to reject a request sent at `sent_ns` by its client's clock: at `now_ns` it is too old, because its
 /// client may have ended while the network delayed it. An abort is accepted at any age.
 pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
     let (age, limit) = (
@@ -69,8 +68,8 @@ const fn name(kind: CommandKind) -> &'static str {
 }
 
 impl<C: Caller> Orders<C> {
-    /// Takes an order at `now_ns` of the steady clock. A second request for the order under way waits for the same
-    /// answer. An abort replaces any other order, and nothing replaces an abort.
+    /// Takes an order at `now_ns` of the steady clock. A repeated order waits for the answer to the order
+    /// under way. An abort replaces any other order, and nothing replaces an abort.
     pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputerConfig, now_ns: i64) {
         match &mut self.under_way {
             Some(same) if same.kind() == kind && same.callers.len() < MAX_CALLERS => {
@@ -91,8 +90,8 @@ impl<C: Caller> Orders<C> {
             }
         }
     }
-    /// Answers the clients once the mission's newest state shows that it took the order, or when the time limit has
-    /// passed. Returns the command to send to the mission.
+    /// Answers the clients when the mission's newest state shows that it accepted the order, or after the
+    /// time limit. Returns the command to send to the mission.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
         let now = Time::from_nanos(now_ns);
@@ -138,7 +137,6 @@ mod tests {
             ..MissionState::default()
         }
     }
-    /// Orders that were given, and the answers of each client.
     fn given(all: &[(CommandKind, &'static str)]) -> (Orders<Known>, Answers) {
         let (mut orders, answers) = (Orders::default(), Answers::default());
         for (kind, who) in all {
@@ -185,7 +183,7 @@ mod tests {
         let (mut silent, none) = given(&[(CommandKind::Land, "a")]);
         assert_eq!(silent.poll(1, None, late), None);
         let text = |answers: &Answers| answers.borrow()[0].clone();
-        assert!(text(&answers).2.contains("did not take the command"));
+        assert!(text(&answers).2.contains("did not accept the command"));
         assert!(!text(&answers).1 && !text(&none).1);
         assert!(text(&none).2.starts_with("no mission answers"));
     }

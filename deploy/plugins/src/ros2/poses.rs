@@ -14,7 +14,6 @@ use crate::ros2::messages::{
     TransformStamped, Twist, TwistWithCovariance,
 };
 
-/// Messages to publish, if newer data have arrived.
 #[derive(Default)]
 pub struct NewPoses {
     pub drone: Option<RosOdometry>,
@@ -53,7 +52,6 @@ pub struct Poses {
 }
 
 impl Poses {
-    /// Converter whose frames' names begin with `prefix`.
     pub fn new(prefix: &str) -> Poses {
         let named = |name: &str| format!("{prefix}{name}");
         Poses {
@@ -94,7 +92,7 @@ fn of_drone(drone: &DroneState, header: RosHeader, child: &str) -> RosOdometry {
     odometry(header, child, drone.position, pose_sd, &drone.attitude(), &motion)
 }
 
-/// Odometry of the deck at the forecast's first stage, which is close to the present time; None for an empty forecast.
+/// Odometry of the deck at the forecast's first stage, close to the present; None for an empty forecast.
 fn of_deck(forecast: &DeckForecast, header: RosHeader, child: &str) -> Option<RosOdometry> {
     let now: &DeckStage = forecast.stages.first()?;
     let motion = BodyVelocity::of_euler_rates(

@@ -1,5 +1,5 @@
-//! Zenoh session of the node: opened with retries, publishing without waiting, with requests of services in a queue of
-//! fixed length.
+//! Zenoh session of the node: opened with retries, publishing without waiting, with service requests in a
+//! bounded queue.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -21,13 +21,11 @@ use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_at
 use crate::ros2::orders::Caller;
 
 const RETRY_NS: i64 = 1_000_000_000;
-/// Period of checking for connected peers, ns.
 const LOOK_NS: i64 = 1_000_000_000;
-/// Maximum number of waiting requests; further ones are rejected.
+/// Maximum number of waiting requests; further requests are rejected.
 const INBOX: usize = 16;
 /// Maximum length of a request, bytes; one of `Trigger` has five.
 const MAX_REQUEST: usize = 64;
-/// Maximum length of a message that the middleware reassembles, bytes.
 const MAX_MESSAGE_BYTES: u32 = 65_536;
 const OPEN_MS: u32 = 3000;
 /// Time for which a response waits for room in the middleware's queue before its link is closed, us.
@@ -71,7 +69,7 @@ impl RosConnection {
         }
         Ok(config)
     }
-    /// Text about the connection: `is_there` while a peer is connected.
+    /// Text about the connection; `is_there` while a peer is connected.
     fn contact(&self, is_there: bool) -> String {
         match (self, is_there) {
             (RosConnection::Router(at), true) => format!("connected to the router at {at}"),
@@ -102,7 +100,7 @@ struct Open {
 enum State {
     /// Time of the next attempt, ns.
     Closed(i64),
-    /// Opened by a thread of its own, for as long as the network takes.
+    /// Opened by a separate thread, for as long as the network takes.
     Opening(Receiver<Result<Open, String>>),
     Open(Open),
 }
@@ -126,12 +124,10 @@ pub struct RosSession {
     /// Whether a peer was connected; None before the first check.
     contact: Option<bool>,
     why: String,
-    /// The other distribution was reported.
     warned: bool,
 }
 
 impl RosSession {
-    /// Node without topics and services.
     pub fn of(node: RosNode, place: RosConnection) -> RosSession {
         let (sender, inbox) = sync_channel(INBOX);
         RosSession {
@@ -171,14 +167,13 @@ impl RosSession {
         };
         self.parts.services.push((endpoint, kind));
     }
-    /// Continues opening the session and checks for peers. Returns a text when the connection has changed, and once
-    /// when a session of a distribution with other keys is found.
+    /// Continues opening the session and checks for peers. Returns a text when the connection has changed,
+    /// and once when a session of a distribution with other keys is found.
     pub fn poll(&mut self, now_ns: i64) -> Option<String> {
         match &self.state {
             State::Closed(at_ns) if now_ns >= *at_ns => {
                 let (sender, opened) = sync_channel(1);
                 let parts = self.parts.clone();
-                // The receiver may no longer exist.
                 std::thread::spawn(move || drop(sender.send(Open::of(&parts))));
                 self.state = State::Opening(opened);
             }
@@ -201,7 +196,6 @@ impl RosSession {
         self.why = why;
         self.state = State::Closed(now_ns + RETRY_NS);
     }
-    /// Text about the connection, when it has changed.
     fn changed_contact(&mut self, now_ns: i64) -> Option<String> {
         let (is_there, why) = match &self.state {
             State::Open(open) if now_ns.saturating_sub(self.looked_ns) >= LOOK_NS => {
@@ -317,8 +311,8 @@ pub struct Request {
 }
 
 impl Request {
-    /// Queues a client's request for the service on `key`. It is rejected with the reason if the queue is full, or if
-    /// it is invalid or names more services than this one.
+    /// Queues a client's request for the service on `key`. Rejects it with the reason if the queue is full,
+    /// or if the request is invalid or names more services than this one.
     fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
         if !names(query.key_expr().as_str(), key) {
             reject(
@@ -377,7 +371,6 @@ impl Caller for Request {
             return;
         };
         let reply = self.query.reply(self.query.key_expr().clone(), bytes);
-        // The client may no longer exist.
         let _gone = reply
             .encoding(Encoding::APPLICATION_CDR)
             .attachment(attachment)

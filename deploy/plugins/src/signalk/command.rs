@@ -1,5 +1,3 @@
-//! `alight signalk`: publishes this computer's data on the boat's Signal K server.
-
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
@@ -35,11 +33,10 @@ pub struct SignalKArgs {
 }
 
 const PERIOD: Duration = Duration::from_millis(500);
-/// Pause before trying an absent server again; it doubles with each attempt up to a maximum.
+/// Pause before an absent server is tried again; it doubles with each attempt up to a maximum.
 const RETRY: Duration = Duration::from_secs(2);
 const MAX_RETRY: Duration = Duration::from_secs(32);
 
-/// Publishes until stopped.
 pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Success);
@@ -106,12 +103,12 @@ impl Default for Retry {
 }
 
 impl Retry {
-    /// Records that a delta was sent and the connection is still open. Returns whether that is news.
+    /// Records that a delta was sent and the connection is still open; returns whether that is new.
     fn taken(&mut self) -> bool {
         (self.reported, self.pause) = (None, RETRY);
         !core::mem::replace(&mut self.connected, true)
     }
-    /// Records that the connection is missing or lost. Returns whether that is news, and the time to wait.
+    /// Records that the connection is missing or lost; returns whether that is new, and the time to wait.
     fn failed(&mut self, why: &str) -> (bool, Duration) {
         let pause = self.pause;
         self.pause = (2 * pause).min(MAX_RETRY);
@@ -122,8 +119,8 @@ impl Retry {
     }
 }
 
-/// Sends new values until the connection ends or the command is stopped. A delta counts as `taken` if the connection is
-/// still open at the next period.
+/// Sends new values until the connection ends or the command is stopped. A delta counts as `taken` if the
+/// connection is still open at the next period.
 async fn publish(
     mut socket: SignalKSocket,
     deltas: &mut Deltas,
@@ -135,7 +132,7 @@ async fn publish(
     let mut is_sent = false;
     while !end_requested() {
         tokio::select! {
-            // Greetings, and answers to other clients' requests of these paths, are ignored.
+            // Ignores greetings, and answers to other clients' requests of these paths.
             received = socket.receive() => drop(received?),
             _ = due.tick() => {
                 if is_sent {
@@ -193,8 +190,8 @@ mod tests {
         assert_eq!(retry.failed("closed"), (true, RETRY));
     }
 
-    /// The configuration file was removed, and its number differed from that of the running process, to which the
-    /// certificate belongs.
+    /// The configuration file, since removed, has another number than the running process and its
+    /// certificate.
     #[test]
     fn restarted_processes_by_their_topics_alone() {
         let name = format!("test-signalk-{}", std::process::id());

@@ -1,11 +1,11 @@
 //! State of a computer as deltas for a Signal K server: values below `alight`, and findings as notifications.
 //!
-//! Each path belongs to one computer, which its `$source` names: `alight.deck`, `alight.helm` and the paths below
-//! `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the worse of both; the
-//! vessel's computer writes it because it receives the drone's status by radio.
+//! Each path belongs to one computer, which its `$source` names: `alight.deck`, `alight.helm` and the paths
+//! below `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the
+//! worse of both; the vessel's computer writes it because it receives the drone's status by radio.
 //!
 //! The vessel's sensors read none of these paths (`alight_usv::sensors`), so a server cannot return one as a
-//! measurement. Messages of a server are never orders.
+//! measurement. Messages from a server never count as orders.
 
 pub mod command;
 
@@ -33,7 +33,7 @@ type SentValue = (Value, i64);
 #[derive(Debug, Default)]
 pub struct Deltas {
     sent: BTreeMap<String, SentValue>,
-    /// Topics of findings that were not fine at some time; they are reported as normal afterwards.
+    /// Topics that have had a finding other than fine; they are reported as normal afterwards.
     topics: BTreeSet<&'static str>,
     /// Paths whose unit and description the server has.
     described: BTreeSet<String>,
@@ -45,7 +45,6 @@ impl Deltas {
         self.sent.clear();
         self.described.clear();
     }
-    /// Delta of the changes at `now_ns`; None without any.
     pub fn delta(&mut self, status: &Status, now_ns: i64) -> Option<String> {
         let own = own(&status.situation.known);
         let mut all = values(status, &own);
@@ -113,7 +112,6 @@ fn meaning(path: &str) -> Option<Value> {
     }
 }
 
-/// Root of the paths that only this computer writes.
 fn own(known: &ComputerReport) -> String {
     match (&known.vessel, known.drone_id) {
         (Some(_), _) => "vessel".into(),
@@ -298,7 +296,6 @@ mod tests {
         serde_json::from_str(&delta.unwrap()).unwrap()
     }
 
-    /// No path is written by both computers; the vessel writes the worse of both judgements.
     #[test]
     fn paths_of_two_computers() {
         let computers = [
@@ -347,7 +344,6 @@ mod tests {
                 }
             }
             assert!(numbers > 0);
-            // Each server gets the units once.
             let mut other = status.clone();
             other.running = false;
             assert_eq!(
@@ -411,7 +407,6 @@ mod tests {
             (&fine["state"], &fine["message"]),
             (&json!("normal"), &json!("as it should be"))
         );
-        // A restarted server gets everything.
         deltas.forget();
         assert!(at(&sent(deltas.delta(&with_findings(Vec::new()), 14 * S))).is_some());
     }
@@ -447,7 +442,6 @@ mod tests {
         assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
         let later = sent(deltas.delta(&status(&[]), 3 * S));
         assert!(later.keys().all(|p| !p.contains("drones.3")), "{later:?}");
-        // No sensor reads these paths.
         assert!(
             deltas
                 .sent

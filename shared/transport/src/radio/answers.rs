@@ -1,8 +1,8 @@
 //! Replies to queries: the newest message of a publication, and all schemas.
 //!
-//! zenoh sends a reply with the priority and congestion control of its query, and a blocking reply may wait for seconds
-//! (a reply's own priority has no effect in zenoh 1.10). A separate thread sends the replies, so that neither the
-//! middleware's reader nor the process is blocked by a query.
+//! zenoh replies with the priority and congestion control of the query, and a blocking reply may wait for
+//! seconds (its own priority has no effect in zenoh 1.10). Replies are sent by a separate thread, so that a
+//! query blocks neither the middleware's reader nor the process.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -19,7 +19,7 @@ use alight_shared::topics::Topic;
 
 /// Maximum number of pending queries; surplus ones get no reply.
 const MAX_WAITING: usize = 16;
-/// Maximum rate of each schema, 1/s: schemas are longer than messages, and programs query them once.
+/// Maximum rate of each schema, 1/s: they are long, and programs query them once.
 const MAX_SCHEMAS_PER_S: u32 = 1;
 
 #[derive(Clone, Copy)]
@@ -29,7 +29,7 @@ enum Question {
     Schemas,
 }
 
-/// Declares queryables for these publications, whose keys begin with `name`.
+/// Queryables for these publications, whose keys begin with `name`.
 pub(super) fn declare(
     session: &zenoh::Session,
     name: &str,
@@ -47,7 +47,6 @@ pub(super) fn declare(
     let declared = held.chain([schemas]).map(|(key, question)| {
         let sender = sender.clone();
         let queryable = session.declare_queryable(key).callback(move |query| {
-            // A query that does not fit ends without a reply.
             let _full = sender.try_send((query, question));
         });
         queryable.wait()
@@ -63,13 +62,12 @@ struct Answers {
 struct Described {
     key: String,
     topic: &'static Topic,
-    /// Schema text, generated at the first query.
     text: Option<ZBytes>,
     answers: PerSecond,
 }
 
 impl Described {
-    /// Schema text for a query on `keys` at `now_ns`, subject to the rate limit.
+    /// Schema text for a query on `keys` at `now_ns`, within the rate limit.
     fn asked(&mut self, keys: &KeyExpr<'_>, now_ns: i64) -> Option<ZBytes> {
         let is_asked = KeyExpr::try_from(self.key.as_str()).is_ok_and(|key| keys.intersects(&key));
         if !is_asked || !self.answers.admits(now_ns, MAX_SCHEMAS_PER_S) {
@@ -123,7 +121,6 @@ impl Answers {
 }
 
 fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
-    // The querier may be gone.
     let _gone = query.reply(key, bytes).encoding(encoding).express(true).wait();
 }
 
@@ -153,7 +150,6 @@ mod tests {
             &*texts[0].to_bytes(),
             topics::WAVE.described().to_string().as_bytes()
         );
-        // A schema that was not queried does not count.
         assert_eq!(asked("alight/vessel-1/@schema/deck", 2_000_000_000).len(), 1);
         assert_eq!(asked(all, 2_500_000_000), texts[..1]);
         assert!(asked("alight/vessel-2/@schema/**", 3_000_000_000).is_empty());

@@ -1,4 +1,4 @@
-//! Attempts to open the session: number of successes, time of the next attempt, and errors to report.
+//! Attempts to open the session: successes, time of the next one, and errors to report.
 
 use crate::TransportError;
 
@@ -20,8 +20,7 @@ impl Attempts {
         self.opened = self.opened.saturating_add(1);
         (self.next, self.reported) = (None, None);
     }
-    /// Records a failure at `now_ns` and schedules the next attempt. Returns the error if it differs from the last
-    /// reported one.
+    /// Records a failure at `now_ns` and schedules the next attempt. Returns the error if it is new.
     pub(super) fn failed(&mut self, now_ns: i64, why: &TransportError) -> Option<String> {
         let pause_ns = self.next.map_or(FIRST_PAUSE_NS, |(pause_ns, _)| {
             pause_ns.saturating_mul(2).min(MAX_PAUSE_NS)
@@ -37,7 +36,6 @@ impl Attempts {
             )
         })
     }
-    /// Whether the next attempt is not due yet.
     pub(super) fn is_pausing(&self) -> bool {
         self.next.is_some()
     }
@@ -78,7 +76,7 @@ mod tests {
                 .unwrap()
                 .contains("no room")
         );
-        // A success ends the pauses; the first success does not count as a reopening.
+        // A success ends the pauses; the first is not a reopening.
         attempts.succeeded();
         assert!(!attempts.is_pausing() && attempts.reopened() == 0);
         assert!(attempts.failed(now, &error("no room")).is_some());

@@ -8,56 +8,53 @@ use serde_json::Value;
 use crate::{TransportContext, TransportError, access};
 use alight_shared::config;
 
-/// Timeout for opening a datagram session, ms. Datagrams are not retransmitted within an attempt, so a short timeout
-/// repeats them sooner.
+/// Timeout for opening a datagram session, ms. An attempt repeats no datagram, so it is short.
 const DATAGRAM_OPEN_MS: u32 = 1000;
-/// Timeout for opening a stream session, ms. TCP or QUIC and zenoh need three round trips, 0.6 s at 100 ms each way
-/// without loss, and a lost packet is first repeated after 1 s. At 30 % loss and 100 ms no stream session opened in 33
-/// s with attempts of 1 s; with 3 s one attempt in four succeeded, and a session was restored after up to 30 s.
+/// Timeout for opening a stream session, ms. TCP or QUIC and zenoh need three round trips, 0.6 s at 100 ms
+/// each way, and a lost packet is first repeated after 1 s. At 30 % loss and 100 ms no stream opened in 33 s
+/// with attempts of 1 s; with 3 s one attempt in four succeeded, and a session was restored within 30 s.
 const STREAM_OPEN_MS: u32 = 8000;
 
-/// Metadata of a QUIC endpoint. If both sides support it, one connection has a stream for reliable messages (handshake,
+/// Metadata of a QUIC endpoint: if both sides support it, a stream for reliable messages (handshake,
 /// declarations) and datagrams for publications, of which only the newest counts.
 const QUIC_METADATA: &str = "?mixed_rel=auto";
 
 /// Maximum batch of the middleware, bytes; with IPv6 and TCP headers it fits into one packet.
 const BATCH_BYTES: u32 = 1380;
-/// Maximum length of a message reassembled by the middleware, bytes. Our messages fit into one batch; the rest is for
-/// zenoh's declarations. With zenoh's default of 1 GB, a peer could make this computer hold that much.
+/// Maximum length of a reassembled message, bytes. Ours fit into one batch; the rest is for zenoh's
+/// declarations. Zenoh's default would let a peer occupy 1 GB.
 const MAX_MESSAGE_BYTES: u32 = 16_384;
 /// Sessions per peer: the present one, and the one before a restart until it expires.
 const SESSIONS_PER_PEER: usize = 2;
 /// Additional sessions for peers that restart repeatedly.
 const SPARE_SESSIONS: usize = 8;
-/// Capacity of a stream's socket, bytes; the system also counts its overhead, about as much as the payload.
+/// Capacity of a stream's socket, bytes, with the system's overhead of about as much.
 const SOCKET_BYTES: u32 = 16_384;
 
 config! {
-    /// Endpoints of the radio, and its timeouts.
+    /// Endpoints and timeouts of the radio.
     pub struct RadioConfig {
         /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; for a vessel.
         pub listen: Vec<String> = Vec::new();
         /// Endpoints to dial, such as `udp/192.168.7.1:7447`; for a drone.
         pub connect: Vec<String> = Vec::new();
         /// Silence after which a datagram link is closed, s.
-        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with 10 s (the middleware's default), and
+        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with 10 s (the default), and
         /// fresh messages with 2 s.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
-        /// Silence after which a stream or QUIC link is closed, s; it may be waiting for a retransmission.
-        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and recovers by itself
-        /// within 5 s, while a new session takes 2 to 10 s.
+        /// Silence after which a stream or QUIC link is closed, s. Measured at 30 % loss and 100 ms: a stream
+        /// is silent for over 2 s every 20 s and recovers within 5 s, while a new session takes 2 to 10 s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// Silence after which a datagram session is reopened, s. A stream or QUIC session is reopened after its lease
-        /// plus one attempt to open. A session is also reopened if all its messages are older than this for as long
-        /// plus its lease.
-        /// Chosen: one lease, the slowest retry, and the same again.
+        /// Silence after which a datagram session is reopened, s; a stream or QUIC session, after its lease
+        /// plus one attempt to open. A session whose messages are all older than this is reopened after this
+        /// time plus its lease.
+        /// Chosen: twice the sum of a lease and the slowest retry.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
-        /// The endpoints to dial are those of a Zenoh router (zenohd), such as the boat's own, that connects vessels
-        /// and drones: the session is a client's. With certificates, `tls.router` names the router's, which checks the
-        /// keys of each peer.
+        /// The endpoints to dial are a Zenoh router's (zenohd), such as the boat's own, that connects vessels
+        /// and drones. With certificates, `tls.router` is its name, and it checks each peer's keys.
         pub router: bool = false;
-        /// File of Zenoh's own configuration (JSON5) for settings that Alight does not make, or the text itself in
-        /// braces; empty: none. Settings that contradict Alight are rejected.
+        /// File of Zenoh's own configuration (JSON5), or its text in braces; empty: none. Settings that
+        /// contradict Alight are rejected.
         pub zenoh: String = String::new();
         /// Certificates, for endpoints that begin with `quic/`.
         pub tls: TlsConfig;
@@ -73,7 +70,7 @@ config! {
             !this.router || !this.connect.is_empty(),
             "router",
             true,
-            "with a router both vessel and drone dial: write its endpoint into connect, and none into listen",
+            "with a router both vessel and drone dial: put its endpoint into connect and leave listen empty",
         )?;
         let secured = !this.tls.authority.is_empty();
         at.require(
@@ -122,11 +119,11 @@ config! {
         pub certificate: String = String::new();
         /// Private key of the certificate.
         pub key: String = String::new();
-        /// Certificate names of admitted peers, `vessel-N` or `drone-N`. Each may publish under its own key expressions
-        /// only.
+        /// Certificate names of admitted peers, `vessel-N` or `drone-N`. Each may publish under its own key
+        /// expressions only.
         pub peers: Vec<String> = Vec::new();
-        /// Certificate name of the Zenoh router (`radio.router`). Peers' keys are permitted on its link only, and the
-        /// router's access rules must check which certificate may use which key. Empty: none.
+        /// Certificate name of the Zenoh router (`radio.router`); empty: none. Peers' keys are permitted on
+        /// its link only, and its access rules must check which certificate may use which key.
         pub router: String = String::new();
     }
 }
@@ -206,13 +203,12 @@ impl RadioConfig {
         };
         SESSIONS_PER_PEER * peers + SPARE_SESSIONS
     }
-    /// Checks that Zenoh's own configuration can be read and agrees with this one, before a process needs it.
+    /// Checks that Zenoh's own configuration can be read and agrees with this one.
     pub fn check_zenoh(&self) -> Result<(), TransportError> {
         let file = ZenohFile::of(self)?;
         self.session("alight/any", &[], file.as_ref()).map(|_| ())
     }
-    /// Settings of the session: this configuration over `file`. `name` is the prefix of our keys, and `own` lists the
-    /// keys that we publish.
+    /// Settings of the session: this configuration over `file`; `name` is our key prefix, `own` our keys.
     pub(super) fn session(
         &self,
         name: &str,
@@ -240,7 +236,6 @@ impl RadioConfig {
             ("mode", text(&if self.router { "client" } else { "peer" })),
             ("listen/endpoints", ends(&self.listen)),
             ("connect/endpoints", ends(&self.connect)),
-            // Retry forever in the background.
             ("connect/timeout_ms", "-1".into()),
             ("connect/exit_on_failure", "false".into()),
             (
@@ -252,20 +247,19 @@ impl RadioConfig {
             ("transport/link/tx/lease", ms(self.link_lease_s())),
             ("transport/unicast/open_timeout", open_ms.clone()),
             ("transport/unicast/accept_timeout", open_ms),
-            // Messages that wait in the middleware or socket are old when sent: limit a batch to one packet instead of
-            // 64 kB, and the socket to a few.
+            // Messages waiting in middleware or socket age: limit a batch to one packet, the socket to a few.
             ("transport/link/tx/batch_size", BATCH_BYTES.to_string()),
             ("transport/link/tcp/so_sndbuf", SOCKET_BYTES.to_string()),
             (
                 "transport/link/rx/max_message_size",
                 MAX_MESSAGE_BYTES.to_string(),
             ),
-            // Otherwise one certificate could open a thousand sessions; the middleware limits only their sum.
+            // Otherwise one certificate could open a thousand sessions: the middleware limits only their sum.
             ("transport/unicast/max_sessions", self.max_sessions().to_string()),
             ("low_pass_filter", access::question_sizes().to_string()),
         ];
         if !self.router {
-            // With a router, all peers query over its link and would have one common rate.
+            // Behind a router, all peers would have one common query rate.
             settings.push(("downsampling", access::question_rates(name, own).to_string()));
         }
         if !self.tls.authority.is_empty() {
@@ -296,7 +290,7 @@ impl RadioConfig {
     }
 }
 
-/// Maximum length of Zenoh's configuration file, bytes; its example with every key has 40 kB.
+/// Maximum length of Zenoh's configuration file, bytes; its complete example has 40 kB.
 const MAX_FILE_BYTES: u64 = 1 << 18;
 
 /// Settings that Alight does not make and that must not be set, with reasons.
@@ -327,12 +321,12 @@ pub(super) struct ZenohFile {
     values: Value,
 }
 
-/// Whether `radio.zenoh` is the text itself: every Zenoh configuration contains a brace.
+/// Whether `radio.zenoh` is the text itself, which always contains a brace.
 fn is_text(zenoh: &str) -> bool {
     zenoh.contains('{')
 }
 
-/// Zenoh's own configuration: the text in `radio.zenoh`, or the content of the file it names; None if empty.
+/// Zenoh's own configuration: the text in `radio.zenoh`, or the file that it names; None if empty.
 pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
     if zenoh.is_empty() || is_text(zenoh) {
         return Ok((!zenoh.is_empty()).then(|| zenoh.to_owned()));
@@ -348,7 +342,6 @@ pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
 }
 
 impl ZenohFile {
-    /// File or text given by a configuration, if any.
     pub(super) fn of(config: &RadioConfig) -> Result<Option<ZenohFile>, TransportError> {
         let Some(text) = zenoh_text(&config.zenoh)? else {
             return Ok(None);
@@ -366,7 +359,7 @@ impl ZenohFile {
     fn config(&self) -> Result<zenoh::Config, TransportError> {
         zenoh::Config::from_json5(&self.text).doing(|| format!("reading Zenoh's configuration {}", self.path))
     }
-    /// Checks that it does not change keys and priorities of messages.
+    /// Checks that the file does not change keys and priorities of messages.
     fn leaves_messages(&self) -> Result<(), TransportError> {
         let set = |key: &str| self.values.get(key).filter(|v| !is_empty(v));
         let Some((key, value, why)) = UNSETTABLE
@@ -380,7 +373,7 @@ impl ZenohFile {
             what: format!("{key} is {value} in it, and {why}; remove it there"),
         })
     }
-    /// Checks that it leaves `key` unset or equal to Alight's `value`.
+    /// Checks that the file leaves `key` unset, or sets it to Alight's `value`.
     fn agrees(&self, key: &str, value: &str) -> Result<(), TransportError> {
         let own: Value = json5::from_str(value).doing(|| format!("reading the radio's own {key}"))?;
         let Some(theirs) = self
@@ -450,8 +443,7 @@ mod tests {
         let session = config.session("alight/vessel-1", &own, None).unwrap();
         let set = |key: &str| -> Value { serde_json::from_str(&session.get_json(key).unwrap()).unwrap() };
         let (sizes, rates) = (set("low_pass_filter"), set("downsampling"));
-        // The receiver counts messages that are too long, and a newer message is never dropped in favour of an older
-        // one.
+        // The receiver counts messages that are too long, and no newer message is dropped for an older one.
         for rule in [&sizes[0], &rates[0]] {
             assert_eq!(rule["messages"], serde_json::json!(["query"]));
             assert_eq!(rule["flows"], serde_json::json!(["ingress"]));

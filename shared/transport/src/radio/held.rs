@@ -4,11 +4,10 @@ use std::sync::{Mutex, PoisonError};
 
 use zenoh::bytes::ZBytes;
 
-/// Maximum rate of replies with a held message, 1/s, in addition to its broadcasts; each drone queries once when it
-/// connects.
+/// Maximum rate of replies with a held message, 1/s; each drone queries once when it connects.
 const MAX_ANSWERS_PER_S: u32 = 20;
 
-/// Rate limit: replies in the present second.
+/// Rate limit by the replies in the present second.
 #[derive(Debug, Default)]
 pub(super) struct PerSecond {
     second: i64,
@@ -16,7 +15,7 @@ pub(super) struct PerSecond {
 }
 
 impl PerSecond {
-    /// Whether another reply is permitted at `now_ns` with a limit of `most` per second.
+    /// Whether another reply is permitted at `now_ns`, of at most `most` per second.
     pub(super) fn admits(&mut self, now_ns: i64, most: u32) -> bool {
         let second = now_ns.div_euclid(1_000_000_000);
         if second != self.second {
@@ -42,7 +41,7 @@ impl NewestMessage {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         newest.bytes = Some(bytes);
     }
-    /// The message for a query at `now_ns`, subject to the rate limit.
+    /// Message for a query at `now_ns`, within the rate limit.
     pub(super) fn take(&self, now_ns: i64) -> Option<ZBytes> {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let admitted = newest.answers.admits(now_ns, MAX_ANSWERS_PER_S);

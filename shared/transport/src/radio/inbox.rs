@@ -1,8 +1,8 @@
-//! Messages waiting for the process. Orders are kept apart and read first. Both kinds have one ring for each
-//! subscription and sender, which drops its oldest message when full.
+//! Messages waiting for the process, orders first. Each subscription and sender has one ring for orders and
+//! one for others, which drops its oldest message when full.
 //!
-//! Zenoh's ring (`handlers::RingChannel`, 1.10) does not count drops and is common to a subscription, so one drone that
-//! floods `alight/drone-$*/status` would displace the statuses of all others.
+//! Zenoh's ring (`handlers::RingChannel`, 1.10) counts no drops and serves a whole subscription: one drone
+//! that floods `alight/drone-$*/status` would displace the statuses of all others.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -13,8 +13,7 @@ use tokio::sync::Notify;
 use crate::Received;
 use alight_shared::admission::Sender;
 
-/// Capacity of a ring, i.e. of one sender on one subscription: two seconds of estimates, or a status of every peer on
-/// one key.
+/// Capacity of a ring (one sender on one subscription): two seconds of estimates, or a status of every peer.
 const RING: usize = 64;
 /// Capacity of all rings together: 4 MB of the longest messages.
 const MAX_WAITING: usize = 1024;
@@ -24,7 +23,6 @@ const MAX_WAITING: usize = 1024;
 struct Rings(BTreeMap<(usize, Sender), VecDeque<Received>>);
 
 impl Rings {
-    /// Adds a message. Returns the number of dropped messages.
     fn push(&mut self, received: Received) -> u64 {
         let ring = self
             .0
@@ -35,7 +33,6 @@ impl Rings {
         if is_full {
             ring.pop_front();
         } else if self.0.values().map(VecDeque::len).sum::<usize>() > MAX_WAITING {
-            // The sender with the most messages loses one.
             if let Some(longest) = self.0.values_mut().max_by_key(|r| r.len()) {
                 longest.pop_front();
             }
@@ -72,11 +69,9 @@ impl Waiting {
     }
 }
 
-/// Buffer between the middleware's threads and the process.
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
-    /// Notifications for a waiting thread and for a waiting task.
     arrived: (Condvar, Notify),
 }
 
@@ -149,7 +144,6 @@ mod tests {
         assert_eq!((states, dropped), (newest, 10_000 - RING as u64));
     }
 
-    /// An admitted peer floods both the key of states and the key of orders.
     #[test]
     fn abort_and_states_in_the_flood_of_a_peer() {
         let inbox = Inbox::default();
@@ -182,7 +176,6 @@ mod tests {
             (taken(&inbox).len(), dropped),
             (MAX_WAITING, 2 * MAX_WAITING as u64)
         );
-        // The sender with the most messages loses one.
         for k in 0..10 {
             inbox.put(message(STATE, Sender::Vessel(1), k), false);
         }

@@ -1,7 +1,7 @@
-//! Liveliness tokens: each side has one with its name, `alight/NAME`, which zenoh withdraws when its session is lost.
+//! Liveliness tokens: each side has one with its name, `alight/NAME`, until zenoh loses its session.
 //!
-//! They show people and programs which peers are connected. A frozen process keeps its token (measured), so no decision
-//! depends on tokens, only on messages and their ages.
+//! They show which peers are connected. A frozen process keeps its token (measured), so no decision depends
+//! on tokens, only on messages and their ages.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +14,7 @@ use crate::access;
 use alight_shared::admission::Sender;
 
 const ALL: &str = "alight/*";
-/// Maximum number of stored tokens: peers on both sides, and operators.
+/// Maximum number of stored tokens: peers of both sides, and operators.
 const MAX_PRESENT: usize = 2 * access::PEERS;
 
 /// Peers with a session now.
@@ -22,7 +22,6 @@ const MAX_PRESENT: usize = 2 * access::PEERS;
 pub(super) struct Present(Arc<Mutex<BTreeSet<Sender>>>);
 
 impl Present {
-    /// Follows all tokens in a session.
     pub(super) fn of(session: &zenoh::Session) -> zenoh::Result<Present> {
         let present = Present::default();
         let followed = present.clone();

@@ -23,11 +23,10 @@ pub(super) fn priority(urgency: Urgency) -> Priority {
 pub struct Publication {
     pub(super) key: String,
     pub(super) urgency: Urgency,
-    /// Topic of the messages, which determines encoding and schema.
+    /// Topic, which determines encoding and schema.
     pub(super) topic: Option<&'static Topic>,
     /// Header overhead of each message, bytes.
     pub(super) overhead: u64,
-    /// Newest message, if it is stored for queries.
     pub(super) held: Option<Arc<NewestMessage>>,
 }
 
@@ -42,7 +41,7 @@ impl Publication {
             held: None,
         }
     }
-    /// Sets the topic: the encoding states the message version, and the schema can be queried.
+    /// Sets the topic, and with it the message version in the encoding and the schema for queries.
     pub fn of(self, topic: &'static Topic) -> Publication {
         Publication {
             topic: Some(topic),

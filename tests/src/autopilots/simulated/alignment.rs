@@ -1,9 +1,10 @@
-//! Start of the autopilot: it boots before or after our processes, reports its origin once GNSS is good, and later
-//! aligns its heading by the magnetometer.
+//! Start of the autopilot. It boots before or after our processes, reports its origin when GNSS is good, and
+//! then aligns its heading by the magnetometer.
 //!
-//! Measured with PX4 main of March 2026: the alignment follows 0.4 to 2 s after the origin is reported, and turns the
-//! heading by 50 to 118 deg. Before the alignment, the attitude has an arbitrary heading, GNSS is not fused (which is
-//! reported), and OFFBOARD (GUIDED) and arming are denied. Meanwhile a pilot holds the drone in place.
+//! Measured with PX4 main of March 2026: the alignment comes 0.4 to 2 s after the report of the origin, and
+//! turns the heading by 50 to 118 deg. Before it, the heading is arbitrary, the autopilot reports that GNSS
+//! is not fused, and it denies OFFBOARD (GUIDED) and arming. In the meantime a pilot holds the drone in
+//! place.
 
 use core::f64::consts::TAU;
 
@@ -20,12 +21,11 @@ const AFTER_S: [f64; 2] = [0.4, 2.0];
 /// Boot time of an autopilot that starts after our processes, s.
 const BOOT_S: [f64; 2] = [0.2, 1.0];
 
-/// State before the heading is aligned.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unaligned {
     /// Error of the heading, rad.
     turned: f64,
-    /// End of the boot, before which the autopilot is silent.
+    /// The autopilot is silent until then.
     boots_until: Time<TrueTime>,
     after: Span,
     /// Time of the alignment; None until the origin is reported.
@@ -33,7 +33,7 @@ pub(super) struct Unaligned {
 }
 
 impl Unaligned {
-    /// Draws the order in which autopilot and processes start, the heading error and the delay.
+    /// Draws whether the autopilot or our processes start first, the heading error and the delay.
     pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
@@ -52,7 +52,7 @@ impl Unaligned {
     pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
         now < self.boots_until
     }
-    /// Starts the delay once the origin is reported.
+    /// Starts the delay.
     pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
         self.due.get_or_insert(now + self.after);
     }
@@ -60,13 +60,13 @@ impl Unaligned {
     pub(super) fn is_over(&self, now: Time<TrueTime>) -> bool {
         self.due.is_some_and(|due| now >= due)
     }
-    /// Reported attitude (NED from body) for a true one.
+    /// Reported attitude (NED from body) of a drone with this true attitude.
     pub(super) fn read(&self, attitude: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         UnitQuaternion::from_euler_angles(0.0, 0.0, self.turned) * attitude
     }
 }
 
-/// Status flags of the estimator, with and without an aligned heading.
+/// Status flags of the estimator.
 pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
     let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
     match (firmware, aligned) {

@@ -6,7 +6,6 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::mixer::Mixer;
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, RotorFrame};
 
-/// Target of the attitude loop, from the outer loop or from a set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AttitudeSetPoint {
     /// Rotation NED from body.
@@ -19,11 +18,11 @@ pub(super) struct AttitudeSetPoint {
     pub(super) thrust: f64,
 }
 
-/// Body-rate set-point for an attitude error: PX4's `AttitudeControl`, after Brescianini, Hehn, D'Andrea 2013
-/// ("Nonlinear quadrocopter attitude control", section 4.2), which corrects tilt first, and heading with a weight.
-/// `wanted` and `is` are NED from body; the result is in rad/s.
+/// Body-rate set-point for an attitude error, rad/s; `wanted` and `is` are NED from body. PX4's
+/// `AttitudeControl`, after Brescianini, Hehn, D'Andrea 2013 ("Nonlinear quadrocopter attitude control",
+/// section 4.2): tilt first, heading with a weight.
 ///
-/// For small errors this is `w = P e`, so that a ramp is followed with the lag `1/P`.
+/// For small errors this is `w = P e`, so the attitude follows a ramp with the lag `1/P`.
 pub(super) fn rate_set_point(
     config: &AutopilotConfig,
     target: &AttitudeSetPoint,
@@ -57,7 +56,6 @@ fn canonical(q: &UnitQuaternion<f64>) -> Quaternion<f64> {
     }
 }
 
-/// Rate loop and mixer, with the nominal airframe only.
 #[derive(Clone, Debug)]
 pub(super) struct RateLoop {
     inertia: Vector3<f64>,
@@ -100,7 +98,7 @@ impl RateLoop {
         let error = wanted - is;
         let gain = Vector3::new(config.rate_gain_hz, config.rate_gain_hz, config.yaw_rate_gain_hz);
         for i in 0..3 {
-            // Anti-windup for a saturated mixer.
+            // Anti-windup.
             if !self.saturated[i] || error[i] * self.integral[i] < 0.0 {
                 let next = self.integral[i] + config.rate_integral_hz2 * error[i] * dt;
                 self.integral[i] = next.clamp(-10.0, 10.0);

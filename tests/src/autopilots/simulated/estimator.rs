@@ -1,4 +1,4 @@
-//! Sensors of the autopilot, and the estimate of its motion, which its control loops use.
+//! Sensors and state estimate of the autopilot, which its control loops use.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -31,8 +31,8 @@ pub(super) struct SimulatedErrors {
     pub(super) rates: Vector3<f64>,
 }
 
-/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias, with one 3x3 covariance for
-/// all three axes.
+/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias. One 3x3
+/// covariance applies to each of the three axes.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedEstimator {
     config: NavigationConfig,
@@ -40,7 +40,7 @@ pub(super) struct SimulatedEstimator {
     /// Drift of the barometer, which determines the height.
     barometer: GaussMarkov,
     attitude_error: [GaussMarkov; 3],
-    /// Additional heading errors, rad: due to the hull's steel, and due to resets of the estimate.
+    /// Additional heading errors, rad: one by the hull's steel, one by resets of the estimate.
     steel: f64,
     reset: f64,
     /// Displacement of the position by resets, m.
@@ -51,7 +51,7 @@ pub(super) struct SimulatedEstimator {
     barometer_rng: Stream,
     imu_rng: Stream,
     attitude_rng: Stream,
-    /// Estimated bias in NED, m/s².
+    /// Bias in NED, m/s².
     bias: Vector3<f64>,
     covariance: Matrix3<f64>,
     until_fix_s: f64,
@@ -60,7 +60,7 @@ pub(super) struct SimulatedEstimator {
 }
 
 impl SimulatedEstimator {
-    /// An estimator that has converged on a drone at rest in the air at `m`.
+    /// An estimator that has converged on the hovering drone `m`.
     pub(super) fn new(config: &NavigationConfig, streams: &Streams, m: &PlantState, dt: f64) -> Self {
         let mut gnss_rng = streams.stream("drone.gnss");
         let mut imu_rng = streams.stream("drone.imu");
@@ -127,8 +127,8 @@ impl SimulatedEstimator {
         e
     }
 
-    /// Position of the drone's navigation frame relative to the true one, m: the error of its GNSS and barometer, and
-    /// its resets.
+    /// Position of the drone's navigation frame relative to the true one, m: the error of GNSS and barometer,
+    /// and resets.
     pub(super) fn offset(&self) -> Vector3<f64> {
         let wander = Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value;
         wander + self.displaced
@@ -139,23 +139,23 @@ impl SimulatedEstimator {
     pub(super) fn errors(&self) -> &SimulatedErrors {
         &self.errors
     }
-    /// Standard deviations of position (m) and velocity (m/s). That of position is relative to the slow GNSS error,
-    /// which is common to the fixes of the last seconds.
+    /// Standard deviations of position (m) and velocity (m/s). That of position excludes the slow GNSS error,
+    /// which is common to successive fixes.
     pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
     }
 
-    /// Applies the hull's steel at `distance_m` for `dt` (s).
+    /// Applies the compass error of the hull's steel at `distance_m` for `dt` (s).
     pub(super) fn near_steel(&mut self, distance_m: f64, dt: f64) {
         let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
         self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);
     }
-    /// Resets the heading, which changes its error by `by_rad`.
+    /// Adds `by_rad` to the heading error.
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
     }
-    /// Resets the position, as if the estimator changed to another sensor, whose measurement differs by `by` (m).
+    /// Resets the position by `by` (m), as when the estimator switches to another sensor.
     pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
         self.displaced += by;
         self.estimate.position += by;
@@ -168,8 +168,8 @@ impl SimulatedEstimator {
             .map(|slow| slow.hypot(c.attitude_noise_deg).to_radians())
     }
 
-    /// Advances by a tick of `dt` that ends at the true motion `m`. Over the tick, the mean specific force in the body
-    /// frame was `force`, and the collective thrust `thrust` (fraction of the maximum).
+    /// Advances by a tick of `dt` that ends at the true motion `m`. `force` is the tick's mean specific force
+    /// in the body frame, `thrust` its collective thrust (fraction of the maximum).
     pub(super) fn step(&mut self, m: &PlantState, force: &Vector3<f64>, thrust: f64, dt: f64) {
         let c = &self.config;
         let errors = [0, 1, 2].map(|i| {
@@ -212,9 +212,9 @@ impl SimulatedEstimator {
         }
     }
 
-    /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q contains white accelerometer noise, fast attitude noise,
-    /// and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the drift of the GNSS error is not
-    /// process noise: the estimate follows it slowly and smoothly.
+    /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q contains white accelerometer noise, fast attitude
+    /// noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the drift of the GNSS
+    /// error is not process noise; the estimate follows it with a lag.
     fn predict(&mut self, accelerometer_sd: f64, dt: f64) {
         let c = &self.config;
         let f = Matrix3::new(1.0, dt, -0.5 * dt * dt, 0.0, 1.0, -dt, 0.0, 0.0, 1.0);
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn simulated_estimator_stated_deviations() {
         let dt = 0.01;
-        // A constant GNSS error, which the reported position deviation does not include.
+        // The reported position deviation does not include this constant GNSS error.
         let config = NavigationConfig {
             gnss_bias_s: 1e5,
             ..NavigationConfig::default()

@@ -1,5 +1,5 @@
-//! Flight of the autopilot: modes, failsafe for lost set-points, position control, land detector. These use the
-//! autopilot's own estimate and the nominal airframe.
+//! Modes, failsafe on set-point loss, position control and land detector, computed from the autopilot's own
+//! estimate and the nominal airframe.
 
 mod position_control;
 
@@ -21,9 +21,9 @@ use super::shaping::InputShaping;
 use super::spool::{PULSE_OFF_US, Spool};
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState, RotorFrame};
 
-/// Maximum gap between set-points that PX4 accepts before OFFBOARD.
+/// Maximum interval between set-points that counts as a stream, which PX4 requires before OFFBOARD.
 const OFFBOARD_GAP: Span = Span::from_millis(500);
-/// Minimum duration of the stream of set-points before OFFBOARD.
+/// Minimum duration of that stream.
 const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
 /// Validity of a landing target.
@@ -31,17 +31,16 @@ const TARGET_STALE: Span = Span::from_millis(1000);
 /// Maximum speed with which the hold point moves to a landing target, m/s, reached at a distance of 1 m.
 const GUIDED_MPS: f64 = 2.0;
 
-/// Stream of set-points.
 #[derive(Clone, Copy, Debug)]
 struct Received {
     newest: FlightReference,
     at: Time<TrueTime>,
-    /// Time since which set-points are frequent enough for OFFBOARD.
+    /// Start of the present stream, in which no interval exceeds [`OFFBOARD_GAP`].
     since: Time<TrueTime>,
 }
 
-/// Publication of PX4's active controllers: the Commander publishes `vehicle_control_mode` at 2 Hz, and immediately
-/// when the status changes (arming, mode). Therefore, when the kind of set-point changes, the controllers receive this
+/// Delay of PX4's controllers. The Commander publishes `vehicle_control_mode` at 2 Hz, and immediately when
+/// the vehicle's status changes (arming, mode). After a change of the set-point type, the controllers switch
 /// up to 0.5 s late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
 #[derive(Clone, Copy, Debug)]
 struct ControlMode {
@@ -53,13 +52,13 @@ struct ControlMode {
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
-    /// Whether position control is active at `now`; `positions`: the set-points sent now are of position.
+    /// Whether position control is active at `now`; `positions`: the present set-points are positions.
     fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
             self.positions = Some(positions);
         }
-        // The mode is entered with the first kind of set-point.
+        // A mode starts with its first set-point type.
         *self.positions.get_or_insert(positions)
     }
 }
@@ -75,40 +74,37 @@ pub(super) struct SimulatedFlight {
     landed: LandedState,
     received: Option<Received>,
     control_mode: ControlMode,
-    /// Newest position set-point.
     track: Option<PositionReference>,
     /// Number of outer periods.
     period: u32,
-    /// Hold position in modes other than OFFBOARD, and without a usable set-point.
+    /// Hold position without a usable set-point, and in modes other than OFFBOARD.
     hold: PositionReference,
     /// Destination of the return mode.
     pub(super) home: Vector3<f64>,
-    /// Landing target, with its time of arrival.
+    /// Landing target, and its time of arrival.
     guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
     target: AttitudeSetPoint,
-    /// Targets of the attitude loop that are not active yet, with their start times.
+    /// Attitude targets within the dead time, with their start times.
     delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
-    /// Active target of the attitude loop.
     in_force: AttitudeSetPoint,
     shaping: InputShaping,
-    /// Spool-up of ArduCopter's motors after arming.
     spool: Spool,
     pub(super) own: OwnFlight,
 }
 
 impl SimulatedFlight {
-    /// Configures the mixer for a frame other than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
-    /// FRAME_CLASS).
+    /// Configures the mixer for a frame other than a quadrotor (PX4: CA_AIRFRAME and rotor geometry,
+    /// ArduCopter: FRAME_CLASS).
     pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         let mixer = self.rate_loop.mixer;
         self.rate_loop = RateLoop::new(drone, frame);
         self.rate_loop.mixer = mixer;
     }
-    /// Holds position in the air in a manual mode, armed, with a hover thrust estimate that has converged to
-    /// `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
+    /// An armed drone that holds position in the air in a manual mode; the hover thrust estimate has
+    /// converged to `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
     pub(super) fn new(
         config: &AutopilotConfig,
         drone: &DroneGeometry,
@@ -194,7 +190,7 @@ impl SimulatedFlight {
             PULSE_OFF_US
         }
     }
-    /// ArduCopter reports the requested thrust, before its tilt compensation.
+    /// ArduCopter reports the requested thrust before tilt compensation.
     pub(super) fn reported_thrust(&self) -> f64 {
         self.thrust() * self.tilt_compensation(&self.target.attitude)
     }
@@ -214,7 +210,7 @@ impl SimulatedFlight {
         self.firmware().mode(self.mode)
     }
 
-    /// Handles a mode change. PX4 denies OFFBOARD without a stream of set-points.
+    /// Changes the mode; false if denied. PX4 denies OFFBOARD without a stream of set-points.
     pub(super) fn choose(&mut self, mode: u32, estimate: &Estimate, now: Time<TrueTime>) -> bool {
         let offboard = self.firmware().mode(mode) == AutopilotMode::Offboard;
         let streamed = |r: Received| now - r.at <= OFFBOARD_GAP && now - r.since >= OFFBOARD_STREAM;
@@ -252,7 +248,7 @@ impl SimulatedFlight {
         }
     }
 
-    /// Takes a set-point. An attitude set-point is effective immediately if position control is not active.
+    /// An attitude set-point takes effect immediately if position control is inactive.
     pub(super) fn take(&mut self, newest: FlightReference, now: Time<TrueTime>, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
@@ -276,7 +272,7 @@ impl SimulatedFlight {
             self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
         }
     }
-    /// Divisor of ArduCopter for the thrust set-point of a tilted drone (ATC_ANGLE_BOOST).
+    /// Divisor by which ArduCopter raises the thrust of a tilted drone (ATC_ANGLE_BOOST).
     fn tilt_compensation(&self, attitude: &UnitQuaternion<f64>) -> f64 {
         match self.firmware() {
             Firmware::Px4 => 1.0,
@@ -287,7 +283,6 @@ impl SimulatedFlight {
     fn enter(&mut self, mode: u32, estimate: &Estimate) {
         if mode != self.mode {
             self.mode = mode;
-            // A mode change publishes the control mode.
             self.control_mode.positions = None;
             self.hold_here(estimate);
         }
@@ -309,7 +304,6 @@ impl SimulatedFlight {
         };
     }
 
-    /// Outer loops, once per `dt`.
     pub(super) fn outer(
         &mut self,
         estimate: &Estimate,
@@ -337,7 +331,7 @@ impl SimulatedFlight {
         let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
         if self.firmware() == Firmware::ArduCopter && self.spool_up(received.map(|r| r.newest), estimate, dt)
         {
-            // ArduCopter's landing ends on the ground, where the rotors idle.
+            // ArduCopter's landing mode ends on the ground with idling rotors.
             if self.spool.gives_thrust() {
                 self.detect_landing(estimate, dt);
             }
@@ -352,7 +346,7 @@ impl SimulatedFlight {
                 self.move_hold(estimate, now, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
-                // ArduCopter without attitude set-points: level, no climb.
+                // Without attitude set-points ArduCopter levels and does not climb.
                 let last = self.received.filter(|_| offboard).map(|r| r.newest);
                 if let Some(FlightReference::Attitude(_)) = last {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
@@ -362,8 +356,8 @@ impl SimulatedFlight {
         self.detect_landing(estimate, dt);
     }
 
-    /// Steps ArduCopter's motors on the ground: they stand still, spin up when a set-point requests thrust, and
-    /// otherwise idle. Returns true while no control loop drives the rotors.
+    /// Motors of ArduCopter on the ground: off, spinning up when a set-point requests thrust, otherwise idle.
+    /// True while no control loop drives the rotors.
     fn spool_up(&mut self, newest: Option<FlightReference>, estimate: &Estimate, dt: f64) -> bool {
         let stands = self.landed == LandedState::OnGround;
         let wants = match (self.kind(), newest) {
@@ -385,8 +379,9 @@ impl SimulatedFlight {
         idles
     }
 
-    /// Follows a set-point. Until position control has received that it is inactive, position control and the attitude
-    /// set-points write targets alternately; until it has received that it is active, the last attitude persists.
+    /// Follows a set-point. After a change of its type, PX4's position control lags: until it learns that it
+    /// is inactive, it and the attitude set-points write targets alternately; until it learns that it is
+    /// active, the last attitude persists.
     fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
@@ -414,8 +409,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Handles a loss of set-points for COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT, and returns to OFFBOARD
-    /// when set-points resume. ArduCopter stays in GUIDED and stops.
+    /// Reacts to set-point loss after COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT and returns to
+    /// OFFBOARD when set-points resume; ArduCopter stays in GUIDED and stops.
     fn lose_set_points(&mut self, some: bool, action: f64, estimate: &Estimate) {
         let offboard = self.firmware().mode(self.chosen) == AutopilotMode::Offboard;
         if !offboard || self.firmware() == Firmware::ArduCopter {
@@ -431,7 +426,6 @@ impl SimulatedFlight {
         self.enter(mode, estimate);
     }
 
-    /// Moves the hold point in modes that have a destination.
     fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
@@ -470,7 +464,7 @@ impl SimulatedFlight {
             self.enter(hold, estimate);
         }
     }
-    /// Moves the hold point above a fresh landing target, as in a precision landing, with a speed proportional to the
+    /// Precision landing: moves the hold point towards a fresh landing target, at a speed proportional to the
     /// distance.
     fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
         let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
@@ -483,13 +477,13 @@ impl SimulatedFlight {
     }
     fn sink(&mut self, estimate: &Estimate, dt: f64) {
         self.hold.velocity.z = self.config.land_mps;
-        // The set-point leads by at most a metre, so that ground contact unloads the rotors.
+        // The hold point leads by at most 1 m, so that ground contact unloads the rotors.
         self.hold.position.z =
             (self.hold.position.z + self.config.land_mps * dt).min(estimate.position.z + 1.0);
     }
 
-    /// Estimates hover thrust from the lift at the present thrust: `T_h = T g / f_lift`, smoothed (PX4's hover thrust
-    /// estimator with its fixed gain), in the air and without shocks.
+    /// Hover thrust from the lift at the present thrust, `T_h = T g / f_lift`, smoothed (PX4's hover thrust
+    /// estimator with a fixed gain). Not updated on the ground or during shocks.
     fn estimate_hover(&mut self, e: &Estimate, dt: f64) {
         let lift = -e.specific_force.z;
         if self.landed == LandedState::OnGround
@@ -503,15 +497,14 @@ impl SimulatedFlight {
         self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
     }
 
-    /// Simplified land detector of PX4: low thrust and low speed for a second. In the autopilot's own landing it then
-    /// disarms the motors.
+    /// Simplified land detector of PX4: low thrust and low speed for 1 s. The landing mode then disarms.
     fn detect_landing(&mut self, e: &Estimate, dt: f64) {
         let quiet = self.target.thrust < 0.6 * self.hover_thrust
             && e.velocity.z.abs() < 0.25
             && e.velocity.xy().norm() < 0.5
             && e.rates.norm() < 0.35;
         self.still_s = if quiet { self.still_s + dt } else { 0.0 };
-        // ArduCopter counts as landed until the throttle exceeds half of hover (`get_non_takeoff_throttle`).
+        // ArduCopter stays landed until the throttle exceeds half of hover (`get_non_takeoff_throttle`).
         let stays = self.firmware() == Firmware::ArduCopter
             && self.landed == LandedState::OnGround
             && self.target.thrust <= 0.5 * self.hover_thrust;
@@ -526,8 +519,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Inner loops, each step of `dt`, on the true state plus the errors of the last estimate, which change far more
-    /// slowly than an outer period; None if the motors are stopped.
+    /// Inner loops, one step of `dt`; None if the motors are stopped. They use the true state plus the last
+    /// estimate's errors, which hardly change within an outer period.
     pub(super) fn inner(
         &mut self,
         errors: &SimulatedErrors,
@@ -547,7 +540,7 @@ impl SimulatedFlight {
         }
         let c = &self.config;
         let wanted = match self.firmware() {
-            // PX4 ignores the rates.
+            // PX4 ignores the rate set-point.
             Firmware::Px4 => rate_set_point(c, &target, &is),
             Firmware::ArduCopter => {
                 let tc = c.attitude_lag_s();
@@ -561,7 +554,7 @@ impl SimulatedFlight {
         )
     }
 
-    /// Active target at `now`: the newest one that is older than the dead time.
+    /// The newest target older than the dead time.
     fn active_target(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {

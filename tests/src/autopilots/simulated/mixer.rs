@@ -1,11 +1,11 @@
-//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, with priorities at saturation. All
-//! values are fractions of a rotor's maximum thrust.
+//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, with priorities at
+//! saturation, as fractions of a rotor's maximum thrust.
 
 use crate::physics::drone::{MAX_ROTORS, RotorFrame};
 
-/// Excess over a rotor's range that yaw may request before it is reduced; at the upper end thrust is reduced instead.
+/// Excess over a rotor's range that yaw may request before it is reduced; at the upper end, thrust is reduced
+/// instead.
 const YAW_MARGIN: f64 = 0.15;
-/// Tolerance below which a moment counts as complete.
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,25 +15,23 @@ pub enum Mixer {
         airmode: bool,
     },
     ArduCopter {
-        /// Collective thrust of a hover.
         hover: f64,
-        /// Interpolation between the wanted collective thrust and that of a hover; roll and pitch may raise the
-        /// collective up to this value (ATC_THR_MIX_MIN).
+        /// Upper bound of a collective thrust that roll and pitch raise: 0 the wanted thrust, 1 that of a
+        /// hover (ATC_THR_MIX_MIN).
         mix: f64,
     },
 }
 
-/// Rotor commands, and whether roll, pitch and yaw are saturated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixed {
     pub out: [f64; MAX_ROTORS],
-    /// Roll, pitch, yaw.
+    /// Saturation of roll, pitch, yaw.
     pub saturated: [bool; 3],
 }
 
 impl Mixer {
-    /// Rotor commands for the collective `thrust` and the changes per rotor for roll and pitch (`tilt`) and for yaw
-    /// (`turn`); entries beyond the frame's rotors are zero.
+    /// Rotor commands for the collective `thrust` and the changes per rotor by roll and pitch (`tilt`) and by
+    /// yaw (`turn`). Entries beyond the frame's rotors are zero.
     pub fn mix(
         self,
         frame: RotorFrame,
@@ -66,8 +64,8 @@ impl Mixer {
     }
 }
 
-/// PX4's `ControlAllocationSequentialDesaturation`. Without air mode, thrust is never raised. Roll, pitch and yaw are
-/// reduced in this order, until all rotors are within their range.
+/// PX4's `ControlAllocationSequentialDesaturation`: reduces roll, pitch and yaw, in this order, until all
+/// rotors are within their range. Without air mode, thrust is never raised.
 fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], airmode: bool) -> Vec<f64> {
     let [roll, pitch, yaw] = axes;
     let less_thrust = [-1.0; MAX_ROTORS];
@@ -81,8 +79,9 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     out
 }
 
-/// Moves `out` along `axis` towards the range from 0 to `most`, twice, the second time by half; either only forward, or
-/// in both directions. Rotors without a part in the axis (two of a hexarotor for pitch) are not desaturated.
+/// Moves `out` along `axis` towards the range from 0 to `most`, twice, the second time by half; with
+/// `forward` never backward. Rotors that the axis does not drive (two of a hexarotor in pitch) stay
+/// saturated.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
@@ -104,8 +103,8 @@ fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: boo
     out.iter_mut().zip(axis).for_each(|(o, a)| *o += second * a);
 }
 
-/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective thrust up to `raised`; beyond that, both are
-/// scaled down by the same factor. Yaw gets the remaining range.
+/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective thrust up to `raised`; beyond that,
+/// one factor scales both down. Yaw gets the remaining range.
 fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64> {
     let base = raised.min(0.5);
     let room = |t: f64, y: f64| {
@@ -201,7 +200,7 @@ mod tests {
 
     #[test]
     fn px4_mixer_without_air_mode_at_little_thrust() {
-        // Pitch alone would use the whole range; roll, a quarter of pitch, is dropped entirely.
+        // Pitch alone would use the whole range; roll, a quarter of pitch, is dropped.
         let m = mix(PX4, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.1, 0.0, 0.1, 0.0]), "{:?}", given(&m));
         assert!(m.saturated[0] && m.saturated[1]);

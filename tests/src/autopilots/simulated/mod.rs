@@ -1,5 +1,5 @@
-//! The simulated autopilot, which behaves as PX4 or as ArduCopter: MAVLink messages in and out, and rotor commands from
-//! its own imperfect estimate of the drone's true motion. Trials, tests and live landings use it.
+//! The simulated autopilot of trials, tests and live landings. It imitates PX4 or ArduCopter: MAVLink in and
+//! out, and rotor commands from an imperfect estimate of the drone's true motion.
 //!
 //! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and reports.
 //! [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`] modes, failsafes,
@@ -50,86 +50,76 @@ pub use modes::{mode_number, own_mission as own_mission_mode};
 const OUTER: Span = Span::from_millis(10);
 /// Steps of the inner loops in that period.
 pub const INNER_PER_OUTER: u32 = 5;
-/// Phase of the outer loops in the first period: their report arrives just before the next period of a computer that
-/// works at the beginning of each period, as it would at a computer that the report wakes.
+/// Phase of the outer loops in the first period: their report arrives just before the next period of a
+/// lock-step computer. On a real computer the report itself wakes the process.
 const PHASE: Span = Span::from_millis(6);
-/// Time for which a toggling gauge stays on each side, s.
+/// Time that a toggling gauge spends on each side, s.
 const TOGGLES_S: f64 = 20.0;
-/// Maximum number of commands that are kept for a test.
 const MAX_COMMANDS: usize = 1000;
 
-/// The simulated autopilot; the fields that a test changes are public.
+/// Fields that a test changes are public.
 pub struct SimulatedAutopilot {
     pub address: Address,
     /// Origin of the autopilot's NED, with its height above the sea.
     pub origin: Datum,
-    /// Height of the sea above the ellipsoid, m, if the receiver reports both heights.
+    /// Height of the sea above the ellipsoid, m; needs a receiver that reports both heights.
     pub geoid_m: Option<f64>,
-    /// Whether the receiver reports both heights.
     pub gnss_ellipsoid: bool,
     /// Distance of the hull's steel, which disturbs the compass, m.
     pub steel_m: f64,
-    /// Origin of the true NED; None: the autopilot's origin is the true one.
+    /// Origin of the true NED; None: the autopilot's origin.
     place: Option<Datum>,
-    /// Parameters; requests for parameters that are not in it are not answered.
+    /// Requests for other parameters remain unanswered.
     pub parameters: BTreeMap<&'static str, f64>,
-    /// Measurement range of the rangefinder, m.
     pub range_limits_m: [f64; 2],
-    /// Newest reading of the rangefinder, and its time of measurement.
+    /// Newest reading, and its time of measurement.
     range: Option<(Time<TrueTime>, RangeSample)>,
-    /// Counter of the estimate's resets.
     pub resets: u8,
     /// True charge of the battery, 0 to 1.
     pub battery: f64,
     /// Hover time with a full battery, s.
     pub endurance_s: f64,
-    /// Whether the drone has a battery gauge.
     pub battery_reported: bool,
-    /// Fault: gauge and voltage keep their value from the start of the fault, or toggle between it and one that is
-    /// higher by the second value.
+    /// Fault: gauge and voltage freeze at the first value, or toggle between it and one that is higher by the
+    /// second.
     pub battery_report: Option<[f64; 2]>,
     /// Fault: the autopilot sends nothing.
     pub silent: bool,
-    /// Fault: the autopilot answers every command with this result instead of executing it.
+    /// Fault: answer to every command, which is not executed.
     pub answer: Option<CommandResult>,
     /// Fault: the autopilot does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
-    /// Home position, with its height above the sea; None until a command has set it.
+    /// Home position, with its height above the sea; None until a command sets it.
     pub home: Option<Datum>,
     /// Fault: the autopilot does not send messages with these ids.
     pub muted: Vec<u32>,
-    /// Fault: the autopilot reports this landed state, whatever its detector finds.
+    /// Fault: reported landed state, whatever the detector finds.
     pub landed_report: Option<LandedState>,
-    /// Fault: the autopilot does not report its origin.
     pub no_origin: bool,
-    /// Channels of the remote control, us; None: the drone has no receiver.
+    /// Channels of the remote control, us; None: no receiver.
     pub channels: Option<[u16; 18]>,
     /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
     /// Fault: the ground station's heartbeats have ceased.
     pub data_link_lost: bool,
-    /// The newest commands received, with their times.
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
-    /// Number of received set-points.
     pub set_points: u32,
     pub rejected: u32,
-    /// Newest landing target that the guidance accepted, m, in the NED of the estimate.
+    /// Newest accepted landing target, in the NED of the estimate, m.
     pub target: Option<Vector3<f64>>,
-    /// Number of landing targets that the guidance rejected.
     pub targets_rejected: u32,
     clock: ClockModel,
-    /// State of the heading alignment; None: the heading is aligned.
     unaligned: Option<Unaligned>,
     estimator: SimulatedEstimator,
     flight: SimulatedFlight,
-    /// Rotation rate of the drone at the autopilot's start, rad/s.
+    /// Rotation rate at the autopilot's start, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
     force: (Vector3<f64>, f64),
     streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
-    /// State of the autopilot's own mission as last sent by PX4, with the time.
+    /// State of the own mission that PX4 sent last, and when.
     reported_mission: Option<(Time<TrueTime>, u8)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
@@ -137,9 +127,9 @@ pub struct SimulatedAutopilot {
 }
 
 impl SimulatedAutopilot {
-    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged. `hover`:
-    /// collective thrust in hover, as a fraction of the nominal maximum. Sensor errors come from the streams `drone.*`,
-    /// the clock from `autopilot.clock`.
+    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged.
+    /// `hover`: collective thrust of a hover, as a fraction of the nominal maximum. Sensor errors use the
+    /// streams `drone.*`, the clock uses `autopilot.clock`.
     pub fn new(
         config: &AutopilotConfig,
         navigation: &NavigationConfig,
@@ -206,17 +196,16 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// With a key, the autopilot signs its messages and accepts only signed ones.
+    /// Signs messages, and accepts only signed ones, if there is a key.
     pub fn set_signing(&mut self, signing: Option<Signing>) {
         self.decoder = Decoder::signed(signing.clone());
         self.encoder = Encoder::signed(signing);
     }
-    /// Configures the mixer for this frame; the default is a quadrotor.
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         self.flight.set_frame(drone, frame);
     }
-    /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), the origin of the true NED to
-    /// `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
+    /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), that of the true NED
+    /// to `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
         (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
         self.origin = Datum {
@@ -228,27 +217,27 @@ impl SimulatedAutopilot {
     pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
         self.range = Some((at, sample));
     }
-    /// Starts the autopilot as if just switched on, before or after our processes; its heading is aligned only after
-    /// its origin is known. The times are random.
+    /// Restarts the autopilot as if just switched on, at a random time before or after our processes. It
+    /// aligns its heading after its origin is known.
     pub fn start(&mut self, streams: &Streams) {
         self.unaligned = Some(Unaligned::drawn(streams, self.now));
     }
     pub fn is_aligned(&self) -> bool {
         self.unaligned.is_none()
     }
-    /// Resets the estimator's position by this vector, m; `counted`: the reset counter counts the reset.
+    /// Resets the estimated position by `by`, m; `counted`: the reset counter is incremented.
     pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// Resets the estimator's heading with this additional error, rad; the reset counter counts the reset.
+    /// Adds `by_rad` to the heading error; the reset counter is incremented.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
     }
 
-    /// One step at the drone's true state, with the messages that have arrived. Returns rotor commands as fractions of
-    /// the nominal maximum, or None if the motors are off.
+    /// One step at the drone's true state, with the messages that have arrived. Returns rotor commands as
+    /// fractions of the nominal maximum; None if motors are off.
     pub fn step(&mut self, truth: &PlantState, arrived: &[MavlinkMessage]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
@@ -265,7 +254,7 @@ impl SimulatedAutopilot {
         let motors = self.flight.inner(self.estimator.errors(), truth, dt);
         motors.filter(|_| !self.is_empty())
     }
-    /// Whether the battery is empty: the motors then stop, whatever the autopilot commands.
+    /// An empty battery stops the motors, whatever the autopilot commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
     }
@@ -275,7 +264,7 @@ impl SimulatedAutopilot {
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
-    /// A step with the bytes of a wire in both directions.
+    /// One step with the bytes of a wire in both directions.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -306,7 +295,7 @@ impl SimulatedAutopilot {
         self.lose_connections();
         let now = self.now;
         if self.unaligned.take_if(|u| u.is_over(now)).is_some() {
-            // PX4 counts the reset.
+            // PX4 increments the reset counter.
             self.resets = self.resets.wrapping_add(1);
         }
         self.flight.outer(self.estimator.now(), now, &self.parameters, dt);
@@ -317,7 +306,7 @@ impl SimulatedAutopilot {
     pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
         self.flight.own.upload(items);
     }
-    /// The pilot moves the mode switch; true if the autopilot entered the mode.
+    /// Moves the pilot's mode switch; true if the autopilot entered the mode.
     pub fn choose(&mut self, mode: u32) -> bool {
         if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {
             return false;
@@ -328,19 +317,15 @@ impl SimulatedAutopilot {
     pub fn chosen(&self) -> u32 {
         self.flight.chosen()
     }
-    /// The active mode.
     pub fn mode(&self) -> u32 {
         self.flight.mode()
     }
-    /// The firmware that the autopilot imitates.
     pub fn firmware(&self) -> Firmware {
         self.flight.firmware()
     }
-    /// Whether the motors may turn.
     pub fn armed(&self) -> bool {
         self.flight.armed()
     }
-    /// The pilot arms or disarms the drone.
     pub fn arm(&mut self, armed: bool) {
         self.flight.arm(armed, self.estimator.now());
     }
@@ -348,7 +333,6 @@ impl SimulatedAutopilot {
     pub fn hold_at(&mut self, position: Vector3<f64>) {
         self.flight.hold_at(position);
     }
-    /// Present collective thrust command, 0 to 1.
     pub fn thrust(&self) -> f64 {
         self.flight.thrust()
     }
@@ -356,15 +340,14 @@ impl SimulatedAutopilot {
     pub fn wanted(&self) -> UnitQuaternion<f64> {
         self.flight.wanted()
     }
-    /// The autopilot's estimate of the hover thrust.
     pub fn hover_thrust(&self) -> f64 {
         self.flight.hover_thrust()
     }
-    /// The autopilot's position estimate, in its own NED, m.
+    /// Estimated position in the autopilot's NED, m.
     pub fn position(&self) -> Vector3<f64> {
         self.estimator.now().position
     }
-    /// Present displacement of the autopilot's NED from the true one, m: the error of its GNSS.
+    /// Displacement of the autopilot's NED from the true one by GNSS error, m.
     pub fn frame_offset(&self) -> Vector3<f64> {
         self.estimator.offset()
     }
@@ -373,16 +356,15 @@ impl SimulatedAutopilot {
         self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
         self.streams = protocol::first_streams();
     }
-    /// Time of the autopilot's clock.
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
-    /// Whether a failsafe's mode is active, although the chosen mode is the one that takes set-points.
+    /// Whether a failsafe has replaced OFFBOARD (GUIDED) by another mode.
     pub fn holds_by_itself(&self) -> bool {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()
     }
-    /// Whether the autopilot is in the mode that takes set-points.
+    /// Whether the active mode is OFFBOARD (GUIDED).
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard
     }

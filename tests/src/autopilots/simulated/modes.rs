@@ -3,7 +3,6 @@
 use alight_shared::msg::AutopilotMode;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
-/// Number of the mode that flies the firmware's own mission.
 pub const fn own_mission(firmware: Firmware) -> u32 {
     match firmware {
         Firmware::Px4 => px4_mode(4, 4),
@@ -11,7 +10,7 @@ pub const fn own_mission(firmware: Firmware) -> u32 {
     }
 }
 
-/// Number of a mode; `Other` is the position mode of manual flight.
+/// `Other` is the position mode of manual flight.
 pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
     match (firmware, mode) {
         (Firmware::Px4, AutopilotMode::Other) => px4_mode(3, 0),

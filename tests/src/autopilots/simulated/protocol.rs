@@ -20,14 +20,12 @@ use super::reference::FlightReference;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
-/// Voltage of its empty battery of four cells, and the additional voltage of a full one, V.
+/// Voltage of an empty battery of four cells, and what a full one adds, V.
 const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
 /// Period at which CURRENT_MODE is sent while the mode is unchanged.
 const MODE_PERIOD: Span = Span::from_millis(500);
-/// Maximum age of a rangefinder reading that is sent.
 const RANGE_LASTS: Span = Span::from_millis(100);
-/// Period at which PX4 sends MISSION_CURRENT.
 const MISSION_PERIOD: Span = Span::from_millis(1000);
 /// PX4's parameters that are integers.
 const INTEGERS: [&str; 8] = [
@@ -40,13 +38,11 @@ const INTEGERS: [&str; 8] = [
     "GF_ACTION",
     "COM_ARM_MAG_STR",
 ];
-/// Highest rate of ArduCopter's telemetry streams, whatever is requested, Hz: 39 to 42 Hz were measured when 100 Hz
-/// were requested.
+/// Highest rate of ArduCopter's telemetry streams, Hz. Measured: 39 to 42 Hz when 100 Hz were requested.
 const ARDUCOPTER_HZ: f64 = 40.0;
 /// Maximum magnitude of a value in a set-point.
 const MAX_VALUE: f64 = 1e5;
 
-/// A message that is sent periodically.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MessageSchedule {
     id: u32,
@@ -64,12 +60,10 @@ impl MessageSchedule {
     }
 }
 
-/// Streams that an onboard link sends without a request.
 pub(super) fn first_streams() -> Vec<MessageSchedule> {
     vec![MessageSchedule::new(id::HEARTBEAT, 1.0)]
 }
 
-/// Parameters that a landing needs, with the configured failsafe.
 pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
     let action = match c.loss_action {
         LossAction::Hold => 5.0,
@@ -82,7 +76,8 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("COM_OBL_RC_ACT", action),
             ("MPC_ACC_UP_MAX", 8.0),
             ("MC_AIRMODE", 0.0),
-            // When the remote control is lost, PX4 returns, except in OFFBOARD; a lost data link has no effect.
+            // When the remote control is lost, PX4 returns, except in OFFBOARD; a lost data link has no
+            // effect.
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
@@ -140,7 +135,7 @@ impl SimulatedAutopilot {
             .metres_per_map_metre(self.firmware().map_radius_m());
         Vector3::new(north, east, 1.0)
     }
-    /// Position that the firmware reports for a true position (m): relative to its origin, on its map of a spherical
+    /// Position that the firmware reports for a true position (m): relative to its origin, on a spherical
     /// Earth.
     fn on_map(&self, position: &Vector3<f64>) -> Vector3<f64> {
         let at = self
@@ -237,11 +232,11 @@ impl SimulatedAutopilot {
             _ => {}
         }
     }
-    /// Handles a landing target by the rule of each firmware. PX4 (`MavlinkReceiver::handle_message_landing_target`):
-    /// with a valid position it accepts only MAV_FRAME_LOCAL_NED, and otherwise sends a critical text. ArduPilot
-    /// (`AC_PrecLand_MAVLink::handle_msg`): it accepts only MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD, and otherwise
-    /// sends one text; from a valid position it takes the direction `position / distance`, and without a distance above
-    /// 0 it drops the message silently.
+    /// Handles a landing target as each firmware does. PX4
+    /// (`MavlinkReceiver::handle_message_landing_target`): a valid position must be in MAV_FRAME_LOCAL_NED;
+    /// another frame causes a critical text. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`): the frame must be
+    /// MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD; another causes one text. It uses only the direction
+    /// `position / distance` of a valid position, and drops a message without a positive distance.
     fn take_target(&mut self, t: &LandingTarget) {
         let e = self.estimator.now();
         let (_, _, yaw) = e.attitude.euler_angles();
@@ -300,7 +295,7 @@ impl SimulatedAutopilot {
                     (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
                     | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
-                    // The autopilot accepts the request, but its heartbeats keep their own rate.
+                    // Accepted, but heartbeats keep their own rate.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
@@ -363,8 +358,8 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Reacts to a lost remote control or data link: the mode that the firmware's failsafe enters stays active until
-    /// another mode is chosen.
+    /// Enters the failsafe mode of a lost remote control or data link, which stays active until another is
+    /// chosen.
     pub(super) fn lose_connections(&mut self) {
         let offboard = self.in_offboard();
         let mode = match self.firmware() {
@@ -404,7 +399,7 @@ impl SimulatedAutopilot {
         let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
         MavlinkMessage::MissionCurrent { total, state }
     }
-    /// Reports the progress of its own mission: reached items, and for PX4 its state once a second and when it changes.
+    /// Reports reached items and, for PX4, the state once a second and on change.
     fn report_own_mission(&mut self) {
         if self.flight.own.is_empty() {
             return;
@@ -421,7 +416,6 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Sends the streams that are due.
     pub(super) fn report(&mut self) {
         self.report_own_mission();
         for k in 0..self.streams.len() {
@@ -434,7 +428,7 @@ impl SimulatedAutopilot {
                 continue;
             }
             if which == id::CURRENT_MODE {
-                // When the mode changes, and twice a second with the vehicle's state.
+                // On change, and twice a second with the vehicle's state.
                 let mode = self.mode();
                 let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
                 if self.reported_mode.is_some_and(recent) {
@@ -522,8 +516,8 @@ impl SimulatedAutopilot {
                     .then_some(EMPTY_V + FULL_V * self.shown_charge()),
                 current_a: None,
             },
-            // While the signal is lost, PX4's receiver counts as absent; ArduCopter's receiver counts as unhealthy, and
-            // the channels continue with the failsafe's values.
+            // Without a signal, PX4's receiver counts as absent. ArduCopter's counts as unhealthy, and its
+            // channels have the failsafe's values.
             id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
             id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
                 count: 18,

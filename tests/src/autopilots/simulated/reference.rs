@@ -4,7 +4,6 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::AttitudeSetPoint;
 
-/// Trajectory that position control follows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PositionReference {
     pub(super) position: Vector3<f64>,

@@ -1,11 +1,11 @@
-//! ArduCopter's input shaping and attitude loop (`AC_AttitudeControl::input_quaternion`). The vehicle does not follow a
-//! set-point directly, but a target that moves towards it with limited acceleration and feeds its rates forward.
+//! ArduCopter's input shaping and attitude loop (`AC_AttitudeControl::input_quaternion`). The vehicle follows
+//! a target, which moves towards the set-point with limited acceleration and whose rates are fed forward.
 //!
-//! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and the limit
-//! `a` (ATC_ACCEL_R_MAX), the wanted rate is `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))` beyond `|e| = a
-//! tc²`; the target's rate changes to `w_d` by at most `a dt`. The vehicle follows the target by `w = w_target + P
-//! e_target` (ATC_ANG_RLL_P). The response to a set-point of more than a few degrees is therefore slower than `tc`; a
-//! linear model describes this as dead time.
+//! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and
+//! the limit `a` (ATC_ACCEL_R_MAX), the wanted rate is `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² /
+//! 2))` beyond `|e| = a tc²`. The target's rate approaches `w_d` by at most `a dt` per step. The vehicle
+//! follows by `w = w_target + P e_target` (ATC_ANG_RLL_P). The response to more than a few degrees is
+//! therefore slower than `tc`; a linear model describes this as dead time.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -17,7 +17,6 @@ const MAX_ACCELERATION: [f64; 3] = [19.2, 19.2, 4.71];
 /// Gain from the target's error to body rates, 1/s (ATC_ANG_RLL_P, ATC_ANG_PIT_P, ATC_ANG_YAW_P).
 const ANGLE_GAIN: f64 = 4.5;
 
-/// Target that moves towards the set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InputShaping {
     /// Rotation NED from the target's body frame.
@@ -27,7 +26,7 @@ pub(super) struct InputShaping {
 }
 
 impl InputShaping {
-    /// A target at rest at this attitude.
+    /// A target at rest.
     pub(super) fn at(attitude: UnitQuaternion<f64>) -> InputShaping {
         InputShaping {
             attitude,
@@ -35,8 +34,8 @@ impl InputShaping {
         }
     }
 
-    /// Moves the target towards `to` over `dt` with the time constant `tc` (s) and a yaw rate of at most `max_yaw_rate`
-    /// (rad/s). Returns the body rates, rad/s, for a vehicle at `is`.
+    /// Moves the target towards `to` over `dt` with the time constant `tc` (s) and at most `max_yaw_rate`
+    /// (rad/s). Returns body rates for a vehicle at `is`, rad/s.
     pub(super) fn step(
         &mut self,
         to: &AttitudeSetPoint,
@@ -46,7 +45,7 @@ impl InputShaping {
         dt: f64,
     ) -> Vector3<f64> {
         let error = (self.attitude.inverse() * to.attitude).scaled_axis();
-        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates into it once too often.
+        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates once too often.
         let lead = to.attitude * to.rates + Vector3::z() * to.yaw_rate;
         for i in 0..3 {
             let limit = MAX_ACCELERATION[i];
@@ -62,8 +61,8 @@ impl InputShaping {
     }
 }
 
-/// Rate that removes an error (rad): proportional, and by the braking distance beyond `a tc²` (ArduPilot's
-/// `sqrt_controller`), rad/s.
+/// Rate that removes an error (rad), rad/s: proportional up to `a tc²`, limited by the braking distance
+/// beyond it (ArduPilot's `sqrt_controller`).
 fn towards(error: f64, tc: f64, limit: f64) -> f64 {
     let linear = limit * tc * tc;
     if error.abs() <= linear {
@@ -79,19 +78,19 @@ fn towards(error: f64, tc: f64, limit: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Twenty seconds of set-points, with the target and the attitude as logged by ArduCopter 4.7-dev at its default
-    /// parameters (simulated flight of the real firmware), deg.
+    /// Set-points of 20 s, with the target and attitude that ArduCopter 4.7-dev logged at default parameters
+    /// (real firmware in simulation), deg.
     const FLIGHT: &str = include_str!("../../../flights/arducopter-oscillating.csv");
-    /// Lag of rate loop and motors in that flight, s.
+    /// Lag of rate loop and motors in that log, s.
     const RATE_LAG_S: f64 = 0.08;
 
-    /// Columns of a row; None for empty ones.
+    /// None for empty columns.
     fn row(line: &str) -> Option<[Option<f64>; 7]> {
         let values: Vec<Option<f64>> = line.split(',').map(|v| v.parse().ok()).collect();
         values.try_into().ok()
     }
 
-    /// Root mean square of the logged target and attitude, and the error of the replayed ones, deg.
+    /// Root mean squares of the logged target and attitude, and errors of the replayed ones, deg.
     fn replayed() -> [[f64; 2]; 2] {
         let dt = 0.0025;
         let mut set: Option<[f64; 2]> = None;

@@ -1,15 +1,14 @@
-//! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for ARMING_DELAY_SEC, a
-//! build-time constant. When thrust is requested, they spin up to idle speed within MOT_SPOOL_TIME, and produce thrust
-//! from then on.
-//! Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us in 0.5 s, then the requested
-//! output within one report. Until then, `ATTITUDE_TARGET` has no thrust, and the landed state is "on ground". PX4's
-//! motors respond immediately.
+//! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for
+//! ARMING_DELAY_SEC, a build-time constant, then spin up to idle within MOT_SPOOL_TIME once thrust is
+//! requested, and then produce thrust. Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp
+//! to 1020 us in 0.5 s, the requested output one report later. Until then `ATTITUDE_TARGET` has no thrust and
+//! the landed state is "on ground". PX4's motors respond immediately.
 
 /// ARMING_DELAY_SEC, s.
 const ARMING_DELAY_S: f64 = 2.0;
 /// MOT_SPOOL_TIME, s.
 const SPOOL_S: f64 = 0.5;
-/// Pulse widths of a motor that is off, at idle speed, and at full thrust, us.
+/// Pulse widths of a motor: off, idle, full thrust, us.
 pub(super) const PULSE_OFF_US: f64 = 1000.0;
 const PULSE_IDLE_US: f64 = 20.0;
 const PULSE_RANGE_US: f64 = 1000.0;
@@ -22,7 +21,6 @@ pub(super) struct Spool {
 }
 
 impl Spool {
-    /// Motors that are running.
     pub(super) const RUNNING: Spool = Spool {
         armed_s: f64::INFINITY,
         ratio: 1.0,
@@ -43,11 +41,10 @@ impl Spool {
     pub(super) fn turns(&self) -> bool {
         self.ratio > 0.0
     }
-    /// Whether the motors produce the requested thrust.
     pub(super) fn gives_thrust(&self) -> bool {
         self.ratio >= 1.0
     }
-    /// Pulse width of an output for this requested thrust, 0 to 1, us.
+    /// Pulse width for a requested thrust of 0 to 1, us.
     pub(super) fn pulse_us(&self, thrust: f64) -> f64 {
         let thrust = if self.gives_thrust() { thrust } else { 0.0 };
         PULSE_OFF_US + (PULSE_IDLE_US * self.ratio).max(PULSE_RANGE_US * thrust)
@@ -58,7 +55,7 @@ impl Spool {
 mod tests {
     use super::*;
 
-    /// The values are from ArduCopter's log of a take-off.
+    /// Values: ArduCopter's log of a take-off.
     #[test]
     fn motors_after_arming() {
         let mut spool = Spool::begun();

@@ -14,7 +14,7 @@ const TICK: Span = Span::from_millis(10);
 const DT: f64 = 0.01;
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
-/// A configuration without errors and noise, to test control alone.
+/// No errors and no noise, to test control alone.
 fn ideal(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -60,7 +60,7 @@ impl Flown {
             impacts: Vec::new(),
         }
     }
-    /// A drone that follows set-points, which initially hold its position.
+    /// A drone in OFFBOARD whose set-points hold its position.
     fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let mut f = Flown::new(c, seed, position);
         f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));
@@ -77,7 +77,6 @@ impl Flown {
         self.impacts.extend(reports.into_iter().flat_map(|r| r.impacts));
         self.t += TICK;
     }
-    /// Flies for `seconds` with a set-point each tick.
     fn fly(&mut self, seconds: f64, mut set_point: impl FnMut(f64) -> Option<MavlinkMessage>) {
         for _ in 0..(seconds / DT).round() as usize {
             self.arrived.extend(set_point(self.t.secs()));
@@ -136,7 +135,7 @@ fn hover_with_default_errors_and_gusty_wind() {
         let mut worst: f64 = 0.0;
         for _ in 0..4000 {
             f.tick();
-            // In the autopilot's frame, which drifts with its GNSS.
+            // The autopilot's frame drifts with its GNSS.
             let error = f.position() + f.a.frame_offset() - start - offset;
             worst = worst.max(error.norm());
         }
@@ -145,7 +144,7 @@ fn hover_with_default_errors_and_gusty_wind() {
             (0.01..limit).contains(&worst),
             "seed {seed} wind {wind}: {worst} m"
         );
-        // Hover thrust differs from the nominal by the hidden errors, and the estimate finds it.
+        // Hidden errors change the hover thrust, and the estimate finds it.
         let (found, hover) = (f.a.hover_thrust(), f.drone.hover_thrust());
         let near = (found / hover - 1.0).abs() < 0.03;
         assert!(near || wind > 0.0, "{found} {hover}");
@@ -170,7 +169,8 @@ fn position_step_without_much_overshoot() {
 
 #[test]
 fn circle_as_measured_on_the_firmwares() {
-    // Circle of 4 m at 2 m/s plus heave 0.5 m / 5 s, with an external plant: PX4 0.146 m rms, ArduCopter 0.080 m.
+    // Circle of 4 m at 2 m/s, heave of 0.5 m in 5 s. Firmwares with an external plant: PX4 0.146 m rms,
+    // ArduCopter 0.080 m.
     for (firmware, limits) in [(Firmware::Px4, 0.01..0.3), (Firmware::ArduCopter, 0.01..0.2)] {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(4.0, 0.0, -10.0));
         let (omega, heave) = (0.5_f64, core::f64::consts::TAU / 5.0);
@@ -201,7 +201,6 @@ fn measured_lag(lag_s: f64) -> f64 {
     let roll = |t: f64| 0.1 * (core::f64::consts::PI * t).sin();
     let (mut asked, mut got) = (Vec::new(), Vec::new());
     for _ in 0..2000 {
-        // State at the time of the set-point, before the step.
         asked.push(roll(f.t.secs()));
         got.push(f.drone.truth().euler().x);
         f.fly(DT, |t| Some(attitude(roll(t), hover)));
@@ -229,8 +228,8 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Minimum and maximum over seeds of the drone's tilt (rad), 0.3 s after a command to tilt by 0.2 rad. For 3 s before
-/// the command, the drone receives `first`.
+/// Range over seeds of the tilt (rad) 0.3 s after a command to tilt by 0.2 rad. The drone receives `first`
+/// for 3 s before.
 fn tilt_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
@@ -248,7 +247,7 @@ fn set_point_kind_changed_between_control_modes() {
     for (firmware, first, late) in [
         (Firmware::Px4, attitude(0.0, 0.34), false),
         (Firmware::ArduCopter, hover.clone(), false),
-        // Position control also writes attitudes until it receives the change: immediately, or 0.5 s later.
+        // Position control overwrites attitudes until it learns of the change: immediately, or 0.5 s later.
         (Firmware::Px4, hover, true),
     ] {
         let [min, max] = tilt_after(firmware, &first);
@@ -357,7 +356,7 @@ fn remote_control_and_data_link_lost() {
         let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
-        // Set-points alone do not end that kind of failsafe.
+        // Resuming set-points do not end this failsafe.
         (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
@@ -397,7 +396,7 @@ fn disarm_in_the_air_only_by_force_and_for_good() {
 
 #[test]
 fn streams_at_their_rate_and_denials() {
-    // ArduCopter's telemetry sends 40 Hz if a higher rate is requested.
+    // ArduCopter's telemetry sends at most 40 Hz.
     for (firmware, which, denied, hz) in [
         (Firmware::Px4, id::ODOMETRY, id::SCALED_IMU, 50_usize),
         (Firmware::ArduCopter, id::LOCAL_POSITION_NED, id::ODOMETRY, 40),

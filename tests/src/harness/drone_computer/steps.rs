@@ -1,4 +1,4 @@
-//! Steps of a drone computer's rows, each with the other ends of its edges.
+//! Steps of a drone computer's rows, and the far ends of their edges.
 
 use core::mem::swap;
 
@@ -27,7 +27,6 @@ use alight_uav::computer::Installed;
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
-/// Delays plans by their solve time.
 struct SolveTime<'a> {
     arrives: Time<TrueTime>,
     plans: &'a mut DelayLine<Plan>,
@@ -41,7 +40,7 @@ impl Edge<Planner> for SolveTime<'_> {
         _ports: &mut PlannerPorts<B>,
     ) -> bool {
         if let Some(plan) = out.plan {
-            // When the delay line is full, plans are not read; only the oldest state is lost.
+            // A full delay line drops the plan: it is full only while plans are not read.
             let _full = self.plans.push(self.arrives, plan);
         }
         true
@@ -66,7 +65,7 @@ impl SimulatedDroneComputer {
             self.waiting.extend(waiting);
             return;
         }
-        // Packets that waited are stamped when the bridge reads them.
+        // The bridge stamps waiting packets when it reads them.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let mut packets: Vec<_> = waited.chain(packets).collect();
         let radio = &mut self.radio;
@@ -84,7 +83,6 @@ impl SimulatedDroneComputer {
         let step = bridge.step(|| now, &mut edge::<Bridge>(receive, send));
         observer.step(t, &step.of(ProcessKind::Bridge, boot));
     }
-    /// Steps the link with what the autopilot has sent.
     pub(super) fn receive_from_autopilot(
         &mut self,
         (t, now): Moment,
@@ -94,13 +92,13 @@ impl SimulatedDroneComputer {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
-            // PX4 rejects Offboard until set-points have been streamed for long enough, so the pilot tries again.
+            // PX4 rejects Offboard without a sustained stream of set-points; the pilot tries again.
             let autopilot = &mut linked.autopilot;
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
-        // A frozen process leaves the bytes that it would read on the wire.
+        // A frozen process leaves its bytes on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
         self.step_link((t, now), frames, observer);
     }
@@ -129,8 +127,8 @@ impl SimulatedDroneComputer {
         let step = link.step(|| now, &mut wire);
         observer.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
-    /// Steps the cameras by their exposures, or by the detections of measurement models. Feeds rangefinder, beacon and
-    /// receiver into the link's wires.
+    /// Steps the cameras with images or the measurement models' detections. Passes rangefinder, beacon and
+    /// receiver to the link's wires.
     pub(super) fn sense(
         &mut self,
         (t, now): Moment,
@@ -218,7 +216,7 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// Steps a row if its process is alive, is in `runs`, and has a step due; shows the step to an observer.
+/// Steps a row if its process is alive, in `runs`, and has a step due; shows the step to an observer.
 fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),

@@ -1,4 +1,4 @@
-//! A second boat with the same tags, moored alongside the vessel. It moves with the vessel and rocks in the waves at
+//! A second boat with the same tags, moored alongside. It moves with the vessel, and rocks in the waves at
 //! its own position.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
@@ -16,12 +16,12 @@ use crate::sensors::noise::Noise;
 pub(super) struct Neighbour {
     carrier: DeckCarrier,
     sea: Sea,
-    /// From the vessel's deck centre to the neighbour's, north and east, m.
+    /// Offset of the neighbour's deck centre from the vessel's, north and east, m.
     apart: Vector2<f64>,
 }
 
 impl Neighbour {
-    /// The neighbour of this seed, at the scenario's distance, in a random direction from the stream `neighbour`.
+    /// Places the neighbour at the scenario's distance, in a random direction from the stream `neighbour`.
     pub(super) fn new(
         scenario: &Scenario,
         sea: &Sea,

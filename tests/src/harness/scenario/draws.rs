@@ -1,8 +1,8 @@
-//! Parameter errors of the nodes' configurations (data sheets, tape measures): per seed, true values are drawn around
-//! the scenario's values, which the nodes receive.
+//! Parameter errors of the nodes' configurations (data sheets, tape measures): each seed draws true values
+//! around those of the scenario, which the nodes receive.
 //!
-//! Mass, thrust, lever arms, misalignment, biases and the camera's mount have keys of their own and are not drawn here.
-//! The random stream `draws/<name>` of each parameter is separate, so that a new parameter does not shift the others.
+//! Mass, thrust, lever arms, misalignment, biases and the camera's mount have keys of their own. Each
+//! parameter has its own random stream `draws/<name>`, so that a new parameter does not shift the others.
 
 use alight_shared::config;
 
@@ -13,10 +13,10 @@ use crate::sensors::noise::Noise;
 config! {
     /// Differences between the simulated world and the nodes' configurations.
     pub struct DrawConfig {
-        /// Whether parameters are drawn; otherwise the world has the scenario's values.
+        /// Draw true parameters; otherwise the world has the scenario's values.
         pub on: bool = false;
-        /// Noise ratio of every sensor: the factor is log-uniform between its inverse and itself.
-        /// Chosen: data sheets state typical values, which vibration, sky and mounting change by about half.
+        /// Ratio of the true to the stated noise of every sensor, log-uniform between its inverse and itself.
+        /// Chosen: data sheets state typical values; vibration, sky and mounting change them by about half.
         pub noise_ratio: f64 = 1.5, in 1.0..=10.0;
         /// Bound of the relative error of the drone's moments of inertia, per axis.
         /// Chosen: a bifilar pendulum is accurate to a few per cent, a sum over parts to 10 or 20.
@@ -28,7 +28,7 @@ config! {
         /// Source: PX4 0.10 s with a gain of 10 to 12, 0.16 s with its default of 6.5; nominal 0.10 s.
         pub attitude_lag_factor: [f64; 2] = [0.9, 1.6], in 0.3..=3.0;
         /// Bound of the relative error of the friction between feet and deck.
-        /// Chosen: wet and dry, paint and rubber of the same kind.
+        /// Chosen: wet and dry paint and rubber of one kind.
         pub friction_error: f64 = 0.25, in 0.0..=0.9;
         /// Standard deviation of each tag's position relative to the printed layout, per axis, m.
         /// Chosen: sheets laid on printed lines.
@@ -87,8 +87,8 @@ impl Draws<'_> {
 }
 
 impl Scenario {
-    /// Enables the draws, so that true parameters differ from the nodes'. A GNSS mast within the landing deck is moved
-    /// aft of it, in the world and in the vessel's configuration.
+    /// Enables the draws: true parameters differ from the nodes'. A GNSS mast within the deck moves aft of
+    /// it, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;
         let (deck, antenna) = (&self.deck, &mut self.sensors.vessel_gnss.antenna_m);
@@ -99,8 +99,7 @@ impl Scenario {
         }
     }
 
-    /// The true scenario of `seed`, with every parameter of [`DrawConfig`] drawn. A scenario that is already drawn
-    /// stays as it is.
+    /// The true scenario of `seed`. A scenario that is already drawn is returned unchanged.
     pub fn drawn(&self, seed: impl Into<Streams>) -> Scenario {
         let mut world = self.clone();
         if !self.draws.on {
@@ -120,8 +119,7 @@ impl Scenario {
         world
     }
 
-    /// Moves all tags by `moved` and each by a small random offset, and scales them relative to the size that the nodes
-    /// assume.
+    /// Moves all tags by `moved` and each by a small random offset; scales them relative to the nodes' size.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
         let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
         draws.vary("tag-side", &mut scale, c.tag_error);
@@ -149,7 +147,7 @@ impl Scenario {
         s.vessel_imu.gyro_bias_sd_radps *= factor("vessel-gyro-bias");
         s.vessel_imu.accelerometer_white_sd_mps2 *= factor("vessel-accelerometer");
         s.vessel_imu.accelerometer_bias_sd_mps2 *= factor("vessel-accelerometer-bias");
-        // Receivers and compasses report the accuracies of their data sheet.
+        // Receivers and compasses report the accuracy of their data sheet.
         let white = factor("vessel-gnss");
         s.vessel_gnss.error.white_sd_m *= white;
         s.vessel_gnss.error.velocity_sd_mps *= white;
@@ -249,7 +247,7 @@ mod tests {
             let ratio =
                 w.sensors.vessel_imu.gyro_white_sd_radps / plain.sensors.vessel_imu.gyro_white_sd_radps;
             assert!((1.0 / 1.5..=1.5).contains(&ratio) && ratio != 1.0);
-            // The accuracy that a receiver reports does not change.
+            // The reported accuracy does not change.
             let stated = w.sensors.vessel_gnss.error.white_sd_m * w.sensors.vessel_gnss.stated_factor;
             assert!((stated / plain.sensors.vessel_gnss.error.white_sd_m - 1.0).abs() < 1e-12);
             let mass = w.vessel.mass_kg / plain.vessel.mass_kg;

@@ -1,5 +1,5 @@
-//! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the eventful states
-//! of the flight.
+//! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the
+//! flight's eventful states.
 
 use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
@@ -11,7 +11,7 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::VesselCourse;
 use crate::sensors::noise::Noise;
 
-/// Percentage of the faults that begin at the first entry of their state, and at the first or second entry.
+/// Percentages of faults at the first entry of their state, and at the first or second.
 const ENTRIES: [f64; 2] = [85.0, 95.0];
 /// Messages of the autopilot that a fault may stop.
 const STREAMS: [u32; 9] = [
@@ -27,10 +27,10 @@ const STREAMS: [u32; 9] = [
 ];
 
 impl Storm {
-    /// The storm of `seed` with this number of faults, at most 16.
+    /// `faults`: number of faults, at most 16.
     pub fn drawn(seed: u64, faults: usize) -> Storm {
         let mut noise = Noise::new(&Streams::new(seed), "storm");
-        // Round values are easier to read in a list.
+        // Rounded values make a list readable.
         let mut between =
             |[low, high]: [f64; 2], step: f64| ((low + (high - low) * noise.uniform()) / step).round() * step;
         let sea = [between([0.0, 0.45], 0.05), between([4.0, 7.0], 0.5)].map(round);
@@ -55,7 +55,7 @@ impl Storm {
             .filter(|kind| !kind.needs_moving_base() && noise.chance(0.5))
             .collect();
         let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
-        // A separate stream keeps the sea and faults of a landing equal to those drawn before other flights were added.
+        // A separate stream keeps the sea and faults of older landings unchanged.
         let mut others = Noise::new(&Streams::new(seed), "storm.flight");
         let flight = by_parts(&FlightKind::ALL, FlightKind::parts, others.uniform());
         let flight = flight.copied().unwrap_or_default();
@@ -76,8 +76,8 @@ impl Storm {
         };
         storm.fitted().with_moving_base()
     }
-    /// Gives one storm in six a moving base, which the storm's first fault then affects. The separate stream leaves all
-    /// other draws as they are in a storm without one.
+    /// Gives one storm in six a moving base, which its first fault then affects. Uses a separate stream, so
+    /// that other draws do not change.
     fn with_moving_base(mut self) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.moving_base");
         self.moving_base = noise.chance(1.0 / 6.0) && !self.flight.is_silent();
@@ -95,7 +95,7 @@ impl Storm {
     /// Changes the scene to one in which its flight is possible.
     fn fitted(mut self) -> Storm {
         self.drones = self.drones.min(self.flight.most_drones());
-        // The drone learns of obstacles around the deck by radio alone, and they belong to the usual hull.
+        // Only the radio reports obstacles to the drone, and they belong to the usual hull.
         self.mast &= !self.flight.is_silent();
         match self.flight {
             FlightKind::Landing | FlightKind::Station | FlightKind::Mavlink => {}
@@ -103,13 +103,13 @@ impl Storm {
             FlightKind::Beacon => self.reserved = false,
             FlightKind::TagAlone => {
                 self.reserved = false;
-                // A drone does not follow a moving vessel before the order.
+                // Before the order, a drone does not follow a moving vessel.
                 (self.course, self.speed_mps) = (VesselCourse::Drift, 0.0);
             }
         }
         self
     }
-    /// Replaces the last fault by one of this kind in this state, with times and size drawn from the seed.
+    /// Replaces the last fault by this kind in this state; the seed draws times and size.
     #[must_use]
     pub fn aimed(mut self, (kind, state): Pair) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
@@ -123,7 +123,7 @@ impl Storm {
     }
 }
 
-/// A kind of fault and the state in which it begins.
+/// Kind of fault, and the state in which it begins.
 pub type Pair = (FaultKind, State);
 
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
@@ -131,7 +131,7 @@ pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
     FaultKind::ALL.iter().flat_map(pairs_of)
 }
 
-/// Rounds to a thousandth, so that a list is read back without loss.
+/// Rounds to a thousandth, so that a list is reproduced exactly when read.
 fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }
@@ -145,7 +145,7 @@ fn fault(flight: FlightKind, kinds: &[FaultKind], noise: &mut Noise, others: &mu
     of_kind(kind, row, 1 + later as u8, noise)
 }
 
-/// A fault at the `entry`-th entry of the state. Every flight starts in `Idle`, which does not count as an entry.
+/// A fault at the `entry`-th entry of the state. The start of a flight in `Idle` is not an entry.
 fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
@@ -171,7 +171,7 @@ fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise
     }
 }
 
-/// One of these, with probabilities proportional to their weights; `u` is uniform from 0 to 1.
+/// Draws with probabilities proportional to `parts`; `u` is uniform from 0 to 1.
 fn by_parts<T>(among: &[T], parts: impl Fn(&T) -> u32, u: f64) -> Option<&T> {
     let all: u32 = among.iter().map(&parts).sum();
     let mut part = (u * f64::from(all)) as u32;

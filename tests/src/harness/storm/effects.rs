@@ -1,5 +1,3 @@
-//! Effects of the kinds of faults on the world.
-
 use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::Span;
@@ -14,12 +12,12 @@ use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
 use crate::radio::ChannelFault;
 
-/// Effect of a fault on the world. The functions receive the fault's size.
+/// Effect of a fault on the world, as a function of its size.
 #[derive(Clone, Copy, Debug)]
 pub enum Effect {
-    /// Applies for as long as the fault lasts.
+    /// Applies while the fault lasts.
     Lasting(fn(&mut Failing, f64)),
-    /// Acts at the start of the fault, and at its end.
+    /// Acts at the fault's start, and at its end.
     Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
 }
 use Effect::{Events, Lasting};
@@ -35,11 +33,10 @@ const fn nothing(_: &mut Rig, _: f64) {}
 fn kill(rig: &mut Rig, process: ProcessKind) {
     rig.world.kill(0, process);
 }
-/// Restarts the process; `size` selects whether its checkpoints are kept.
 fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
     rig.world.start(0, process, kept(size));
 }
-/// Checkpoints of the new process: lost if the size is 0.5 or more.
+/// Lost if the size is 0.5 or more.
 fn kept(size: f64) -> Checkpoints {
     if size >= 0.5 {
         Checkpoints::Lost
@@ -47,7 +44,7 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// Changes the mode by the pilot's switch or from the ground station.
+/// Enters the mode by the pilot's switch or from the ground station.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;

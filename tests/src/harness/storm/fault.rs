@@ -1,5 +1,5 @@
-//! One fault: kind, start, duration and permitted sizes, and the draw of a single fault. Scenarios have faults, too, so
-//! that nothing here depends on the world.
+//! One fault: kind, start, duration and permitted sizes. Nothing here depends on the world, because scenarios
+//! have faults, too.
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::msg::State;
@@ -11,21 +11,19 @@ use super::kinds::FaultKind;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Maximum delay after the entry of the state, and maximum duration of a fault in a storm, s.
+/// Maximum delay after the state's entry, and maximum duration of a fault in a storm, s.
 pub(super) const MAX_S: f64 = 60.0;
-/// Maximum number of the entry at which a fault begins.
 const MAX_ENTRY: u8 = 9;
-/// Name of the first contact in the list of states.
 const CONTACT: &str = "Contact";
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     pub kind: FaultKind,
-    /// Moment from which the delay counts.
+    /// Start of the delay.
     #[serde(rename = "state")]
     pub moment: Moment,
-    /// Number of the state's entry in the flight, from 1; the first contact occurs once.
+    /// Number of the state's entry in the flight, from 1; a first contact occurs once.
     #[serde(default = "first")]
     pub entry: u8,
     #[serde(default)]
@@ -33,7 +31,7 @@ pub struct Fault {
     /// Size, in the unit of [`Spec::of`](super::Spec::of).
     #[serde(default)]
     pub size: f64,
-    /// Duration, s; 0 for an instantaneous fault. In a scenario, `inf` means permanent.
+    /// Duration, s; 0: instantaneous. In a scenario, `inf`: permanent.
     #[serde(default)]
     pub lasts_s: f64,
 }
@@ -42,18 +40,18 @@ const fn first() -> u8 {
     1
 }
 
-/// Moment from which a fault's delay counts. In a list it is the state's name, or `Contact`.
+/// Start of a fault's delay; in a list the name of a state, or `Contact`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Moment {
-    /// The [`Fault::entry`]-th entry of the mission into this state. `Landed` begins when the motors stop.
+    /// The [`Fault::entry`]-th entry of this state. `Landed` begins when the motors stop.
     In(State),
     Contact,
 }
 
 impl Moment {
-    /// Maximum delay of a drawn fault after its moment, s: shorter than the usual duration of the phase. After the
-    /// motors stop, it covers a disarm that the autopilot denies at first.
+    /// Maximum delay of a drawn fault, s: shorter than the usual phase. After the motors stop, it covers a
+    /// disarm that is denied at first.
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
@@ -98,14 +96,14 @@ impl From<Moment> for String {
     }
 }
 
-/// Duration of a drawn freeze, s: from shorter to longer than the time-outs of the readers.
+/// Duration of a drawn freeze, s: from below to above the readers' time-outs.
 const FROZEN_S: [f64; 2] = [0.2, 2.0];
-/// Downtime of a killed process in lock-step, s: a supervisor restarts it after 0.1 s, and on a busy computer the start
-/// takes most of a second.
+/// Downtime of a killed process in lock-step, s. A supervisor restarts it after 0.1 s; on a busy computer the
+/// start takes most of a second.
 const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {
-    /// A fault of size 0 at the first entry of its state.
+    /// Size 0, at the first entry of the state.
     pub const fn new(kind: FaultKind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
         Fault {
             kind,
@@ -116,7 +114,7 @@ impl Fault {
             lasts_s,
         }
     }
-    /// A process fault within the phase that begins at its moment; delay and duration are drawn from the seed.
+    /// A process fault within the phase that begins at `moment`; the seed draws delay and duration.
     pub fn drawn(kind: FaultKind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
@@ -124,7 +122,8 @@ impl Fault {
         let lasts_s = shortest + (longest - shortest) * noise.uniform();
         Fault::new(kind, moment, after_s, lasts_s)
     }
-    /// Checks the ranges of faults that may last up to `longest_s`; the error names the value that is out of range.
+    /// Checks the ranges; `longest_s` is the maximum duration. The error names the value that is out of
+    /// range.
     pub(crate) fn check_all(faults: &[Fault], at: &Keys<'_>, longest_s: f64) -> Result<(), ConfigError> {
         for fault in faults {
             let at = at.table(fault.kind.name());
@@ -138,7 +137,7 @@ impl Fault {
         }
         Ok(())
     }
-    /// Start time of the fault's moment, s, from the drone's states with their entry times and from its first contact.
+    /// Start of the fault's moment, s, from the drone's state entries and its first contact.
     pub(crate) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
         match self.moment {
             Moment::In(state) => {
@@ -192,7 +191,6 @@ mod tests {
         assert_eq!([1, 2, 3].map(|n| at(descent, n)), [Some(20.0), Some(31.0), None]);
         assert_eq!(at(Moment::In(State::Flare), 1), None);
         assert_eq!(at(Moment::In(State::Idle), 1), Some(0.0));
-        // The first contact occurs once.
         assert_eq!(at(Moment::Contact, 2), Some(33.0));
     }
 

@@ -1,4 +1,4 @@
-//! Flies a storm: people give orders, faults begin and end at their times, and the rules are checked in every tick.
+//! Flies a storm: people give orders, faults begin and end, and rules are checked in every tick.
 
 use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
 use alight_shared::msg::{ReasonCode, State};
@@ -19,44 +19,44 @@ use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 
-/// Time after which an ended fault no longer counts as simultaneous, s.
+/// Time after its end for which a fault counts as simultaneous with others, s.
 const TOGETHER_S: f64 = 5.0;
-/// Maximum time from an abort from ashore, or over MAVLink, to its arrival at the mission if nothing else fails, s.
+/// Maximum time for an abort from ashore or over MAVLink to reach the mission without other faults, s.
 const ASHORE_S: f64 = 2.0;
 /// Minimum duration of a fault that nodes notice, s.
 const NOTICED_S: f64 = 1.0;
-/// Time after the last fault for which a drone that gave up waits for the operator, s: longer than its climb.
+/// Time after the last fault for which a drone that gave up waits for the operator, s; its climb takes less.
 const GIVEN_UP_S: f64 = 20.0;
-/// Age up to which a descent may continue to its end, s.
+/// Maximum age of a descent that may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
-/// Charge above the level at which the operator must decide; a drone that waits in our mode is set to it.
+/// Charge of a drone that waits in our mode, above the level at which the operator must decide.
 const RUNS_LOW: f64 = 0.01;
-/// Maximum time from the setting of that charge until the drone is on the deck, s.
+/// Maximum time from the setting of that charge to the rest on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
     pub ending: StormEnding,
-    /// Condition for which the drone waited at the end.
+    /// Condition for which the drone waits at the end.
     pub waits_for: Option<String>,
-    /// Ending of a wait in our mode that only the battery ended.
+    /// Ending after a wait in our mode, for a drained battery.
     pub came_down: Option<StormEnding>,
     pub violation: Option<Violation>,
-    /// Faults that began: kind, the mission's state at that time, and time, s after the order.
+    /// Started faults: kind, the mission's state, time after the order, s.
     pub began: Vec<(FaultKind, State, f64)>,
-    /// States of the first drone, with their times of entry, s after the order.
+    /// States of the first drone, with entry times after the order, s.
     pub states: Vec<(&'static str, f64)>,
     /// Time from the order to the end, s.
     pub lasted_s: f64,
 }
 
-/// Flies the storm; `show` receives each fault and each state as it begins.
+/// `show` receives each fault and state as it begins.
 pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
     fly_mutant(storm, None, show)
 }
 
-/// Flies a storm with a defect in the drone's nodes.
+/// `mutant`: defect of the drone's nodes.
 pub fn fly_mutant(
     storm: &Storm,
     mutant: Option<Mutant>,
@@ -64,7 +64,7 @@ pub fn fly_mutant(
 ) -> Result<Flown, SetupError> {
     let mut run = Run::new(storm)?;
     while run.tick(mutant, show) {}
-    // The storm ends when the battery decides.
+    // A storm ends when the battery of a waiting drone starts to run low.
     let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
         lasted_s,
@@ -79,28 +79,26 @@ pub fn fly_mutant(
     })
 }
 
-/// A storm in flight.
 struct Run {
     flight: FlightKind,
     rig: Rig,
     people: People,
     faults: Schedule,
-    /// Number of states in the first drone's history that `show` has already received.
+    /// Number of the first drone's states that `show` has received.
     shown: usize,
     watches: Vec<StormWatch>,
-    /// Time at which a fault was last active, s.
+    /// Time of the last active fault, s.
     last_s: f64,
-    /// Time at which the drone was last not at rest on the deck, s.
+    /// Last time at which the drone was not at rest on the deck, s.
     moved_s: f64,
-    /// Time at which the mission last reported a condition of its next step, s.
+    /// Last time at which the mission reported a condition of its next step, s.
     reported_s: f64,
-    /// Time at which the battery of a drone that waits in our mode was left to run low, s.
+    /// Time from which the battery of a waiting drone runs low, s.
     runs_low_s: Option<f64>,
     flown: Flown,
 }
 
 impl Run {
-    /// A run at the start of the flight.
     fn new(storm: &Storm) -> Result<Run, SetupError> {
         let (mut scenario, mut nodes) = storm.scene();
         storm.flight.set_up(&mut scenario, &mut nodes);
@@ -130,7 +128,7 @@ impl Run {
         })
     }
 
-    /// Advances one tick, after the orders, starts and ends that are due before it; true while the flight continues.
+    /// One tick, after the orders and faults that are due; true while the flight continues.
     fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
         let t_s = self.rig.t_s();
         if self.rig.entered(0).len() > self.shown {
@@ -168,7 +166,7 @@ impl Run {
         over.is_none()
     }
 
-    /// Lets the battery run low while the drone waits in our mode; false if another mode controls the drone.
+    /// Drains the battery of a drone that waits in our mode; false in another mode.
     fn run_low(&mut self, show: &mut dyn FnMut(f64, &str)) -> bool {
         let reserve = self.rig.nodes.drone.mission.battery_reserve;
         let waiting = self.rig.mission(0).waiting.to_string();
@@ -183,7 +181,7 @@ impl Run {
         self.runs_low_s = Some(t_s);
         true
     }
-    /// Ending of a wait that the battery ended: on the deck, or elsewhere if the deck was not available.
+    /// Ending after the battery ran low: on the deck, or elsewhere if the deck was not available.
     fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
         let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
@@ -201,7 +199,6 @@ impl Run {
         })
     }
 
-    /// Begins and ends the faults that are due.
     fn begin_and_end(&mut self, show: &mut dyn FnMut(f64, &str)) {
         let (flight, people, flown) = (self.flight, &self.people, &mut self.flown);
         for scheduled in &mut self.faults.0 {
@@ -216,7 +213,7 @@ impl Run {
         }
     }
 
-    /// The first rule that was broken in the last tick.
+    /// First rule broken in this tick.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
         let scene = StormScene {
@@ -227,7 +224,7 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// Ending of the flight, and the rule broken by a drone that had enough undisturbed time; None: the flight
+    /// Ending of the flight, and the rule that a drone broke after enough undisturbed time; None: the flight
     /// continues.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
@@ -250,7 +247,7 @@ impl Run {
         let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
         let descends = matches!(rig.state(0), State::Descent | State::Flare);
         if !alone || descends && t_s < rig.entered_s(0) + DESCENDS_S {
-            // In a storm that ends early, the drone did not have enough undisturbed time to be judged.
+            // A flight that ends early lacks undisturbed time, and is not judged.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
         Some(
@@ -262,7 +259,7 @@ impl Run {
     }
 }
 
-/// Sets the autopilot's parameters to those that `alight check` requires.
+/// Sets the autopilot's parameters to the values that `alight check` requires.
 fn set_up(rig: &mut Rig) {
     let Some(linked) = rig.world.linked(0) else { return };
     let autopilot = &mut linked.autopilot;
@@ -277,7 +274,7 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// Scene of the faults for the rules; `ordered_s` is the time of the last order.
+/// `ordered_s`: time of the last order.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let newest_s = began().map(|(f, at)| {
@@ -311,9 +308,9 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
     }
 }
 
-/// Times, s, of three events: the mission received the first abort; it received the newest abort; it lost its order by
-/// the first abort or by a take-over that the link reported. An abort without an effect does not count: on a sortie
-/// away from the deck there is no landing to stop.
+/// Times at which the mission received the first and the newest abort, and at which it lost its order by the
+/// first abort or a reported take-over, s. Aborts without effect do not count: a sortie away from the deck
+/// has no landing to stop.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(FaultKind) -> bool| {
@@ -324,8 +321,8 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
-    // An abort from ashore passes radio, relay and bridge; one over MAVLink passes the autopilot's wire and the link.
-    // Another fault may have stopped any of these.
+    // An abort from ashore passes radio, relay and bridge, one over MAVLink the autopilot's wire and the
+    // link. Another fault may have stopped these.
     let undisturbed = |at: f64, own: FaultKind| {
         let hides = |k: FaultKind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)

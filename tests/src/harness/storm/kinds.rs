@@ -1,23 +1,22 @@
-//! Kinds of faults: the quantity that the size measures, the ranges from which sizes and durations are drawn, the rules
-//! that a fault excuses, and its effect.
+//! Kinds of faults: quantity of the size, ranges of drawn sizes and durations, excused rules, and effect.
 //!
-//! The effects are a column that only `effects.rs` reads. Nothing here depends on the world, so that a scenario can
-//! have faults.
+//! Only `effects.rs` reads the column of effects. Nothing here depends on the world, because scenarios have
+//! faults, too.
 
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Capability that a fault removes from the drone, which excuses rules for that time.
+/// Capability that a fault removes from the drone. It excuses rules for that time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
     /// All rules hold.
     Nothing,
-    /// Set-points: the autopilot holds a fixed position, and the deck may rise until it hits the drone.
+    /// Set-points: the autopilot holds a fixed position, and the deck may rise into the drone.
     Command,
     Power,
 }
 
-/// Distribution of a kind, and the rules that it excuses.
+/// Distribution of a kind, and excused rules.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
     /// Quantity and unit of the size.
@@ -28,7 +27,7 @@ pub struct Spec {
     pub takes: Takes,
 }
 
-/// Declares the kinds of `each_kind` with all columns but the last.
+/// Uses all columns of `each_kind` but the last.
 macro_rules! names {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -37,15 +36,13 @@ macro_rules! names {
         }
         impl FaultKind {
             pub const ALL: &'static [FaultKind] = &[$(FaultKind::$kind),*];
-            /// Name in a list.
             pub const fn name(self) -> &'static str {
                 match self { $(FaultKind::$kind => $name,)* }
             }
-            /// Whether half the size is a milder fault. It is not if the size is an identifier or a bound.
+            /// Whether half the size is a milder fault; false for identifiers and bounds.
             pub const fn is_milder_by_half(self) -> bool {
                 !matches!(self, FaultKind::StreamStops | FaultKind::VesselImuClipped | FaultKind::BatteryAt)
             }
-            /// Whether the mission's process handles no messages during the fault.
             pub const fn stops_mission(self) -> bool {
                 matches!(
                     self,
@@ -58,18 +55,18 @@ macro_rules! names {
                         | FaultKind::ComputerClockSteps
                 )
             }
-            /// The process that the fault kills or freezes, if it is a single one.
+            /// The process that the fault kills or freezes, if it is one.
             pub fn process(self) -> Option<ProcessKind> {
                 STOPS.iter().find(|(kind, ..)| *kind == self).map(|(_, process, _)| *process)
             }
-            /// Whether the fault freezes that process, which afterwards is not aware of the elapsed time.
+            /// Whether the process is frozen, and afterwards unaware of the elapsed time.
             pub fn freezes(self) -> bool {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
-            /// Whether the fault affects a moving base. Only a storm with a moving base draws it.
+            /// Whether the fault affects a moving base; only storms with one draw it.
             pub const fn needs_moving_base(self) -> bool {
                 matches!(self, FaultKind::CorrectionsLost | FaultKind::FixLost | FaultKind::FalseFix)
             }
@@ -84,14 +81,13 @@ macro_rules! names {
     };
 }
 
-/// Range of a fault without a size or duration.
 const NONE: [f64; 2] = [0.0, 0.0];
-/// Time until a process is restarted, s.
+/// Downtime of a process, s.
 const RESTART: [f64; 2] = [0.1, 1.0];
 const FREEZE: [f64; 2] = [0.1, 3.0];
 /// Duration of a measurement outage, s.
 const GAP: [f64; 2] = [0.2, 8.0];
-/// 0: the restarted process finds its checkpoint; 1: it does not.
+/// 0: the process finds its checkpoint; 1: it does not.
 pub(super) const CHECKPOINT: [f64; 2] = [0.0, 1.0];
 /// Duration of wrong measurements, s.
 const WRONG: [f64; 2] = [2.0, 30.0];
@@ -100,14 +96,11 @@ const PUSH: [f64; 2] = [0.5, 15.0];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stop {
-    /// Killed and restarted.
     Dies,
-    /// Frozen, then continued.
     Freezes,
 }
 use Stop::{Dies, Freezes};
 
-/// Kinds that affect one process.
 const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
     (FaultKind::PredictorKilled, ProcessKind::Predictor, Dies),
     (FaultKind::MissionKilled, ProcessKind::Mission, Dies),
@@ -138,12 +131,12 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Events(|r, _| kill(r, ProcessKind::Pilot), |r, _| start(r, ProcessKind::Pilot, 0.0));
     LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
         Events(|r, _| kill(r, ProcessKind::Autopilot), |r, size| start(r, ProcessKind::Autopilot, size));
-    /// The supervisor is killed, and the drone's whole computer with it.
+    /// The supervisor and all of the drone's processes are killed.
     ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
         Events(|r, _| r.world.kill_computer(0), |r, size| r.world.start_computer(0, kept(size)));
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Bridge), |r, _| start(r, ProcessKind::Bridge, 0.0));
-    /// The drone's computer loses its supply and reboots; shared memory is lost, files on its disk are kept.
+    /// The drone's computer loses power and reboots; files on its disk remain, shared memory does not.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
         Events(|r, _| r.world.kill_computer(0), |r, _| {
             r.world.restart_clock(0);
@@ -161,7 +154,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Autopilot));
     BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
         Lasting(|f, _| f.frozen.processes.push(ProcessKind::Bridge));
-    /// The processor is slow: plans are late.
     PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.solve_s = size.max(0.0));
     ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
@@ -170,21 +162,18 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.frozen.vessel = true);
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
         Events(|r, _| r.restart_vessel(), nothing);
-    /// The vessel's computer is suspended, including its monotonic clock.
+    /// The vessel's computer and its monotonic clock are suspended.
     VesselSuspended, "vessel-suspended", "", NONE, [0.2, 10.0], Nothing,
         Lasting(|f, _| (f.frozen.vessel, f.clock_rates[0]) = (true, -1.0));
-    /// The drone's computer is suspended, including its monotonic clock.
+    /// The drone's computer and its monotonic clock are suspended.
     ComputerSuspended, "computer-suspended", "", NONE, FREEZE, Command,
         Lasting(|f, _| (f.frozen.computer, f.clock_rates[1]) = (true, -1.0));
-    /// The vessel's monotonic clock steps ahead.
     VesselClockSteps, "vessel-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
         Events(|r, size| r.world.step_clock(None, Span::from_secs(size.max(0.0))), nothing);
-    /// The drone's monotonic clock steps ahead.
     ComputerClockSteps, "computer-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
         Events(|r, size| r.world.step_clock(Some(0), Span::from_secs(size.max(0.0))), nothing);
     ClocksDrift, "clocks-drift", "parts per million", [-500.0, 500.0], [5.0, 60.0], Nothing,
         Lasting(|f, size| f.clock_rates[0] += 1e-6 * size);
-    /// The radio loses all packets in both directions.
     RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.radio = [LOST; 2]);
     /// The radio loses all packets to the drone.
@@ -195,15 +184,13 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.radio[1] = LOST);
     RadioLossy, "radio-lossy", "fraction lost", [0.2, 0.9], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
-    /// Packets are late.
     RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.delay_s = size.max(0.0)));
-    /// Packets are reordered by a random delay.
     RadioJitter, "radio-jitter", "delay up to, s", [0.02, 0.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.jitter_s = size.max(0.0)));
     RadioDoubled, "radio-doubled", "fraction doubled", [0.2, 1.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.doubled = size));
-    /// A second vessel sends under the same identity.
+    /// A second vessel sends with the same identity.
     VesselTwin, "vessel-twin", "m further north", [5.0, 60.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.twin_m = size);
     VesselImuLost, "vessel-imu-lost", "", NONE, GAP, Nothing,
@@ -212,10 +199,9 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.vessel.gnss_lost = true);
     VesselHeadingLost, "vessel-heading-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.heading_lost = true);
-    /// The vessel's heading has an offset, as near steel.
+    /// Offset, as near steel.
     VesselHeadingOff, "vessel-heading-off", "deg", [-15.0, 15.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.heading_off_rad = size.to_radians());
-    /// The vessel's fixes have an offset to the north.
     VesselGnssOff, "vessel-gnss-off", "m to the north", [-3.0, 3.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.gnss_off_m[0] = size);
     VesselHeightOff, "vessel-height-off", "m up", [-3.0, 3.0], [2.0, 30.0], Nothing,
@@ -223,49 +209,42 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// Every second heading comes from another device, which has an offset.
     VesselHeadingMixed, "vessel-heading-mixed", "deg", [-30.0, 30.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.heading_mixed_rad = size.to_radians());
-    /// The vessel's inertial sensor repeats one sample.
     VesselImuStuck, "vessel-imu-stuck", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.vessel.stuck[0] = true);
-    /// The vessel's receiver repeats one fix.
     VesselGnssStuck, "vessel-gnss-stuck", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.vessel.stuck[1] = true);
-    /// The vessel's compass repeats one heading.
     VesselHeadingStuck, "vessel-heading-stuck", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.vessel.stuck[2] = true);
-    /// The vessel's roll rate has an offset.
     VesselGyroOff, "vessel-gyro-off", "deg/s", [-2.0, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.gyro_off_radps = size.to_radians());
     VesselImuClipped, "vessel-imu-clipped", "at, m/s2", [8.0, 10.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.clip_mps2 = size);
-    /// The vessel's measurements arrive late and are stamped on arrival.
+    /// Measurements arrive late and are stamped on arrival.
     VesselStampedLate, "vessel-stamped-late", "s", [0.02, 0.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.late_s = size);
-    /// The mounting of the vessel's inertial sensor is turned about the forward axis.
+    /// The vessel's IMU is turned about the forward axis.
     VesselMountingOff, "vessel-mounting-off", "deg", [-5.0, 5.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.mounting_rad = size.to_radians());
-    /// The weight of a crew member heels the vessel.
+    /// A shifted weight heels the vessel.
     VesselHeels, "vessel-heels", "Nm", [-900.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.push[3] += size);
-    /// An external moment yaws the vessel.
     VesselTurns, "vessel-turns", "Nm", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[5] += size);
-    /// An external force accelerates the vessel ahead or astern.
+    /// A force acts ahead or astern.
     VesselPushed, "vessel-pushed", "N", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[0] += size);
-    /// Another ship's wake rolls the vessel with a period of 2.5 s.
+    /// A wake has a roll period of 2.5 s.
     VesselInWake, "vessel-in-wake", "Nm", [200.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.wake_nm = size);
-    /// The drone's camera detects nothing.
     Blind, "blind", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.blind = true);
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
-    /// The deck of a neighbouring vessel is detected in place of the vessel's.
+    /// The cameras detect a neighbouring vessel's deck instead of ours.
     NeighbourDetected, "neighbour-detected", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.lost = size);
-    /// Images are motion-blurred.
     ImagesSmeared, "images-smeared", "m", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.scatter_m = size);
     /// Every third detection is of another tag.
@@ -273,116 +252,99 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.drone.false_tag_m = size);
     RangeLost, "range-lost", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_lost = true);
-    /// The rangefinder repeats its first range.
     RangeStuck, "range-stuck", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_stuck = true);
-    /// The rangefinder's range has an offset.
     RangeOff, "range-off", "m too long", [-2.0, 2.0], GAP, Nothing,
         Lasting(|f, size| f.drone.range_off_m = size);
-    /// The rangefinder reports 0 when it measures nothing.
+    /// A missing echo is reported as 0.
     RangeZero, "range-zero", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_zero = true);
-    /// The autopilot's position jumps to the north; its reset counter counts the jump.
+    /// The estimate jumps; the reset counter is incremented.
     PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
-    /// The autopilot's position jumps to the north; its reset counter misses the jump.
+    /// The estimate jumps; the reset counter is not.
     PositionJump, "position-jump", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false), nothing);
-    /// The autopilot's height jumps; its reset counter counts the jump.
     HeightReset, "height-reset", "m up", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), true), nothing);
-    /// The autopilot's height jumps; its reset counter misses the jump.
     HeightJump, "height-jump", "m up", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false), nothing);
-    /// The autopilot's heading jumps; its reset counter counts the jump.
     HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
         Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
-    /// The autopilot's position drifts, as under a slow spoofing attack.
+    /// As under slow spoofing.
     PositionDrifts, "position-drifts", "m/s to the north", [-0.5, 0.5], [2.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drift_mps = size);
-    /// The autopilot reports that it is on the ground.
+    /// The autopilot reports "on ground".
     LandedReported, "landed-reported", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::OnGround));
-    /// The autopilot reports that it is in the air.
+    /// The autopilot reports "in the air".
     FlightReported, "flight-reported", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::InAir));
-    /// The autopilot's clock restarts.
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
     /// The autopilot stops sending one message.
     StreamStops, "stream-stops", "number of the message", [0.0, 500.0], [0.5, 15.0], Nothing,
         Lasting(|f, size| f.autopilot.muted.push(size as u32));
-    /// The autopilot sends nothing.
     AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.silent = true);
-    /// The cable to the autopilot is disconnected, both ways.
     CableOut, "cable-out", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.cut = true);
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
         Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
-    /// The drone's battery drops to this charge.
     BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Nothing,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
-    /// The drone's battery drains fast.
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
-    /// The battery's gauge and voltage freeze, or toggle between the frozen value and a higher one.
+    /// Charge and voltage freeze, or toggle between the frozen value and a higher one.
     BatteryStuck, "battery-stuck", "toggles by, charge", [-0.02, 0.02], [1.0, 60.0], Nothing,
         Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
-    /// The battery is old or small: a full charge lasts for this flight time.
+    /// An old or small battery: a full charge lasts for this flight time.
     BatteryAged, "battery-aged", "s", [300.0, 900.0], NONE, Nothing,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.endurance_s = size.max(10.0)), nothing);
-    /// The autopilot reports no battery, neither charge nor voltage.
+    /// Neither charge nor voltage is reported.
     BatteryUnknown, "battery-unknown", "", NONE, [1.0, 60.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
-    /// The signal of the remote control is lost.
     RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Nothing,
         Lasting(|f, _| f.autopilot.remote_control_lost = true);
-    /// One rotor loses thrust.
     MotorWeak, "motor-weak", "fraction lost", [0.05, 0.3], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
-    /// All rotors lose thrust.
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
     PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
         Events(|r, size| r.world.lighten(size), nothing);
-    /// The ground station commands the autopilot's hold mode during the fault.
+    /// The ground station commands Hold.
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
-    /// The ground station commands a return during the fault.
+    /// The ground station commands a return.
     ReturnedByStation, "returned-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Return), |r, _| choose(r, AutopilotMode::Offboard));
     /// The pilot takes manual control, then gives the mode back.
     TakenOver, "taken-over", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
-    /// The operator aborts on the drone's computer.
+    /// The operator aborts at the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Abort), nothing);
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
     Hold, "hold", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Hold), nothing);
-    /// The operator orders the landing again.
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.command_to(0, CommandKind::Land), nothing);
     OrderedAshore, "ordered-ashore", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(0, CommandKind::Land), nothing);
-    /// The operator orders a drone that does not exist.
+    /// The operator commands a drone that does not exist.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
-    /// The deck's sensor reports an obstacle during the fault.
+    /// The deck's sensor reports an obstacle.
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
-    /// The crew closes the deck during the fault.
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
-    /// The frames of the moving base do not reach the drone's receiver.
+    /// No corrections of the moving base reach the drone.
     CorrectionsLost, "corrections-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.moving_base.corrections_lost = true);
-    /// The receiver with a moving base has no fix.
     FixLost, "fix-lost", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.moving_base.fix_lost = true);
-    /// The receiver with a moving base reports a false fix.
     FalseFix, "false-fix", "m", [0.1, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.moving_base.false_fix_m = size);
 } } }

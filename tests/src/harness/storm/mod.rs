@@ -1,7 +1,7 @@
-//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and the rules
-//! that must hold in every tick ([`watch`]). A fault has a kind, a size, a duration, and a start: a delay after the
-//! mission enters a state. A list of faults is therefore a scenario, and the shortest list that still breaks a rule
-//! ([`shrink`]) becomes a test.
+//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and
+//! rules that must hold in every tick ([`watch`]). A fault has a kind, a size, a duration, and a start: a
+//! delay after the mission enters a state. The shortest list of faults that still breaks a rule ([`shrink`])
+//! becomes a test.
 //!
 //! Source: Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed omits kinds).
 
@@ -43,26 +43,24 @@ pub const MAX_FAULTS: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Storm {
-    /// Seed of the world.
     pub seed: u64,
     #[serde(default)]
     pub flight: FlightKind,
-    /// Firmware that the simulated autopilot imitates.
     pub autopilot: Firmware,
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
     pub sea: [f64; 2],
     pub course: VesselCourse,
     pub speed_mps: f64,
     pub wind_mps: f64,
-    /// A landing requires a reservation of the deck.
+    /// Landings need a reservation of the deck.
     pub reserved: bool,
-    /// Number of drones ordered to land: 1, or 2 in a landing. Faults affect the first.
+    /// Drones ordered to land: 1, or 2 in a landing. Faults affect the first.
     #[serde(default = "one")]
     pub drones: u8,
-    /// A mast forward of the deck and an A-frame abeam, which the vessel publishes as obstacles.
+    /// Obstacles that the vessel publishes: a mast forward of the deck, an A-frame abeam.
     #[serde(default)]
     pub mast: bool,
-    /// The vessel's GNSS receiver is the moving base of the drone's receiver.
+    /// The vessel's GNSS receiver serves as moving base of the drone's.
     #[serde(default)]
     pub moving_base: bool,
     #[serde(default, rename = "fault")]
@@ -73,16 +71,14 @@ const fn one() -> u8 {
     1
 }
 
-/// Obstacles: a mast forward of the deck and an A-frame abeam. Opposite corners in the deck's frame, m.
+/// Mast forward of the deck, and A-frame abeam: opposite corners in the deck's frame, m.
 const MAST_M: [[[f64; 3]; 2]; 2] = [
     [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
 ];
 
-/// Error of a list that cannot be flown.
 #[derive(Debug, Error, PartialEq)]
 pub enum StormError {
-    /// The text is not the TOML of a storm.
     #[error("{0}")]
     Toml(String),
     #[error("{0}")]
@@ -90,13 +86,13 @@ pub enum StormError {
 }
 
 impl Storm {
-    /// Reads a list; the error names a value that is out of range.
+    /// The error names a value that is out of range.
     pub fn read(text: &str) -> Result<Storm, StormError> {
         let storm: Storm = config::read(text, "the list").map_err(|e| StormError::Toml(e.to_string()))?;
         storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
     }
-    /// The storm as TOML, which [`Storm::read`] reads back.
+    /// Writes TOML for [`Storm::read`].
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
@@ -114,8 +110,8 @@ impl Storm {
         Fault::check_all(&self.faults, &of_faults, fault::MAX_S)
     }
 
-    /// Scenario of a landing with these faults, and the nodes' configurations. [`FlightKind`] changes them for other
-    /// flights.
+    /// Scenario of a landing with these faults, and the nodes' configurations; [`FlightKind`] adapts both to
+    /// other flights.
     pub fn scene(&self) -> (Scenario, NodeConfigs) {
         let [amplitude_m, period_s] = self.sea;
         let mut scenario = Scenario {
@@ -214,7 +210,7 @@ mod tests {
         );
         let aimed = Storm::drawn(3, 4).aimed((FaultKind::FalseFix, State::Descent));
         assert!(aimed.moving_base && aimed.check().is_ok());
-        // This list is from before that field existed.
+        // A list that is older than the field.
         let former = include_str!("../../../storm/live-abort.toml");
         assert!(!Storm::read(former).unwrap().moving_base);
     }

@@ -1,7 +1,6 @@
-//! People in a storm's flight (operator, crew, skipper and pilot) and the orders that they give.
-//!
-//! They give the next order when the last one has ended as intended. They do not resume an operation that somebody else
-//! stopped, except for a take-off that ended on the deck, which they order again.
+//! People in a storm's flight (operator, crew, skipper, pilot) and their orders. The next order follows when
+//! the last has ended as intended. An operation that somebody else stopped is not resumed, except a take-off
+//! that ended on the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
@@ -14,30 +13,29 @@ use crate::harness::rig::Rig;
 
 /// Time from the crew's clearance of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;
-/// Time from the start to the order of a station, s; the link has found the autopilot by then.
+/// Time from the start to the order of a station, s; the link finds the autopilot before.
 const FOUND_S: f64 = 5.0;
-/// Time from an order to the check of its result, s.
+/// Time from an order to a check of its result, s.
 const LOOKS_S: f64 = 5.0;
-/// Time on the deck, disarmed, before the next order, s.
+/// Time on the deck, disarmed, until the next order, s.
 const STANDS_S: f64 = 3.0;
-/// Maximum distance from the deck's centre of a drone that counts as on the deck, m.
+/// Distance from the deck's centre within which a drone counts as on the deck, m.
 const ON_DECK_M: f64 = 2.0;
-/// Maximum number of orders for a take-off that ended on the deck, and for a station that was rejected.
+/// Maximum number of orders for a take-off that ends on the deck, and for a rejected station.
 const TRIES: u32 = 3;
-/// Period at which a ground station repeats an order that was not accepted, s.
+/// Period of a ground station's repetitions of an order, s.
 const REPEATS_S: f64 = 1.0;
-/// Scale of the autopilot's own mission, and its height above its first position, m.
+/// Size of the autopilot's own mission, and its height above its first position, m.
 const FAR_M: f64 = 40.0;
 const HIGH_M: f64 = 20.0;
 const GROUND_STATION: Address = Address::new(255, 190);
-/// Faults that are orders, with the MAVLink command by which a ground station gives them.
+/// Faults that are orders, with the ground station's MAVLink command.
 const BY_MAVLINK: [(FaultKind, u16); 3] = [
     (FaultKind::Abort, command::USER_2),
     (FaultKind::Hold, command::USER_3),
     (FaultKind::OrderedAgain, command::USER_1),
 ];
 
-/// Last action of the people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Step {
     #[default]
@@ -45,12 +43,11 @@ enum Step {
     /// The crew cleared the deck for a take-off.
     Cleared,
     TakesOff,
-    /// The pilot chose the autopilot's own mission.
     Away,
     Stays,
-    /// A ground station repeats the order to land until it is accepted.
+    /// A ground station repeats the order to land until acceptance.
     Calls,
-    /// A landing was ordered, or continues without an order.
+    /// A landing is ordered, or continues without an order.
     Lands,
 }
 
@@ -58,14 +55,12 @@ enum Step {
 pub(super) struct People {
     flight: FlightKind,
     step: Step,
-    /// Time of the last step, s after the start.
     since_s: f64,
     /// Time of the last order, s after the start.
     ordered_s: f64,
     take_offs: u32,
     stations: u32,
     landings: u32,
-    /// Time of the ground station's next order, s after the start.
     calls_s: f64,
 }
 
@@ -76,11 +71,10 @@ impl People {
             ..People::default()
         }
     }
-    /// Time of the last step, s: an action, or the event for which the people waited.
+    /// Time of the last action, or of the event for which the people waited, s.
     pub(super) const fn since_s(&self) -> f64 {
         self.since_s
     }
-    /// Time of the last order, s after the start.
     pub(super) const fn ordered_s(&self) -> f64 {
         self.ordered_s
     }
@@ -134,7 +128,6 @@ impl People {
         (self.ordered_s, self.stations) = (rig.t_s(), self.stations + 1);
         Step::Stays
     }
-    /// Orders each drone whose mission has no order yet.
     fn call(&mut self, rig: &mut Rig) -> Option<Step> {
         let waits = |k: &usize| rig.mission(*k).order.is_none();
         let waiting: Vec<usize> = (0..rig.world.drones().len()).filter(waits).collect();
@@ -146,7 +139,7 @@ impl People {
         waiting.is_empty().then_some(Step::Lands)
     }
 
-    /// Continues from the hold that ends a take-off, or orders the take-off again if it ended on the deck.
+    /// Continues after a take-off from its final hold, or orders it again if it ended on the deck.
     fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
         if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
             return match self.flight {
@@ -175,8 +168,7 @@ impl People {
         goes_again.then(|| self.clear(rig))
     }
 
-    /// Gives the order of a fault of this kind over MAVLink, if the flight's orders come over MAVLink; otherwise
-    /// returns false.
+    /// Gives the order of a fault over MAVLink; false if the flight's orders do not come over MAVLink.
     pub(super) fn give(&self, rig: &mut Rig, kind: FaultKind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
@@ -185,7 +177,7 @@ impl People {
         }
         order.is_some()
     }
-    /// Whether a drone that rests on the deck has ended its flight.
+    /// Whether the flight of a drone that rests on the deck is over.
     pub(super) fn is_over(&self, rig: &Rig) -> bool {
         match self.step {
             Step::Begins | Step::Cleared => false,
@@ -196,7 +188,7 @@ impl People {
             Step::Away | Step::Stays | Step::Calls => true,
         }
     }
-    /// Whether the drone holds at the end of a take-off, and no further order follows.
+    /// Whether a take-off has reached its final hold, and no order follows.
     pub(super) fn is_up(&self, rig: &Rig) -> bool {
         let waits = matches!(
             rig.mission(0).waiting.code,
@@ -209,7 +201,6 @@ impl People {
 fn holds(rig: &Rig) -> bool {
     rig.state(0) == State::Hold && rig.mission(0).waiting.code == ReasonCode::NotCommanded
 }
-/// Whether the first drone is on the deck, disarmed, with no order in progress.
 fn stands(rig: &Rig) -> bool {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let armed = autopilot.is_some_and(SimulatedAutopilot::armed);
@@ -222,7 +213,7 @@ fn comes_back(rig: &Rig) -> bool {
     let state = rig.state(0);
     state.is_landing() && state != State::Hold
 }
-/// The pilot uploads a mission of three waypoints to the autopilot and starts it.
+/// The pilot starts a mission of three waypoints in the autopilot.
 fn leave(rig: &mut Rig) -> Step {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -234,7 +225,6 @@ fn leave(rig: &mut Rig) -> Step {
     }
     Step::Away
 }
-/// The ground station commands a drone's companion computer over its autopilot's wire.
 fn send(rig: &mut Rig, k: usize, number: u16) {
     let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
     if let Some(linked) = rig.world.linked(k) {

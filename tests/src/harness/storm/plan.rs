@@ -1,4 +1,4 @@
-//! Kind of flight of a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
+//! Kind of a storm's flight: start of the drone, permissions of the nodes, states in which faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
@@ -9,26 +9,26 @@ use crate::sensors::beacon::BeaconConfig;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlightKind {
-    /// A landing from a hover next to the vessel.
+    /// Landing from a hover next to the vessel.
     #[default]
     Landing,
-    /// A take-off from the deck, up to its final hold.
+    /// Take-off from the deck to the final hold.
     TakeOff,
-    /// A take-off, a flight in the autopilot's own mission, and a return to the deck without an order.
+    /// Take-off, a flight in the autopilot's own mission, and a return to the deck without an order.
     Sortie,
-    /// One minute on a station next to the vessel, then a landing.
+    /// One minute on a station, then a landing.
     Station,
-    /// A landing on a silent vessel with a beacon.
+    /// Landing on a silent vessel with a beacon.
     Beacon,
-    /// A landing on a silent vessel that only its tags locate.
+    /// Landing on a silent vessel by its tags alone.
     TagAlone,
-    /// A landing, a take-off, and another landing.
+    /// Landing, take-off, landing.
     Cycles,
-    /// A landing that a ground station orders over MAVLink.
+    /// Landing ordered by a ground station over MAVLink.
     Mavlink,
 }
 
-/// A state in which faults begin, its relative frequency, and the maximum delay of a fault after the state's entry, s.
+/// State in which faults begin, its relative frequency, and the maximum delay after its entry, s.
 pub(super) type PlannedPhase = (State, u32, f64);
 
 const LANDS: [PlannedPhase; 8] = [
@@ -50,7 +50,7 @@ const TAKES_OFF: [PlannedPhase; 7] = [
     (State::StandDown, 1, 1.0),
     (State::Hold, 2, 5.0),
 ];
-/// `Idle` is the flight in the autopilot's own mission.
+/// `Idle`: the autopilot's own mission.
 const SORTIE: [PlannedPhase; 13] = [
     (State::Preparing, 1, 2.0),
     (State::Countdown, 1, 4.5),
@@ -110,7 +110,7 @@ const CYCLES: [PlannedPhase; 12] = [
     (State::Hold, 2, 5.0),
 ];
 
-/// Time on the deck before a take-off, s: the autopilot has aligned its heading by then.
+/// Time on the deck before a take-off, s; the heading is aligned before.
 const STANDS_S: f64 = 20.0;
 
 impl FlightKind {
@@ -139,7 +139,7 @@ impl FlightKind {
             FlightKind::Cycles => &CYCLES,
         }
     }
-    /// Relative frequency of the kind; a third of the flights are landings.
+    /// Relative frequency; a third of the flights are landings.
     pub(super) fn parts(&self) -> u32 {
         if *self == FlightKind::Landing { 4 } else { 1 }
     }
@@ -152,8 +152,8 @@ impl FlightKind {
     pub(super) const fn is_silent(self) -> bool {
         matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
     }
-    /// Whether a drone with a low battery may lack the deck's position. It then lands at the next place in its order of
-    /// places, which is in the water here.
+    /// Whether a drone with a low battery may lack the deck's position. It then lands at its next landing
+    /// place, which is in the water here.
     pub(super) const fn may_land_elsewhere(self) -> bool {
         self.is_silent() || matches!(self, FlightKind::Sortie)
     }
@@ -168,8 +168,8 @@ impl FlightKind {
             | FlightKind::Cycles => 1,
         }
     }
-    /// Time limits, s. The first, after the last fault and the last order: by then the drone has landed, or waits for a
-    /// stated reason. The second, after the first order: by then the flight ends.
+    /// Time limits, s: after the last fault and order, until the drone has landed or waits for a stated
+    /// reason; after the first order, until the flight ends.
     pub(super) const fn limits_s(self) -> [f64; 2] {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::TagAlone | FlightKind::Mavlink => {
@@ -181,7 +181,7 @@ impl FlightKind {
         }
     }
 
-    /// Adapts the scenario and the node configurations of a landing to this kind of flight.
+    /// Adapts a landing's scenario and node configurations.
     pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}

@@ -1,28 +1,23 @@
-//! Schedule of a flight's faults: start and end of each, and the active faults.
-
 use super::effects::Effect;
 use super::fault::Fault;
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 
-/// Start or end of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultTurn {
     Begins,
     Ends,
 }
 
-/// A fault with its schedule, in lock-step and live.
+/// A fault in lock-step or in a live flight.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultTimer {
     pub fault: Fault,
-    /// Time at which the fault began, s.
     pub began_s: Option<f64>,
     pub over: bool,
 }
 
 impl FaultTimer {
-    /// A fault that has not begun.
     pub const fn new(fault: Fault) -> FaultTimer {
         FaultTimer {
             fault,
@@ -33,7 +28,7 @@ impl FaultTimer {
     fn is_active(&self, t_s: f64) -> bool {
         self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
     }
-    /// The start or end that is due at `t_s`, if any; the fault's moment began at `moment_s`.
+    /// Start or end that is due at `t_s`; `moment_s`: start of the fault's moment.
     pub fn poll(&mut self, t_s: f64, moment_s: Option<f64>) -> Option<FaultTurn> {
         match self.began_s {
             None if moment_s.is_some_and(|at| t_s >= at + self.fault.after_s) => {
@@ -49,18 +44,18 @@ impl FaultTimer {
     }
 }
 
-/// A fault of a flight in lock-step.
+/// A fault in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
-    /// At the start of the fault, an abort or take-over stopped an operation.
+    /// An abort or take-over stopped an operation at the fault's start.
     pub(super) stops: bool,
-    /// Charge left when the fault affected the battery, 0 to 1.
+    /// Charge left by a fault of the battery, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
 impl Scheduled {
-    /// Begins or ends the fault if that is due. `begins` is called at its start, and returns true if it gave the order
-    /// itself.
+    /// Begins or ends the fault if due. `begins` is called at the start, and returns true if it gave the
+    /// order itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let fault = self.timer.fault;
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {
@@ -84,11 +79,9 @@ impl Scheduled {
     }
 }
 
-/// All faults of a flight.
 pub struct Schedule(pub(super) Vec<Scheduled>);
 
 impl Schedule {
-    /// A schedule in which no fault has begun.
     pub fn new(faults: &[Fault]) -> Schedule {
         let pending = |fault: &Fault| Scheduled {
             timer: FaultTimer::new(*fault),
@@ -97,8 +90,8 @@ impl Schedule {
         };
         Schedule(faults.iter().map(pending).collect())
     }
-    /// Begins and ends the faults that are due before a tick, and applies the active ones; without faults the world is
-    /// not touched.
+    /// Begins and ends faults before a tick, and applies the active ones. Without faults, the world is not
+    /// touched.
     pub fn act(&mut self, rig: &mut Rig) {
         for scheduled in &mut self.0 {
             scheduled.step(rig, |_, _| false);
@@ -107,7 +100,6 @@ impl Schedule {
             rig.world.fail(&self.failing(rig.t_s()));
         }
     }
-    /// Combination of all active faults.
     pub(super) fn failing(&self, t_s: f64) -> Failing {
         let mut failing = Failing::default();
         for timer in self.0.iter().map(|f| &f.timer).filter(|t| t.is_active(t_s)) {

@@ -1,13 +1,12 @@
-//! Shrinks a list to the shortest one that still breaks the same rule: omits faults, then halves sizes and durations.
+//! Finds the shortest list that still breaks the same rule: omits faults, then halves sizes and durations.
 
 use super::Storm;
 use super::watch::StormRule;
 
 const MAX_TRIES: usize = 80;
-/// Maximum number of halvings of a size or duration.
 const HALVINGS: usize = 4;
 
-/// Shrinks a storm. `breaks` flies a storm and returns the rule that it breaks.
+/// `breaks` flies a storm and returns the rule that it breaks.
 pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> Option<StormRule>) -> Storm {
     let (mut best, mut tries) = (storm.clone(), 0);
     let mut still = |candidate: &Storm| {
@@ -73,7 +72,7 @@ mod tests {
         let mut storm = storm;
         storm.faults[3].kind = FaultKind::Blind;
         storm.faults[3].lasts_s = 8.0;
-        // In this test, a vision outage of 1 s or more breaks the rule.
+        // A vision outage of 1 s or more breaks the rule.
         let breaks = |s: &Storm| {
             let long = |f: &super::super::Fault| f.kind == FaultKind::Blind && f.lasts_s >= 1.0;
             s.faults.iter().any(long).then_some(StormRule::Water)
@@ -81,7 +80,7 @@ mod tests {
         let small = shrink(&storm, StormRule::Water, breaks);
         assert_eq!(small.faults.len(), 1);
         assert!((1.0..2.0).contains(&small.faults[0].lasts_s) && small.wind_mps == 0.0);
-        // A list that breaks another rule does not count.
+        // Breaking another rule does not count.
         assert_eq!(shrink(&storm, StormRule::Stuck, breaks), storm);
     }
 }

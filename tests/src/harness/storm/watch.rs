@@ -1,5 +1,4 @@
-//! Rules that hold in every tick of a storm. `CONTRIBUTING.md` has them in a table, with the rules that each fault
-//! excuses.
+//! Rules of every tick of a storm. `CONTRIBUTING.md` lists them, with the faults that excuse them.
 
 use core::fmt;
 
@@ -15,33 +14,33 @@ use crate::harness::rig::Rig;
 pub const RESUME_S: f64 = 1.5;
 /// Maximum contact speed along the deck's normal with several faults, m/s.
 const SEVERAL_MPS: f64 = 2.0;
-/// Time after the start or end of a fault for which contacts are excused, s.
+/// Time after a fault's start or end for which contacts are excused, s.
 const GRACE_S: f64 = 0.5;
-/// Maximum time for which rotors carry the drone's weight in `Landed`, s.
+/// Maximum time for which rotors may carry the drone in `Landed`, s.
 const CARRY_S: f64 = 3.0;
-/// Time after an excused impact from which rules apply again, s, if the drone flies on.
+/// Time after an excused impact until rules apply again, s.
 const STRUCK_S: f64 = 5.0;
 /// Maximum time from an abort to its effect, s.
 const ABORT_S: f64 = 1.0;
 
-/// Fraction of the battery's reserve below which a stopped landing continues without an order.
+/// Fraction of the battery's reserve below which a stopped landing resumes without an order.
 pub(super) const SPENT_OF_RESERVE: f64 = 0.75;
-/// Fraction of the reserve above which a drone must land safely, although faults have drained its battery.
+/// Fraction of the reserve above which a drone must land safely despite a drained battery.
 const LANDS_WITH: f64 = 0.5;
 
-/// Time armed on the deck after which the status must report this, s.
+/// Maximum time armed on the deck without a report, s.
 const ARMED_S: f64 = 10.0;
-/// Height above the deck, and distance from its centre, below which a drone is low over the deck, m.
+/// Limits of "low over the deck": height above it, and distance from its centre, m.
 const LOW_M: f64 = 1.5;
-/// Maximum time low over the deck in a state that does not descend, s; a climb takes less.
+/// Maximum time low over the deck without descending, s; a climb takes less.
 const LOW_S: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StormEnding {
-    /// On the deck with motors off.
+    /// The drone is on the deck with motors off.
     Landed,
-    /// Away from the deck, for a stated reason.
+    /// Away from the deck, with a stated reason.
     Waits,
     /// Off the deck with motors off, or in the water, after a fault that excuses it.
     Crashed,
@@ -53,29 +52,29 @@ pub enum StormEnding {
 pub enum StormRule {
     StopInTheAir,
     HardContact,
-    /// Another part than a foot touched the deck.
+    /// A part other than a foot touched the deck.
     TippedOver,
     Water,
     CarriesLanded,
-    /// The mission neither followed an abort nor declined it with a reason.
+    /// The mission neither follows an abort nor declines it with a reason.
     AbortIgnored,
-    /// A descent began after an abort, without a new order and with charge left.
+    /// A descent began after an abort, with charge left and no new order.
     Unordered,
-    /// Low over the deck in a state that does not descend.
+    /// Low over the deck without descending.
     NotPermitted,
     KeepOut,
     TwoAtDeck,
-    /// The battery ran empty in the air, although faults had left enough charge for a landing.
+    /// The battery is empty in the air, although faults left enough charge for a landing.
     BatterySpent,
     Collision,
-    /// The drone is armed on the deck, and the status does not report it.
+    /// Armed on the deck without a report.
     StillArmed,
     NotFinite,
-    /// Long after the last fault, the drone has neither landed nor stated a reason to wait.
+    /// Neither landed nor waiting for a stated reason, long after the last fault.
     Stuck,
-    /// The drone waited in our mode until its battery was spent, although the deck was free.
+    /// Waited in our mode until the battery was spent, next to a free deck.
     NoLastResort,
-    /// The drone waits in the air, and its status lacks the charge (sufficient or low) or the next step.
+    /// Waits in the air without reporting its charge (sufficient or low) or its next step.
     WaitsUnreported,
 }
 
@@ -83,9 +82,8 @@ pub enum StormRule {
 pub struct Violation {
     pub rule: StormRule,
     pub t_s: f64,
-    /// Value that broke the rule: m above the deck, m/s, s, or the battery's charge, 0 to 1.
+    /// Height above the deck, m; speed, m/s; time, s; or charge, 0 to 1.
     pub figure: f64,
-    /// State of the mission at that time.
     pub state: State,
 }
 
@@ -98,13 +96,13 @@ impl fmt::Display for Violation {
             StormRule::HardContact => write!(f, "met the deck at {figure:.2} m/s"),
             StormRule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
             StormRule::Water => write!(f, "in the water"),
-            StormRule::CarriesLanded => write!(f, "rotors carried for {figure:.1} s on the deck"),
+            StormRule::CarriesLanded => write!(f, "rotors carried the drone for {figure:.1} s on the deck"),
             StormRule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
             StormRule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
             StormRule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
-            StormRule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
+            StormRule::KeepOut => write!(f, "{:.2} m inside a keep-out volume", -figure),
             StormRule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
-            StormRule::BatterySpent => write!(f, "its battery was emptied {figure:.2} m above the deck"),
+            StormRule::BatterySpent => write!(f, "its battery ran empty {figure:.2} m above the deck"),
             StormRule::Collision => write!(f, "two drones met"),
             StormRule::StillArmed => {
                 write!(f, "armed on the deck for {figure:.1} s, and no status reports it")
@@ -122,26 +120,24 @@ impl fmt::Display for Violation {
     }
 }
 
-/// The present faults, as far as they affect rules.
+/// Present faults that affect rules.
 #[derive(Clone, Copy, Debug)]
 pub struct StormScene {
     pub flight: FlightKind,
-    /// Number of faults that are active or have just ended.
+    /// Number of active and recent faults.
     pub faults: usize,
-    /// Time at which the newest fault began or ended, s.
+    /// Last start or end of a fault, s.
     pub newest_s: f64,
-    /// No set-points are sent, or they have just resumed.
+    /// Set-points are missing, or have just resumed.
     pub uncommanded: bool,
     /// A fault has reduced the thrust.
     pub without_power: bool,
-    /// The drone waits until its battery runs low.
+    /// The drone waits for its battery to run low.
     pub runs_low: bool,
-    /// Charge that a fault has left in the battery, 0 to 1 (0 while the fault lasts); None if no fault affected the
-    /// battery.
+    /// Charge left by a fault of the battery, 0 to 1 (0 during the fault); None without such a fault.
     pub charge_left: Option<f64>,
     /// Time at which the mission received the first abort, s.
     pub aborted_s: Option<f64>,
-    /// Time at which the mission received the newest abort, s.
     pub last_abort_s: Option<f64>,
     /// Time of the abort or take-over that withdrew the order to land, s; None after a new order.
     pub withdrawn_s: Option<f64>,
@@ -152,7 +148,7 @@ impl StormScene {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
     }
-    /// The scene for drones that the faults do not affect.
+    /// The scene for drones without faults.
     const fn of_others(&self) -> StormScene {
         StormScene {
             uncommanded: false,
@@ -168,24 +164,23 @@ impl StormScene {
 
 #[derive(Clone, Debug, Default)]
 pub struct StormWatch {
-    /// Whether the motors turned in the last tick.
     turned: bool,
-    /// Time of the last excused impact or fall into the water, s. Rules do not apply for [`STRUCK_S`] after it.
+    /// Last excused impact or fall into the water, s; no rule applies for [`STRUCK_S`] after it.
     struck_s: Option<f64>,
-    /// Time since which rotors carry the drone's weight in `Landed`, s.
+    /// Start of the rotors' carrying the drone in `Landed`, s.
     carries_since_s: Option<f64>,
-    /// Time since which the drone is low over the deck in a state that does not descend, s.
+    /// Start of the time low over the deck without descending, s.
     low_since_s: Option<f64>,
-    /// Time since which the drone is armed on the deck without a report, s.
+    /// Start of the time armed on the deck without a report, s.
     armed_since_s: Option<f64>,
-    /// Time at which a landing for a spent battery first began, s.
+    /// Start of the first landing for a spent battery, s.
     spent_s: Option<f64>,
-    /// A drone with a drained battery, which may lack the deck's position, flies to another place than the deck.
+    /// A drone with a drained battery and possibly without the deck's position flies elsewhere.
     elsewhere: bool,
 }
 
 impl StormWatch {
-    /// The first rule that drone `k` breaks in this tick.
+    /// First rule that drone `k` breaks in this tick.
     pub fn look(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<Violation> {
         let scene = if k == 0 { *scene } else { scene.of_others() };
         let broken = self
@@ -202,7 +197,6 @@ impl StormWatch {
         })
     }
 
-    /// Checks contacts, the water, and stops of the motors.
     fn contacts(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -244,8 +238,8 @@ impl StormWatch {
         }
         (o.in_water && self.struck_s.is_none()).then(|| (StormRule::Water, o.feet_height_m()))
     }
-    /// Tracks a drone that may lack the deck's position and has a low battery: the autopilot flies it home or down,
-    /// unless it descends to the deck after all.
+    /// Tracks a drone with a low battery that may lack the deck's position: the autopilot flies it home or
+    /// down, unless it descends to the deck after all.
     fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &StormScene) {
         let goes = matches!(
             rig.mission(k).low_battery,
@@ -256,7 +250,7 @@ impl StormWatch {
         self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }
 
-    /// Checks a drone on the deck: rotors that carry its weight, and an unreported armed state.
+    /// Checks for rotors that carry the drone on the deck, and for an unreported armed state.
     fn standing(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
@@ -264,7 +258,7 @@ impl StormWatch {
         if carried_s > CARRY_S && !scene.uncommanded {
             return Some((StormRule::CarriesLanded, carried_s));
         }
-        // States in which the motors turn on the deck as intended.
+        // States in which motors may turn on the deck.
         let turns = state == State::Flare || state.is_take_off();
         let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && !turns;
         let reported = rig
@@ -276,10 +270,10 @@ impl StormWatch {
         (armed_s > ARMED_S && !scene.uncommanded).then_some((StormRule::StillArmed, armed_s))
     }
 
-    /// Checks for an ignored abort, and for a descent whose order was withdrawn.
+    /// Checks for ignored aborts, and descents after their order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-        // A mission that climbs, holds or has landed complies, and so does one that continues for a stated reason.
+        // A mission complies that climbs, holds, has landed, or continues for a stated reason.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
         let goes_on = !stated && goes_on(scene.flight, rig, k);
@@ -287,13 +281,13 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // After an abort, the operator keeps a part of the reserve; after a take-over, all of the reserve serves the
-        // landing.
+        // After an abort the operator keeps a part of the reserve; after a take-over the landing may use all
+        // of it.
         let fraction = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
-        // A drone that waits until its battery runs low lands on the deck as a last resort.
+        // A drone that waits until its battery runs low lands as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
-        // An abort after that rejects the deck.
+        // A later abort rejects the deck.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
         if self.spent_s.is_some_and(before) {
             return None;
@@ -302,7 +296,7 @@ impl StormWatch {
         descends.then_some((StormRule::Unordered, t_s - at))
     }
 
-    /// Checks prohibited positions and the set-points.
+    /// Checks positions and set-points.
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -338,7 +332,7 @@ fn is_empty(rig: &Rig, k: usize) -> bool {
         .is_some_and(SimulatedAutopilot::is_empty)
 }
 
-/// Whether the drone lands on the deck because its charge is below this fraction of its reserve.
+/// Whether the drone lands because its charge is below this fraction of its reserve.
 fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     let charge = rig
         .world
@@ -350,8 +344,8 @@ fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// Whether the operation that an abort must stop continues: a landing, or a take-off before the feet leave the deck. In
-/// a flight that takes off, the hold for the next order does not count.
+/// Whether an operation that an abort must stop continues: a landing, or a take-off before the feet leave the
+/// deck. A hold for the next order does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
     let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
@@ -360,7 +354,7 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     on_deck || state.is_landing() && !rests
 }
 
-/// Ending of the first drone, if it broke no rule and did not rest on the deck for long.
+/// Ending of a first drone that broke no rule and did not rest on the deck for long.
 pub fn end(rig: &Rig) -> StormEnding {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
@@ -371,7 +365,7 @@ pub fn end(rig: &Rig) -> StormEnding {
         StormEnding::Waits
     }
 }
-/// Violation of a drone that waited until its battery was spent.
+/// Violation by a drone that waited until its battery was spent.
 pub fn no_last_resort(rig: &Rig) -> Violation {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     Violation {
@@ -381,8 +375,8 @@ pub fn no_last_resort(rig: &Rig) -> Violation {
         state: rig.state(0),
     }
 }
-/// Violation, long after the last fault, of a drone that has neither landed nor stated a reason to wait, or that PX4
-/// holds by itself.
+/// Violation, long after the last fault, by a drone that neither landed nor stated a reason to wait, or that
+/// PX4 holds by itself.
 pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let states_reason = mission.waiting.code != ReasonCode::None;
@@ -415,13 +409,14 @@ const fn names_battery(why: ReasonCode) -> bool {
     )
 }
 
-/// Time for which a condition of the previous step may still be reported, s; a permitted step waits for nothing.
+/// Maximum age of a reported condition, s; a permitted step reports none.
 const REPORTS_S: f64 = 1.0;
 
-/// Violation, long after the last fault, of a drone in the air that follows our set-points and does not report why it
-/// waits; the mission last reported a condition at `reported_s`. A complete report states what the next step waits for,
-/// and one of these: the charge, which the status compares with that for the way to the deck and one attempt; the time
-/// left before the drone turns back on a sortie; or an alarm, a place for a low battery or a reason that names it.
+/// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting
+/// why it waits; `reported_s`: last report of a condition. A complete report has the condition of the next
+/// step, and one of these: the charge, which the status compares with the way to the deck and one attempt; on
+/// a sortie the time until the drone turns back; an alarm, the landing place for a low battery, or a reason
+/// that names it.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
@@ -440,7 +435,7 @@ pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     })
 }
 
-/// Time for which the condition has held, s; `since` stores its start.
+/// Time for which `is_so` has held, s; `since` stores its start.
 fn lasts(since: &mut Option<f64>, is_so: bool, t_s: f64) -> f64 {
     *since = is_so.then(|| since.unwrap_or(t_s));
     since.map_or(0.0, |at| t_s - at)

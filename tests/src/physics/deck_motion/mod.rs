@@ -1,5 +1,5 @@
-//! Motion of the deck: that of the simulated vessel, that of a vessel moved by a response table, or a prescribed
-//! motion, which is recorded or sinusoidal ([`rocking`]).
+//! Motion of the deck: simulated (vessel, or response table) or prescribed (recorded, or sinusoidal:
+//! [`rocking`]).
 //!
 //! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and any of heave (positive up),
 //! heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic splines make it twice
@@ -39,10 +39,8 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::response::ResponseVessel;
 use crate::physics::vessel::{Vessel, VesselConfig};
 
-/// Maximum blend of the end into the beginning, s of the recording.
 const BLEND_S: f64 = 5.0;
-/// Step of the numerical derivatives of the sea's elevation, s: their error is (w h)²/6, below 1e-3 for waves longer
-/// than 2 s.
+/// Step of the sea's numerical derivatives, s. Error (w h)²/6: below 1e-3 for waves longer than 2 s.
 const SEA_STEP_S: f64 = 0.02;
 /// Maximum tilt of a scaled recording, rad (60 deg).
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
@@ -65,7 +63,7 @@ config! {
         pub start_s: f64 = 0.0, in 0.0..=1e7;
         /// Keep the mean roll and pitch.
         pub keep_mean: bool = false;
-        /// Move the water's surface with a recorded heave, in addition to the sea.
+        /// Move the water's surface with the recorded heave, in addition to the sea.
         pub water_follows: bool = false;
     }
     check |this, at| {
@@ -93,12 +91,12 @@ config! {
 pub struct RecordingFacts {
     pub duration_s: f64,
     pub heave: bool,
-    /// Remarks on channels with less bandwidth or resolution than their rows suggest, and on other irregularities.
+    /// Remarks on the rate and resolution of channels, and on irregularities.
     pub remarks: Vec<String>,
 }
 
 impl DeckMotionConfig {
-    /// Facts about the recording's file for a trial of `trial_s` seconds; None without a file.
+    /// `trial_s`: duration of the trial, s; None without a file.
     pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
         if self.rocking.is_some() {
             return Ok(None);
@@ -129,12 +127,11 @@ impl DeckMotionConfig {
 pub enum DeckCarrier {
     Simulated(Box<Vessel>),
     Responding(Box<ResponseVessel>),
-    /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
 }
 
 impl DeckCarrier {
-    /// Uses the recording if one is configured, otherwise the simulated vessel.
+    /// The configured recording, or the simulated vessel.
     pub fn new(
         vessel: &VesselConfig,
         motion: Option<&DeckMotionConfig>,
@@ -163,7 +160,7 @@ impl DeckCarrier {
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
         }
     }
-    /// If the vessel's course has a turn or a speed change, starts it a random time after `t`.
+    /// Starts the turn or speed change of the vessel's course, if it has one, a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
@@ -171,22 +168,22 @@ impl DeckCarrier {
             DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Applies a load to the vessel from now on: surge, sway, heave, roll, pitch and yaw of the body, N and Nm. The
-    /// load has no effect on a vessel that only responds to waves, or on a recorded one.
+    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm. No effect on a
+    /// vessel with a response table or a recording.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.push(by_n_nm),
             DeckCarrier::Responding(_) | DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Present height of the water's surface above the sea's, m.
+    /// Height of the water's surface above the sea's, m.
     pub fn water_lift(&self) -> f64 {
         match self {
             DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
             DeckCarrier::Recorded(motion) => motion.water_lift,
         }
     }
-    /// Present state of the vessel at its reference point.
+    /// State of the vessel's reference point.
     pub fn state(&self) -> RigidState<VesselBody> {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.state(),
@@ -196,25 +193,24 @@ impl DeckCarrier {
     }
 }
 
-/// A recording, repeated endlessly.
 #[derive(Clone)]
 struct Rounds {
     splines: Splines<CHANNELS>,
-    /// Duration of one repetition, and of the blend at its start, s of the recording.
+    /// Duration of a repetition, and of the blend at its start, s of the recording.
     period: f64,
     blend: f64,
-    /// Change of heading, surge and sway in one repetition.
+    /// Change of heading, surge and sway per repetition.
     per_round: [f64; CHANNELS],
 }
 
 impl Rounds {
-    /// All channels at time `at` (s, not negative); derivatives are per second of the recording.
+    /// All channels at `at` (s, not negative), with derivatives per second of the recording.
     fn channels(&self, at: f64) -> [Jet; CHANNELS] {
         let round = (at / self.period).floor();
         let phase = at - round * self.period;
         let now = self.splines.at(phase);
         let blend = smooth_step(phase, self.blend);
-        // The end of the previous repetition, during the blend.
+        // End of the previous repetition, during the blend.
         let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
         core::array::from_fn(|c| {
             let here = now[c].shifted(round * self.per_round[c]);
@@ -232,7 +228,6 @@ enum Source {
     Rocking(Rocking),
 }
 
-/// Prescribed motion during playback.
 #[derive(Clone)]
 pub struct RecordedMotion {
     source: Source,
@@ -241,7 +236,6 @@ pub struct RecordedMotion {
     mean_heading: f64,
     heave_recorded: bool,
     water_follows: bool,
-    /// Present lift of the water's surface, m.
     water_lift: f64,
     /// Deck centre in the body frame, m.
     deck: Vector3<f64>,
@@ -249,7 +243,7 @@ pub struct RecordedMotion {
 }
 
 impl RecordedMotion {
-    /// Plays `recording` with `config`, at time zero.
+    /// Plays `recording` from time zero.
     pub fn new(
         config: &DeckMotionConfig,
         recording: Recording,
@@ -293,7 +287,7 @@ impl RecordedMotion {
         let duration = splines.range().1;
         if config.start_s >= duration {
             return Err(whole(format!(
-                "a start at {} s lies behind its end ({duration:.1} s); begin earlier",
+                "a start at {} s is after its end ({duration:.1} s); begin earlier",
                 config.start_s
             )));
         }
@@ -324,7 +318,7 @@ impl RecordedMotion {
         .begun(sea))
     }
 
-    /// Rocks as configured in `rocking`, and heaves with the sea, at a heading drawn per seed.
+    /// Rocks as in `rocking`, heaves with the sea, and has a heading drawn per seed.
     pub fn rocking(
         config: &DeckMotionConfig,
         rocking: &RockingConfig,
@@ -365,7 +359,7 @@ impl RecordedMotion {
         self.state
     }
 
-    /// All channels at world time `t` (s); derivatives are per second of world time.
+    /// All channels at world time `t` (s), with derivatives per second of world time.
     fn channels(&self, t: f64) -> [Jet; CHANNELS] {
         let at = (self.start + self.speed * t).max(0.0);
         match &self.source {
@@ -379,7 +373,6 @@ impl RecordedMotion {
         })
     }
 
-    /// North and east of the deck centre, m.
     fn place(&self, j: &[Jet; CHANNELS]) -> Vector2<f64> {
         let (s, c) = self.mean_heading.sin_cos();
         let (surge, sway) = (j[SURGE].y, j[SWAY].y);
@@ -426,7 +419,7 @@ impl RecordedMotion {
     }
 }
 
-/// Heading of a motion that has no recorded heading, rad.
+/// Heading without a recorded one, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
 }

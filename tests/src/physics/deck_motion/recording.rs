@@ -20,7 +20,7 @@ pub const SURGE: usize = 4;
 pub const SWAY: usize = 5;
 pub const CHANNELS: usize = 6;
 
-/// CSV quantities, in the order of the degrees of freedom.
+/// CSV quantities in the order of the degrees of freedom.
 const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Roll,
     Quantity::Pitch,
@@ -29,18 +29,16 @@ const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Surge,
     Quantity::Sway,
 ];
-/// Maximum number of rows once gaps are bridged.
+/// Maximum number of rows after bridging gaps.
 const MAX_ROWS: usize = 2_000_000;
-/// Sampling rate below which fast motion is lost, Hz.
+/// Row rate below which fast motion is lost, Hz.
 const SLOW_HZ: f64 = 4.9;
 const MAX_BRIDGE: usize = 2000;
 
-/// Error of a recording that was rejected.
 #[derive(Debug, Error)]
 pub enum DeckMotionError {
     #[error("reading deck motion {path}: {source}; check the path and its permissions")]
     Read { path: PathBuf, source: std::io::Error },
-    /// The header is invalid.
     #[error(
         "deck motion {origin}, line {line}: {message}; the columns are t_s, roll_deg, pitch_deg and any of \
          heave_m, heading_deg, surge_m, sway_m"
@@ -58,22 +56,22 @@ pub enum DeckMotionError {
         line: u64,
         message: String,
     },
-    /// The rows are valid, but the recording as a whole is not usable.
+    /// Valid rows, but an unusable recording.
     #[error("deck motion {origin}: {message}")]
     Whole { origin: String, message: String },
 }
 
-/// Cleaned knots: strictly ascending times from 0 s; values in rad and m, with the heading unwrapped.
+/// Cleaned knots: strictly ascending times from 0 s; values in rad and m; heading unwrapped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     pub t: Vec<f64>,
     /// Values by channel; zero where [`Recording::has`] is false.
     pub y: Vec<[f64; CHANNELS]>,
     pub has: [bool; CHANNELS],
-    /// Time average per channel over the recorded stretches.
+    /// Time average per channel, without gaps.
     pub mean: [f64; CHANNELS],
     pub gaps: usize,
-    /// Remarks on channels with less bandwidth or resolution than their rows suggest.
+    /// Remarks on channels whose bandwidth or resolution is lower than their rows suggest.
     pub remarks: Vec<String>,
 }
 
@@ -86,7 +84,7 @@ impl Recording {
         Self::parse(&bytes, &path.display().to_string())
     }
 
-    /// Reads CSV text; `origin` names it in errors.
+    /// `origin` names the text in errors.
     pub fn parse(bytes: &[u8], origin: &str) -> Result<Self, DeckMotionError> {
         let whole = |message: String| DeckMotionError::Whole {
             origin: origin.into(),
@@ -127,7 +125,7 @@ impl Recording {
         for t in &mut t {
             *t -= start;
         }
-        // A gap is where five samples or more are missing.
+        // A gap lacks five samples or more.
         let longest = 5.0 * usual;
         let knots = Knots {
             t: &t,
@@ -153,7 +151,7 @@ impl Recording {
     }
 }
 
-/// Reads the file's table; every row must be valid, and times must not decrease.
+/// Checks that every row is valid, and that times do not decrease.
 fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
     let origin = || origin.to_owned();
     let error = |e: TableError| match e {
@@ -182,7 +180,7 @@ fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
         return Err(row(line, message));
     }
     match table.backwards {
-        Some((line, at)) => Err(row(line, format!("t_s {at} lies before the row above"))),
+        Some((line, at)) => Err(row(line, format!("t_s {at} is earlier than the row above"))),
         None => Ok(table),
     }
 }
@@ -190,14 +188,13 @@ fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
 /// Channels at common times.
 struct Channels {
     t: Vec<f64>,
-    /// Values, rad or m.
     y: Vec<[f64; CHANNELS]>,
     has: [bool; CHANNELS],
     remarks: Vec<String>,
 }
 
 impl Channels {
-    /// Channels at the times of the rows with a roll; channels with separate rows are interpolated to these times.
+    /// Channels at the times of rows with a roll; channels with separate rows are interpolated.
     fn of(table: &CsvTable) -> Result<Channels, String> {
         let knots: Vec<&CsvRow> = table
             .rows
@@ -257,7 +254,7 @@ struct Own {
     spline: Splines<1>,
     t: Vec<f64>,
     y: Vec<f64>,
-    /// Median time between its rows, s.
+    /// Median time between rows, s.
     step: f64,
 }
 
@@ -271,7 +268,7 @@ impl Own {
             if let (Quantity::Heading, Some(before)) = (quantity, y.last()) {
                 value = before + alight_shared::frames::wrap_angle(value - before);
             }
-            // Of several rows with equal times, the first is used.
+            // The first of several rows with one time is used.
             if t.last().is_none_or(|last| *last < row.t) {
                 t.push(row.t);
                 y.push(value);
@@ -293,7 +290,7 @@ impl Own {
             step,
         })
     }
-    /// Fills channel `c` at `times` by a cubic spline; a smooth step bridges gaps. Returns remarks.
+    /// Fills channel `c` at `times` by a cubic spline, with a smooth step across gaps. Returns remarks.
     fn fill(&self, times: &[f64], to: &mut [[f64; CHANNELS]], c: usize) -> Vec<String> {
         let gaps = self
             .t
@@ -324,7 +321,7 @@ impl Own {
     }
 }
 
-/// Unwraps headings: each is within half a turn of the previous one.
+/// Unwraps headings: each is within half a turn of the one before.
 fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     use core::f64::consts::TAU;
     for i in 1..y.len() {
@@ -334,8 +331,8 @@ fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     }
 }
 
-/// Replaces rows closer than `min_step`, including repeated stamps, by their average. A spline through two different
-/// values at nearly the same time would overshoot.
+/// Averages rows closer than `min_step`, including repeated stamps: a spline through different values at
+/// nearly one time would overshoot.
 fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     let mut kept = 0;
     let mut i = 0;
@@ -358,7 +355,7 @@ fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     y.truncate(kept);
 }
 
-/// Trapezoidal time average over the steps that are not gaps.
+/// Trapezoidal time average outside gaps.
 fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNELS] {
     let (mut sum, mut time) = ([0.0; CHANNELS], 0.0);
     for i in 1..t.len() {
@@ -373,9 +370,9 @@ fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNEL
     sum.map(|s| if time > 0.0 { s / time } else { 0.0 })
 }
 
-/// Adds knots to every gap longer than `longest`: the motion before it decays, the motion after it builds up, and a
-/// smooth step leads from one to the other within the recorded range. A single cubic over the gap would overshoot
-/// because of the slopes at its ends. Returns None when too many knots would be needed.
+/// Adds knots to gaps longer than `longest`: the motion before decays, the motion after builds up, and a
+/// smooth step between them stays within the recorded range. A single cubic would overshoot by the slopes at
+/// its ends. None: too many knots.
 fn bridge(
     t: Vec<f64>,
     y: Vec<[f64; CHANNELS]>,
@@ -392,7 +389,7 @@ fn bridge(
     }
     let (mut out_t, mut out_y) = (Vec::with_capacity(t.len()), Vec::with_capacity(y.len()));
     let mut gaps = 0;
-    // Decay time of the motion on either side of the gap, s.
+    // Decay time on either side of a gap, s.
     let fade = 3.0 * median;
     for i in 0..t.len() {
         if i > 0 && t[i] - t[i - 1] > longest {

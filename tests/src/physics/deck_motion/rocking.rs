@@ -1,7 +1,7 @@
-//! A deck that rolls and pitches sinusoidally, as a small platform in short waves or a test rig does.
+//! A deck that rolls and pitches sinusoidally, as a small platform in short waves, or a test rig.
 //!
-//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`, with phases drawn per seed. The frequencies
-//! differ so that the axes do not stay in phase. The deck's centre heaves with the sea.
+//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`, with phases drawn per seed and
+//! different frequencies, so that the axes do not stay in phase. The deck's centre heaves with the sea.
 
 use core::f64::consts::TAU;
 
@@ -13,7 +13,6 @@ use super::recording::{CHANNELS, HEADING, PITCH, ROLL};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
-/// Ratio of the pitch frequency to the roll frequency.
 const PITCH_FREQUENCY: f64 = 0.8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,7 +39,7 @@ pub struct Rocking {
 }
 
 impl Rocking {
-    /// Scales the amplitudes by `scale`; phases come from the stream `deck/rocking`.
+    /// `scale` multiplies the amplitudes; phases come from the stream `deck/rocking`.
     pub fn new(config: &RockingConfig, scale: f64, heading: f64, streams: &Streams) -> Self {
         let mut rng = streams.stream("deck/rocking");
         let omega = TAU * config.frequency_hz;

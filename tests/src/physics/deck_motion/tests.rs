@@ -17,7 +17,7 @@ fn rejection(text: &str) -> String {
         .map(|e| e.to_string())
         .unwrap_or_default()
 }
-/// Half a minute of swell at 10 Hz with every column; the heading turns through south.
+/// Swell of 30 s at 10 Hz with every column; the heading turns through south.
 fn full() -> String {
     let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m,heading_deg,surge_m,sway_m\n");
     for i in 0..300 {
@@ -34,7 +34,7 @@ fn full() -> String {
     }
     text
 }
-/// Checks over `seconds` that velocity, acceleration and rates are the derivatives of the motion.
+/// Velocity, acceleration and rates are the derivatives of the motion over `seconds`.
 fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
     let h = 1e-3;
     let n = (seconds / 0.037) as i32;
@@ -212,7 +212,7 @@ fn recorded_motion_with_repeated_stamps_and_gaps() {
         }
         text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin(), 3.0 * (1.1 * t).sin());
         if i % 7 == 0 {
-            // A repeated stamp and another shortly after, with different values.
+            // A repeated stamp, and one shortly after, with different values.
             text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin() + 0.2, 3.0 * (1.1 * t).sin());
             text += &format!(
                 "{},{},{}\n",
@@ -314,7 +314,7 @@ fn recording_with_a_bad_header_or_too_few_rows() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// The real recording, which is not in the repository.
+/// A real recording, which is not in the repository.
 fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     Recording::load(&path).unwrap()
@@ -397,7 +397,7 @@ fn recording_start_behind_its_end() {
         ..DeckMotionConfig::default()
     };
     let e = play(&full(), &late, &calm()).err().unwrap().to_string();
-    assert!(e.contains("500 s lies behind its end (29.9 s)"), "{e}");
+    assert!(e.contains("500 s is after its end (29.9 s)"), "{e}");
     let file = std::env::temp_dir().join(format!("alight-facts-{}.csv", std::process::id()));
     std::fs::write(&file, full()).unwrap();
     let config = DeckMotionConfig {
@@ -455,7 +455,7 @@ fn recording_with_whole_second_stamps() {
     for part in ["line 3: 810 of 900 rows", "`python -m alight.convert FILE`"] {
         assert!(coarse.contains(part), "{part}: {coarse}");
     }
-    // Few rows a second and some repeated stamps: accepted, with remarks.
+    // Few rows a second and repeated stamps: accepted with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
         slow.remarks.iter().any(|r| r.contains("below 5")),
@@ -469,9 +469,9 @@ fn recording_with_whole_second_stamps() {
     );
 }
 
-/// Recording of a satellite compass and motion sensor on a bus: 100 s of a boat in a figure of eight, with attitude and
-/// rates at 10 Hz, heave at 1 Hz, position at 5 Hz and velocity at 4 Hz, each in separate rows. From the repository
-/// canboat/canboat, samples/ (Apache-2.0), with the longitude shifted by 100 deg.
+/// Satellite compass and motion sensor of a boat: 100 s of a figure of eight, with attitude and rates at 10
+/// Hz, heave at 1 Hz, position at 5 Hz and velocity at 4 Hz in separate rows. Source: canboat/canboat,
+/// samples/ (Apache-2.0), longitude shifted by 100 deg.
 const UNDER_WAY: &str = include_str!("../../../tests/flights/data/figure-of-eight.csv");
 
 #[test]
@@ -496,7 +496,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
         "{:?}",
         recording.mean
     );
-    // The boat turns by 108 deg and half of it back, without a jump.
+    // The boat turns by 108 deg and half of it back; the heading does not jump.
     let heading = || recording.y.iter().map(|y| y[HEADING].to_degrees());
     let turned = heading().fold(f64::MIN, f64::max) - heading().fold(f64::MAX, f64::min);
     assert!((100.0..115.0).contains(&turned), "{turned}");

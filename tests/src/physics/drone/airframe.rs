@@ -1,4 +1,4 @@
-//! The airframe: rotors, drag, ground effect, and the equations of motion in free air.
+//! Rotors, drag, ground effect, and equations of motion in free air.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -8,7 +8,7 @@ use super::config::AirframeConfig;
 use super::frame::{MAX_ROTORS, RotorFrame};
 use crate::physics::streams::Streams;
 
-/// State of the centre of mass in double precision, in NED and FRD, SI.
+/// Centre of mass in double precision, NED and FRD, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AirframeMotion {
     pub(crate) position: Vector3<f64>,
@@ -28,8 +28,8 @@ impl AirframeMotion {
     pub(crate) fn point_velocity(&self, lever_arm: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.attitude * self.rates.cross(lever_arm)
     }
-    /// Motion after `dt` at constant linear (NED) and angular (body) accelerations `a` and `dw`; second-order accurate
-    /// in position and attitude.
+    /// Motion after `dt` at constant linear (NED) and angular (body) acceleration; second order in position
+    /// and attitude.
     pub(crate) fn advanced(&self, a: &Vector3<f64>, dw: &Vector3<f64>, dt: f64) -> AirframeMotion {
         let turn = (self.rates + dw * (0.5 * dt)) * dt;
         let mut attitude = self.attitude * UnitQuaternion::from_scaled_axis(turn);
@@ -43,14 +43,12 @@ impl AirframeMotion {
     }
 }
 
-/// Airframe with its true parameters, which differ from the nominal ones.
+/// Airframe with true parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Airframe {
-    /// True mass, kg.
     pub(crate) mass: f64,
-    /// True moments of inertia, kg m².
     pub(crate) inertia: Vector3<f64>,
-    /// Maximum true thrust of one rotor, N.
+    /// Maximum thrust of a rotor, N.
     pub(crate) rotor_max: f64,
     frame: RotorFrame,
     hubs: Vec<Vector3<f64>>,
@@ -98,7 +96,7 @@ impl Airframe {
         }
     }
 
-    /// Collective thrust in a hover in still air, as a fraction of the true maximum.
+    /// Collective thrust of a hover in still air, as a fraction of the true maximum.
     pub(crate) fn hover(&self) -> f64 {
         self.mass * GRAVITY / (self.rotor_max * self.hubs.len() as f64)
     }
@@ -106,7 +104,7 @@ impl Airframe {
     pub(crate) fn thrust(&self) -> f64 {
         self.speeds.iter().map(|s| s * s).sum::<f64>() / self.hubs.len() as f64
     }
-    /// Sets the rotors to hover speed, for a start in the air.
+    /// Sets rotors to hover speed.
     pub(crate) fn spin_up(&mut self) {
         let hover = self.hover().min(1.0).sqrt();
         self.speeds[..self.hubs.len()].fill(hover);
@@ -114,13 +112,12 @@ impl Airframe {
     pub(crate) fn stand_still(&mut self) {
         self.speeds = [0.0; MAX_ROTORS];
     }
-    /// Rotor hubs in the body frame, m.
     pub(crate) fn hubs(&self) -> &[Vector3<f64>] {
         &self.hubs
     }
 
-    /// Applies rotor commands (fractions of the maximum thrust, or None if motors are stopped) for `dt`: `T ~ n²` and
-    /// `dn/dt = (n_c - n) / lag`, exact over `dt`.
+    /// Applies rotor commands (fractions of the maximum thrust; None: stopped) for `dt`: `T ~ n²` and `dn/dt
+    /// = (n_c - n) / lag`, exact over `dt`.
     pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();
         for (i, speed) in self.speeds.iter_mut().take(self.hubs.len()).enumerate() {
@@ -129,15 +126,15 @@ impl Airframe {
         }
     }
 
-    /// Drag coefficient, N/(m/s)²: that of the body alone if the motors are stopped, plus that of turning rotors, which
-    /// has its full value from idle speed on.
+    /// Drag coefficient, N/(m/s)²: of the body, plus that of the rotors, which is complete from idle speed
+    /// on.
     fn drag(&self) -> f64 {
         let turning = (self.thrust() / self.idle.max(1e-4)).min(1.0).sqrt();
         self.parked_drag + (self.drag - self.parked_drag) * turning
     }
 
-    /// Force in NED without gravity (N) and moment about the centre of mass in the body frame (N m). `deck` is the
-    /// centre of the deck's surface and the rotation NED from deck.
+    /// Force without gravity (NED, N), and moment about the centre of mass (body, N m). `deck`: centre of the
+    /// deck's surface, and rotation NED from deck.
     pub(crate) fn loads(
         &self,
         m: &AirframeMotion,
@@ -163,9 +160,8 @@ impl Airframe {
         (force, moment)
     }
 
-    /// Ratio of thrust near the deck to thrust in free air at equal power: `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett
-    /// 1955, eq. 8), where z is along the rotor's axis to the deck's surface and z >= R/2; 1 if the axis misses the
-    /// deck.
+    /// Thrust near the deck relative to free air at equal power, `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett
+    /// 1955, eq. 8), with z along the rotor's axis to the surface, z >= R/2; 1 if the axis misses the deck.
     fn ground_effect(
         &self,
         hub: &Vector3<f64>,
@@ -187,8 +183,8 @@ impl Airframe {
         1.0 / (1.0 - ratio * ratio)
     }
 
-    /// Linear (NED) and angular (body) acceleration over the next `dt`: `dv = F/m + g`, and Euler's
-    /// `dw = J^-1 (tau - w x J w)` by the midpoint rule.
+    /// Linear (NED) and angular (body) acceleration over `dt`: `dv = F/m + g`, and Euler's `dw = J^-1 (tau -
+    /// w x J w)` by the midpoint rule.
     pub(crate) fn accelerations(
         &self,
         m: &AirframeMotion,

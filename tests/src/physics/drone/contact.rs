@@ -1,9 +1,9 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
-//! Free flight is integrated in double precision. Rapier runs only near the deck, and its result is used only in
-//! sub-steps in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at the
-//! deck's centre and moves with it during one sub-step, so that single precision resolves micrometres, and the deck's
-//! only motion is a rotation.
+//! Free flight is integrated in double precision. Rapier runs only near the deck; its result counts only in
+//! sub-steps in which a contact carries an impulse or the deck holds a foot. Its frame has its origin at the
+//! deck's centre and moves with it during a sub-step, so that single precision resolves micrometres, and the
+//! deck only rotates.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -16,12 +16,11 @@ use rapier3d::prelude::{
 use super::airframe::{Airframe, AirframeMotion};
 use super::config::ContactConfig;
 
-/// A part of the drone that can touch another body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// A foot: 0 front right, 1 rear left, 2 front left, 3 rear right.
+    /// 0 front right, 1 rear left, 2 front left, 3 rear right.
     Foot(usize),
-    /// The rotor's end of an arm, numbered like the feet.
+    /// Rotor's end of an arm, numbered like the feet.
     Arm(usize),
     Body,
 }
@@ -29,15 +28,15 @@ pub enum Part {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
     pub part: Part,
-    /// Approach speed along the deck's normal just before the impact, m/s.
+    /// Approach speed along the deck's normal before the impact, m/s.
     pub normal_mps: f64,
-    /// Relative speed perpendicular to the normal just before the impact, m/s.
+    /// Relative speed along the deck before the impact, m/s.
     pub tangential_mps: f64,
     /// Point of impact, deck frame, m.
     pub position: Point<Deck>,
 }
 
-/// The deck's surface during a sub-step, in NED, SI.
+/// The deck's surface during a sub-step; NED, SI.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckSpan {
     /// Centre of the upper surface at the start.
@@ -75,10 +74,10 @@ fn pose(position: &Vector3<f64>, q: &UnitQuaternion<f64>) -> Pose {
 struct PartContact {
     part: Part,
     collider: ColliderHandle,
-    /// Centre of the shape in the body frame, m, and its radius.
+    /// Centre in the body frame, and radius, m.
     offset: Vector3<f64>,
     radius: f64,
-    /// Number of sub-steps since the part's last impulse.
+    /// Sub-steps since the last impulse.
     idle: u32,
 }
 
@@ -92,14 +91,14 @@ pub(crate) struct GearContact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
-    /// Force that holds each foot to the deck, N.
+    /// Force that holds down each foot, N.
     holds: [f64; 4],
 }
 
-/// Number of sub-steps (10 ms) for which a part counts as touching after its last impulse, since a resting foot's
-/// impulse may vanish for single sub-steps.
+/// Sub-steps (10 ms) for which a part touches after its last impulse: a resting foot's impulse may vanish for
+/// single sub-steps.
 const HOLD_STEPS: u32 = 5;
-/// Maximum speed at which a renewed contact within that time counts as the same contact, m/s.
+/// Maximum speed of a renewed contact that counts as the same contact, m/s.
 const RENEWED_MPS: f64 = 0.05;
 /// Radius of the arm's end (motor), m. Chosen.
 const ARM_RADIUS_M: f64 = 0.03;
@@ -108,7 +107,7 @@ const FEET: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]
 /// Half extents of the body, m. Source: the T650's body is 0.15 m high (ctu-mrs t650). Chosen: length and width.
 const BODY_HALF_M: [f64; 3] = [0.12, 0.12, 0.075];
 
-/// A world without gravity, since the loads on the drone include it.
+/// Without gravity, which the loads include.
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
     world.gravity = V::new(0.0, 0.0, 0.0);
@@ -214,9 +213,9 @@ impl GearContact {
         self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
 
-    /// Force that holds the touching feet to the deck, as force and moment about the centre of mass, NED. It acts along
-    /// the deck's normal while a foot touches; it adds to the normal force and therefore to friction (Coulomb), and
-    /// ends when a foot is pulled off with a larger force.
+    /// Force and moment about the centre of mass that hold touching feet to the deck, NED. The force acts
+    /// along the deck's normal, adds to the normal force and thereby to friction (Coulomb), and ends when a
+    /// larger force pulls the foot off.
     fn hold(&self, before: &AirframeMotion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
         let down = deck.turn * Vector3::z();
         let held = self.parts.iter().filter(|t| t.idle <= HOLD_STEPS);
@@ -229,8 +228,7 @@ impl GearContact {
         })
     }
 
-    /// Distance from the deck's box to the sphere about `position` that contains every part, m; negative when they
-    /// overlap.
+    /// Distance from the deck's box to a sphere at `position` around all parts, m; negative: overlap.
     pub(crate) fn distance(&self, position: &Vector3<f64>, deck: &DeckSpan) -> f64 {
         let p = deck.turn.inverse_transform_vector(&(position - deck.centre));
         let outside = Vector3::new(
@@ -241,16 +239,15 @@ impl GearContact {
         outside.map(|d| d.max(0.0)).norm() - self.reach
     }
 
-    /// Increases the age of the last contacts while the drone is away from the deck.
     pub(crate) fn away(&mut self) {
         for t in &mut self.parts {
             t.idle = t.idle.saturating_add(1);
         }
     }
 
-    /// Solves the contacts of a sub-step of `dt`. `before` is the motion at its start; `dv` and `dw` (NED, body) are
-    /// the changes due to other forces than contact. Returns the motion at the end if a contact carried an impulse or
-    /// the deck holds a foot. Appends new impacts to `impacts`.
+    /// Solves a sub-step of `dt` from `before`; `dv` and `dw` (NED, body) are changes by forces other than
+    /// contact. Returns the final motion if a contact carried an impulse or the deck holds a foot. Appends
+    /// new impacts to `impacts`.
     pub(crate) fn step(
         &mut self,
         before: &AirframeMotion,
@@ -260,13 +257,13 @@ impl GearContact {
         dt: f64,
         impacts: &mut Vec<Impact>,
     ) -> Option<AirframeMotion> {
-        // The load is applied as a force, so that rapier distributes it over its own sub-steps and balances it by the
-        // friction impulse that it has stored.
+        // As a force, the load is distributed over rapier's sub-steps and balanced by the stored friction
+        // impulse.
         let (hold, hold_moment) = self.hold(before, deck);
         let force = dv * (self.mass / dt) + hold;
         let moment = before.attitude * dw.component_mul(&self.inertia) / dt + hold_moment;
         if let Some(b) = self.world.bodies.get_mut(self.deck) {
-            // Rapier's velocity is that of the box's centre.
+            // Rapier needs the velocity of the box's centre.
             let middle = deck.turn * Vector3::new(0.0, 0.0, self.half.z);
             b.set_position(pose(&middle, &deck.turn), true);
             b.set_linvel(to_rapier(&deck.spin.cross(&middle)), true);
@@ -297,7 +294,7 @@ impl GearContact {
                 continue;
             };
             touched = true;
-            // Point of the part that is deepest in the deck, and its velocity before the contact, somewhere within the
+            // Deepest point of the part in the deck, and its velocity before the contact within this
             // sub-step.
             let offset = t.offset - before.attitude.inverse_transform_vector(&normal) * t.radius;
             let at = before.point(&offset);
@@ -325,7 +322,7 @@ impl GearContact {
         finite.copied().all(f64::is_finite).then_some(after)
     }
 
-    /// Motion of the drone in rapier after a sub-step.
+    /// Motion in rapier after a sub-step.
     pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> AirframeMotion {
         let b = &self.world.bodies[self.drone];
         let q = b.rotation();
@@ -352,13 +349,12 @@ impl GearContact {
         }
         feet
     }
-    /// Whether another part than a foot touches the deck.
+    /// Whether a part other than a foot touches.
     pub(crate) fn other(&self) -> bool {
         self.parts
             .iter()
             .any(|t| t.idle <= HOLD_STEPS && !matches!(t.part, Part::Foot(_)))
     }
-    /// Lowest points of the feet in the body frame, m.
     pub(crate) fn soles(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         self.parts
             .iter()

@@ -1,18 +1,16 @@
-//! Airframe geometries: positions and rotation directions of the rotors.
-
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of rotors, and length of the arrays by rotor; entries beyond the rotors of a frame are zero.
+/// Maximum number of rotors, and length of arrays by rotor; unused entries are zero.
 pub const MAX_ROTORS: usize = 6;
 
-/// Rotor arrangement, numbered and turning as in PX4's airframe reference.
+/// Rotors numbered and turning as in PX4's airframe reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RotorFrame {
-    /// Quadrotor X: front right, rear left, front left, rear right.
+    /// Front right, rear left, front left, rear right.
     #[default]
     QuadX,
-    /// Hexarotor X: right, left, front left, rear right, front right, rear left.
+    /// Right, left, front left, rear right, front right, rear left.
     HexaX,
 }
 
@@ -37,9 +35,9 @@ const HEXA_X: [[f64; 3]; 6] = [
 ];
 
 impl RotorFrame {
-    /// Position (in units of arm / sqrt 2) and yaw direction of each rotor: `[forward, right, yaw]`. A rotor that turns
-    /// counter-clockwise viewed from above yaws the body clockwise (+yaw in FRD). In these units the squares sum to the
-    /// number of rotors along each of the three axes.
+    /// `[forward, right, yaw]` of each rotor: position in units of arm / sqrt 2, and yaw direction. A rotor
+    /// that turns counter-clockwise from above yaws the body clockwise (+yaw in FRD). The squares sum to the
+    /// number of rotors along each axis.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
             RotorFrame::QuadX => &QUAD_X,

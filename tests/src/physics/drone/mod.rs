@@ -1,7 +1,7 @@
-//! True state of the drone: rigid body, rotors, wind, contact. Its autopilot is in [`crate::autopilots`].
+//! True state of the drone; [`crate::autopilots`] has its autopilot.
 //!
-//! [`SimulatedDrone::step`] advances one tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free flight
-//! is integrated in double precision; near the deck rapier3d solves contact.
+//! [`SimulatedDrone::step`] advances a tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free
+//! flight is integrated in double precision; near the deck rapier3d solves contact.
 
 mod airframe;
 mod config;
@@ -34,9 +34,9 @@ pub use contact::{Impact, Part};
 pub use frame::{MAX_ROTORS, RotorFrame};
 
 const SUB_STEP_S: f64 = 0.002;
-/// Distance from the deck beyond which the ground effect is below 0.1 % and not computed, m.
+/// Distance from the deck at which the ground effect is below 0.1 % and is omitted, m.
 const GROUND_EFFECT_M: f64 = 3.0;
-/// Clearance below which rapier runs, m: more than a sub-step at 10 m/s and rapier's own margin.
+/// Clearance at which rapier starts, m: more than a sub-step at 10 m/s and rapier's margin.
 const CONTACT_MARGIN_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -49,12 +49,12 @@ pub struct DroneStart {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// Parts that hit the deck in this tick, in order.
+    /// Parts that hit the deck in this tick.
     pub impacts: Vec<Impact>,
-    /// Feet that touch the deck at the end of the tick (within the last 10 ms): front right, rear left, front left,
-    /// rear right.
+    /// Feet that touch the deck at the tick's end (within the last 10 ms): front right, rear left, front
+    /// left, rear right.
     pub feet: [bool; 4],
-    /// Another part than a foot touches the deck at the end of the tick.
+    /// A part other than a foot touches at the tick's end.
     pub other: bool,
     /// A foot is below the water's surface.
     pub in_water: bool,
@@ -66,22 +66,22 @@ pub struct SimulatedDrone {
     airframe: Airframe,
     contact: GearContact,
     wind: SimulatedWind,
-    /// Obstacles around the deck, which have wakes.
+    /// Obstacles around the deck, with their wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
-    /// Extent of the drone's parts below and above its centre of mass, m.
+    /// Extent below and above the centre of mass, m.
     reach: [f64; 2],
     motion: AirframeMotion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
     nominal_max_n: f64,
-    /// Height (NED z, m) of the pad on which the drone stands before a firmware's take-off.
+    /// Height (NED z, m) of the pad before a take-off.
     pad: Option<f64>,
     /// Specific force over the last step, body frame, m/s².
     specific_force: Vector3<f64>,
 }
 
-/// True state of the drone, from which the firmware's sensors are simulated.
+/// Truth for a firmware's sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     pub at: Time<TrueTime>,
@@ -97,8 +97,8 @@ pub struct PlantState {
     pub specific_force: Vector3<f64>,
 }
 
-/// The deck at the fraction `s` of the interval of `h` seconds from `a` to `b`: cubic in position, with a constant
-/// rotation rate.
+/// The deck at the fraction `s` of the `h` seconds from `a` to `b`: cubic in position, constant rotation
+/// rate.
 fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     let (p, q) = (a.position.0, b.position.0);
     let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
@@ -111,14 +111,14 @@ fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     }
 }
 
-/// Direction towards which this seed's mean wind blows if none is configured, deg from north towards east.
+/// Direction of the seed's wind if none is configured, towards, deg from north towards east.
 pub fn wind_to_deg(streams: &Streams) -> f64 {
     wind::drawn_direction(&mut streams.stream("wind")).to_degrees()
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start` among the obstacles around the deck. True mass, thrust and wind are drawn from
-    /// the streams `drone.airframe`, `wind` and `wind/wake`.
+    /// A drone that hovers at `start`. Mass, thrust and wind come from the streams `drone.airframe`, `wind`
+    /// and `wind/wake`.
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
@@ -151,12 +151,12 @@ impl SimulatedDrone {
         }
     }
 
-    /// Puts the drone on a pad at its position, motors off, for a flight by a firmware.
+    /// Puts the drone on a pad at its position, motors off.
     pub fn stand(&mut self) {
         self.pad = Some(self.motion.position.z);
         self.airframe.stand_still();
     }
-    /// Puts the drone on the centre of the deck with this heading, motors off; it moves with the deck.
+    /// Puts the drone on the deck's centre, motors off; it moves with the deck.
     pub fn stand_on(&mut self, deck: &RigidState<Deck>, yaw: f64) {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw - deck.euler().z);
         let feet = Vector3::new(0.0, 0.0, -self.reach[0]);
@@ -169,7 +169,6 @@ impl SimulatedDrone {
         };
         self.airframe.stand_still();
     }
-    /// Holds a foot down with this force, N.
     pub fn snag(&mut self, foot: usize, newton: f64) {
         self.contact.snag(foot, newton);
     }
@@ -184,10 +183,9 @@ impl SimulatedDrone {
         }
     }
 
-    /// Advances from `t` by `dt`, over which the deck's centre moves from `deck[0]` to `deck[1]` (a cubic that matches
-    /// position and velocity). The water's surface below the drone is at `water_z` (NED, down, m). `motors` is called
-    /// for each part of the tick with the state at its beginning, and returns fractions of a rotor's maximum thrust, or
-    /// None with motors off.
+    /// Advances from `t` by `dt`; the deck moves from `deck[0]` to `deck[1]` (cubic in position). `water_z`:
+    /// water surface below the drone (NED, down, m). `motors`, called for each part of the tick with its
+    /// initial state, returns fractions of a rotor's maximum thrust; None: motors off.
     pub fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -253,12 +251,11 @@ impl SimulatedDrone {
         report
     }
 
-    /// Whether the drone stands on its pad and has not taken off.
+    /// Whether the drone is on its pad and has not taken off.
     pub fn on_pad(&self) -> bool {
         self.pad.is_some()
     }
-    /// Keeps a drone that has not taken off on its pad, level and at rest. The pad is removed once the drone is above
-    /// it.
+    /// Keeps the drone on its pad, level and at rest, until it has risen; the pad then disappears.
     fn rest_on_pad(&mut self) {
         const LEFT_M: f64 = 0.5;
         let Some(pad) = self.pad else { return };
@@ -299,7 +296,6 @@ impl SimulatedDrone {
         self.angular_acceleration = (self.motion.rates - m.rates) / dt;
     }
 
-    /// True state of the centre of mass.
     pub fn truth(&self) -> RigidState<DroneBody> {
         let m = &self.motion;
         RigidState {
@@ -311,18 +307,18 @@ impl SimulatedDrone {
             angular_acceleration: Vector::from(self.angular_acceleration),
         }
     }
-    /// Present wind velocity, NED, m/s.
+    /// Wind velocity, NED, m/s.
     pub fn wind(&self) -> Vector3<f64> {
         self.wind.velocity()
     }
     pub fn mass_kg(&self) -> f64 {
         self.airframe.mass
     }
-    /// True present collective thrust without ground effect, N.
+    /// Collective thrust without ground effect, N.
     pub fn thrust_n(&self) -> f64 {
         self.airframe.thrust() * 4.0 * self.airframe.rotor_max
     }
-    /// Lowest points of the feet in the body frame, m.
+    /// Lowest points of the feet, body frame, m.
     pub fn soles(&self) -> [Vector3<f64>; 4] {
         let mut soles = [Vector3::zeros(); 4];
         for (s, v) in soles.iter_mut().zip(self.contact.soles()) {
@@ -330,17 +326,17 @@ impl SimulatedDrone {
         }
         soles
     }
-    /// Collective thrust in a hover in still air, as a fraction of the true maximum.
+    /// Collective thrust of a hover in still air, as a fraction of the true maximum.
     pub fn hover_thrust(&self) -> f64 {
         self.airframe.hover()
     }
-    /// Nominal maximum thrust, N, which a normalised thrust of 1 commands.
+    /// Thrust at a normalised command of 1, N.
     pub fn nominal_max_n(&self) -> f64 {
         self.nominal_max_n
     }
 }
 
-/// Motion of the deck over one tick: cubic Hermite in position, with a constant rotation rate.
+/// Motion over a tick: cubic Hermite in position, constant rotation rate.
 struct DeckPath {
     a: [Vector3<f64>; 4],
     turn: UnitQuaternion<f64>,

@@ -3,13 +3,13 @@
 use crate::physics::streams::Stream;
 use rand_distr::{Distribution, StandardNormal};
 
-/// A sample of the standard normal distribution.
+/// Standard normal sample.
 pub(crate) fn normal(rng: &mut Stream) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// First-order Gauss-Markov process `dx/dt = -x/T + w` with the stationary standard deviation `sd` (Gelb 1974, section
-/// 2.2), discretised exactly.
+/// First-order Gauss-Markov process `dx/dt = -x/T + w`, stationary with `sd` (Gelb 1974, section 2.2),
+/// discretised exactly.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GaussMarkov {
     pub(crate) value: f64,
@@ -19,7 +19,7 @@ pub(crate) struct GaussMarkov {
 }
 
 impl GaussMarkov {
-    /// Process with the correlation time `time_s`, sampled every `dt_s`; it starts in its stationary distribution.
+    /// Sampled every `dt_s`, with the correlation time `time_s`; starts in its stationary distribution.
     pub(crate) fn new(sd: f64, time_s: f64, dt_s: f64, rng: &mut Stream) -> Self {
         let keep = (-dt_s / time_s).exp();
         GaussMarkov {

@@ -1,4 +1,4 @@
-//! Tests of the drone as a body: contact, free fall, water.
+//! Contact, free fall, water.
 
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -9,7 +9,7 @@ use super::*;
 const DT: f64 = 0.01;
 const FEET: f64 = 0.30;
 
-/// A configuration without errors of mass and thrust.
+/// No errors of mass and thrust.
 fn ideal() -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -44,7 +44,7 @@ fn deck_at(position: Vector3<f64>, roll: f64, pitch: f64) -> RigidState<Deck> {
 fn nowhere() -> RigidState<Deck> {
     deck_at(Vector3::new(0.0, 0.0, 500.0), 0.0, 0.0)
 }
-/// Steps one tick from `t` with motors off.
+/// One tick from `t` with motors off.
 fn tick(
     w: &mut SimulatedDrone,
     t: f64,
@@ -55,13 +55,13 @@ fn tick(
     let (t, dt) = (Time::from_secs(t), Span::from_secs(DT));
     w.step(t, dt, &[*from, *to], water_z, 1, |_| None).remove(0)
 }
-/// Runs for `seconds` over a resting deck, and returns every impact.
+/// Impacts within `seconds` over a resting deck.
 fn rest(w: &mut SimulatedDrone, deck: &RigidState<Deck>, seconds: f64) -> Vec<Impact> {
     (0..(seconds / DT).round() as usize)
         .flat_map(|k| tick(w, k as f64 * DT, deck, deck, 100.0).impacts)
         .collect()
 }
-/// Sets the drone's motion; the motors are off and the rotors stand still.
+/// Sets the motion; rotors stand still.
 fn drop_from(w: &mut SimulatedDrone, m: AirframeMotion) {
     w.airframe.spin(None, 100.0);
     w.motion = m;
@@ -130,7 +130,7 @@ fn contact_friction_at_10_and_30_deg() {
     }
 }
 
-/// Puts a drone on a deck with a holding force (N) and a tilt (deg), and lets it come to rest.
+/// A drone at rest on a deck with a holding force (N) and a tilt (deg).
 fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDrone, RigidState<Deck>) {
     let (deck, tilt) = (
         DeckGeometry {
@@ -218,7 +218,7 @@ fn contact_sliding_deceleration() {
 #[test]
 fn drone_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
-    // The deck is wide enough for the drone to come to rest on it.
+    // Wide enough for the drone to come to rest.
     let wide = DeckGeometry {
         width_m: 20.0,
         ..DeckGeometry::default()
@@ -236,7 +236,7 @@ fn drone_dropped_at_45_deg() {
 
 #[test]
 fn drone_at_rest_on_a_rocking_deck() {
-    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: a drone at rest must follow without creep.
+    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: a resting drone must follow without creep.
     let deck = |t: f64| {
         let w = core::f64::consts::TAU / 5.0;
         let (s, c) = (w * t).sin_cos();
@@ -287,7 +287,7 @@ fn drone_at_rest_on_a_rocking_deck() {
 
 #[test]
 fn free_fall_across_the_hand_over_to_rapier() {
-    // The drone falls past the deck's edge: rapier runs near the edge, but nothing touches.
+    // The drone falls past the deck's edge: rapier runs, but nothing touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
     (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
@@ -308,7 +308,7 @@ fn free_fall_across_the_hand_over_to_rapier() {
 
 #[test]
 fn rapier_against_free_flight() {
-    // One sub-step of rapier without contact is compared with the integration in double precision.
+    // One sub-step of rapier without contact against the integration in double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let m = AirframeMotion {
         position: Vector3::new(1000.2, 200.3, -2.5),

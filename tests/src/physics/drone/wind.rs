@@ -1,5 +1,5 @@
-//! Wind over the water: a mean that decreases towards the surface, Dryden gusts, and the vessel's effect on both over
-//! the deck.
+//! Wind over the water: a mean that falls towards the surface, Dryden gusts, and the vessel's effect on both
+//! over the deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;
@@ -12,19 +12,19 @@ use super::over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch};
 use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;
-/// Height of the wind speed in a scenario, and of the speed for the gust model (20 ft), m.
+/// Heights of a scenario's wind speed, and of the gust model's (20 ft), m.
 const STATED_M: f64 = 10.0;
 const DRYDEN_M: f64 = 20.0 * FOOT_M;
-/// Minimum height of the profile, m: between the waves, the wind is zero.
+/// Minimum height of the profile, m; there is no wind between the waves.
 const LOWEST_M: f64 = 0.1;
 /// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
 const KARMAN: f64 = 0.4;
 const CHARNOCK: f64 = 0.011;
-/// Air speed over the deck below which the air counts as still, m/s.
+/// Relative wind below which the air over the deck counts as still, m/s.
 const STILL_MPS: f64 = 1e-3;
 
-/// Mean speed over the water in neutral air: `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g + 0.11 nu/u*`
-/// (Charnock 1955; Smith 1988, J. Geophys. Res. 93: alpha 0.011), from U10.
+/// Mean speed over the water in neutral air, from U10: `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g +
+/// 0.11 nu/u*` (Charnock 1955; Smith 1988, J. Geophys. Res. 93: alpha 0.011).
 #[derive(Clone, Copy, Debug)]
 struct Profile {
     /// `u*/kappa`, m/s.
@@ -36,7 +36,7 @@ struct Profile {
 impl Profile {
     fn new(u10: f64) -> Profile {
         let roughness = |u: f64| CHARNOCK * u * u / GRAVITY + 0.11 * VISCOSITY / u;
-        // Each iteration converges by a factor of ten or more.
+        // Each iteration reduces the error to a tenth or less.
         let friction = (0..20).fold(0.035 * u10.max(1e-6), |u, _| {
             KARMAN * u10.max(1e-6) / (STATED_M / roughness(u)).ln().max(1.0)
         });
@@ -50,40 +50,39 @@ impl Profile {
     }
 }
 
-/// A drone over a vessel, and the vessel's effect on its wind.
 pub(crate) struct OverDeck<'a> {
     /// Rotation NED from deck, and the velocity of the deck's centre, NED.
     pub(crate) turn: UnitQuaternion<f64>,
     pub(crate) velocity: Vector3<f64>,
-    /// Centre of mass of the drone in the deck's axes, m.
+    /// Centre of mass in the deck's axes, m.
     pub(crate) place: Vector3<f64>,
-    /// Extent of the drone's parts below and above its centre of mass, m.
+    /// Extent below and above the centre of mass, m.
     pub(crate) reach: [f64; 2],
-    /// Half of the deck's length and width, m.
+    /// Half the deck's length and width, m.
     pub(crate) half: [f64; 2],
-    /// Obstacles around the deck; the wind treats each volume as a solid body.
+    /// The wind treats each obstacle as a solid box.
     pub(crate) bodies: &'a [KeepOut],
 }
 
 /// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of obstacles upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedWind {
-    /// Direction towards which the mean wind blows (unit vector, NED), and its profile.
+    /// Direction of the mean wind, towards (unit vector, NED), and its profile.
     ahead: Vector3<f64>,
     profile: Profile,
     gusts: bool,
     along: f64,
-    /// Two states for each of the lateral and vertical second-order filters.
+    /// Two states for each second-order filter.
     lateral: [f64; 2],
     vertical: [f64; 2],
     rng: Stream,
-    /// Eddies of a wake along the deck's axes, of unit variance, from a separate stream.
+    /// Eddies of a wake along the deck's axes, of unit variance, from their own stream.
     eddies: Vector3<f64>,
     wake_rng: Stream,
     now: Vector3<f64>,
 }
 
-/// Direction towards which the mean wind blows, rad: the first draw of the wind's stream.
+/// Direction of the mean wind, towards, rad: the first draw of its stream.
 pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
     rng.random_range(0.0..core::f64::consts::TAU)
 }
@@ -113,7 +112,7 @@ impl SimulatedWind {
         self.now
     }
 
-    /// Advances by `dt` for a drone at `height` (m above the water) with the ground velocity `velocity`.
+    /// Advances by `dt` at `height` (m above the water) and ground velocity `velocity`.
     pub(crate) fn step(&mut self, dt: f64, height: f64, velocity: &Vector3<f64>, over: &OverDeck<'_>) {
         let mean = self.ahead * self.profile.at(height);
         let (gust, sd) = if self.gusts {
@@ -124,12 +123,12 @@ impl SimulatedWind {
         self.now = self.over_deck(dt, mean + gust, sd, over);
     }
 
-    /// Gust after `dt` at `height` for a drone with `airspeed`, and its standard deviations along, across, down.
+    /// Gust after `dt`, and its standard deviations along, across, down.
     ///
-    /// With the mean wind `W20` at 20 ft and h in ft: `sigma_w = 0.1 W20`, `sigma_u = sigma_v = sigma_w / (0.177 +
-    /// 0.000823 h)^0.4`, `L_w = h`, `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal filter is first-order
-    /// with `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. The gusts are frozen and carried by the mean
-    /// wind: V is the drone's speed relative to it, at least 1 m/s.
+    /// With `W20` at 20 ft and h in ft: `sigma_w = 0.1 W20`, `sigma_u = sigma_v = sigma_w / (0.177 + 0.000823
+    /// h)^0.4`, `L_w = h`, `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal filter is first-order
+    /// with `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. V is the drone's speed relative to
+    /// the mean wind, which carries the frozen gusts, at least 1 m/s.
     fn gust(&mut self, dt: f64, height: f64, airspeed: f64) -> (Vector3<f64>, [f64; 3]) {
         let h = (height / FOOT_M).clamp(10.0, 1000.0);
         let k = 0.177 + 0.000_823 * h;
@@ -142,7 +141,7 @@ impl SimulatedWind {
             let before = x[0];
             x[0] = keep * x[0] + (1.0 - keep * keep).sqrt() * n;
             x[1] = keep * x[1] + (1.0 - keep) * 0.5 * (before + x[0]);
-            // With unit variance of x[0] the stationary variance of this sum is 2.
+            // For unit variance of x[0] this sum has a stationary variance of 2.
             let root3 = 3.0_f64.sqrt();
             (root3 * x[0] + (1.0 - root3) * x[1]) / 2.0_f64.sqrt()
         };
@@ -158,9 +157,9 @@ impl SimulatedWind {
         (gust, [sigma_u, sigma_u, sigma_w])
     }
 
-    /// Wind over the deck, from the `wind` (NED) with gusts of the standard deviation `sd`. The boundary layer and the
-    /// deepest wake slow its component along the deck; the wake's eddies pass at the wind's speed and add the
-    /// turbulence that the gusts lack.
+    /// Wind over the deck from `wind` (NED) with gusts of `sd`. Boundary layer and deepest wake reduce its
+    /// component along the deck. The wake's eddies pass at the wind's speed, and add the turbulence that the
+    /// gusts lack.
     fn over_deck(&mut self, dt: f64, wind: Vector3<f64>, sd: [f64; 3], over: &OverDeck<'_>) -> Vector3<f64> {
         let mut relative = over.turn.inverse_transform_vector(&(wind - over.velocity));
         let speed = relative.xy().norm();
@@ -197,7 +196,7 @@ impl SimulatedWind {
 mod tests {
     use super::*;
 
-    /// The deck at `place` aft of and below the drone, at rest, with or without obstacles.
+    /// A deck at rest around a drone at `place`.
     fn over(bodies: &[KeepOut], place: [f64; 3]) -> OverDeck<'_> {
         OverDeck {
             turn: UnitQuaternion::identity(),
@@ -273,7 +272,7 @@ mod tests {
         let (mean, sd) = spread(8.0, 1.8, &over(&cube, lee));
         assert!(mean.x.abs() < 0.5 * free.x.abs(), "{mean} of {free}");
         assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
-        // The vessel's own motion in still air also causes a relative wind.
+        // Vessel motion in still air causes a relative wind.
         let config = WindConfig::default();
         let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let mut under_way = over(&cube, lee);

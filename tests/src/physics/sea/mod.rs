@@ -1,4 +1,4 @@
-//! True sea: deep-water Gerstner waves, sampled at any point and time.
+//! True sea: deep-water Gerstner waves at any point and time.
 //!
 //! A water particle with label `x0` (its horizontal position at rest) is at `x = x0 - sum q A d sin(theta)`, with
 //! elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`, `w² = g k` (Gerstner 1802; several components as
@@ -39,7 +39,6 @@ const MAX_STEEPNESS: f64 = 0.9;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeaComponent {
     pub amplitude_m: f64,
-    /// Wave number, rad/m.
     pub wave_number: f64,
     /// Angular frequency, rad/s.
     pub frequency: f64,
@@ -64,9 +63,9 @@ impl SeaComponent {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaterSample {
-    /// Elevation of the surface above the rest level, positive up, m.
+    /// Surface above the rest level, positive up, m.
     pub elevation_m: f64,
-    /// Gradient of the surface towards north and east (rise per horizontal distance), dimensionless.
+    /// Rise of the surface per distance to the north and east.
     pub slope: Vector2<f64>,
     /// Velocity of the water, NED, m/s.
     pub velocity: Vector3<f64>,
@@ -75,7 +74,7 @@ pub struct WaterSample {
 }
 
 impl WaterSample {
-    /// Unit normal of the surface, pointing out of the water, NED.
+    /// Unit normal of the surface, out of the water, NED.
     pub fn normal(&self) -> Vector<TrueNed> {
         Vector::from(Vector3::new(-self.slope.x, -self.slope.y, -1.0).normalize())
     }
@@ -90,7 +89,7 @@ pub struct Sea {
     components: Vec<SeaComponent>,
     /// q: fraction of the full horizontal displacement.
     steepness_factor: f64,
-    /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the position itself.
+    /// Airy waves: `zeta = sum A cos(k d.x - w t + phi)` at the position itself.
     linear: bool,
     /// Direction towards which the waves run, clockwise from north, rad.
     mean_direction: f64,
@@ -100,7 +99,6 @@ pub struct Sea {
 pub const LINEAR_COMPONENTS: usize = 240;
 
 impl Sea {
-    /// Draws the sea of `config` from the streams `sea/...`.
     pub fn new(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
         let each = config
@@ -112,8 +110,8 @@ impl Sea {
         }
     }
 
-    /// This sea as linear (Airy) waves, with at least [`LINEAR_COMPONENTS`] components if it is irregular, for a vessel
-    /// whose response is linear in the waves of the displayed water.
+    /// Airy waves of this sea, with at least [`LINEAR_COMPONENTS`] components if irregular, for a vessel
+    /// whose response is linear in the displayed waves.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
         let systems = config.wave_systems().len().max(1);
@@ -134,7 +132,7 @@ impl Sea {
         }
     }
 
-    /// A regular wave of given wavelength (m), which runs towards `direction_rad`, clockwise from north.
+    /// A regular wave that runs towards `direction_rad`, clockwise from north.
     pub fn regular(amplitude_m: f64, wavelength_m: f64, direction_rad: f64) -> Sea {
         let frequency = (GRAVITY * TAU / wavelength_m).sqrt();
         Self::from_components(vec![SeaComponent::deep(
@@ -145,7 +143,7 @@ impl Sea {
         )])
     }
 
-    /// A sea of these waves, without those beyond [`MAX_COMPONENTS`] and those of zero amplitude.
+    /// Drops waves of zero amplitude, and those beyond [`MAX_COMPONENTS`].
     pub fn from_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         components.truncate(MAX_COMPONENTS);
@@ -162,7 +160,7 @@ impl Sea {
         }
     }
 
-    /// This sea with its origin moved to `by` (north, east, m).
+    /// This sea with its origin at `by` (north, east, m).
     #[must_use]
     pub fn about(&self, by: &Vector2<f64>) -> Sea {
         let mut sea = self.clone();
@@ -178,12 +176,11 @@ impl Sea {
     pub fn components(&self) -> &[SeaComponent] {
         &self.components
     }
-    /// Sum of q k A; below 1 the sea does not fold.
+    /// Sum of q k A; a sea below 1 does not fold.
     pub fn steepness(&self) -> f64 {
         let sum = |s, c: &SeaComponent| s + c.wave_number * c.amplitude_m;
         self.steepness_factor * self.components.iter().fold(0.0, sum)
     }
-    /// Variance of the elevation, m².
     pub fn variance(&self) -> f64 {
         self.components
             .iter()
@@ -191,7 +188,7 @@ impl Sea {
             .sum()
     }
 
-    /// Elevation of the surface at `north`, `east` (m), positive up, m.
+    /// Surface at `north`, `east` (m), positive up, m.
     pub fn elevation(&self, t: Time<TrueTime>, north: f64, east: f64) -> f64 {
         self.surface(t, north, east).elevation_m
     }
@@ -201,8 +198,8 @@ impl Sea {
         self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
         out[0]
     }
-    /// Water at many points (north, east, m): the surface above each point, and the motion at `depth_m` below it. Fills
-    /// `out` up to the number of `points`.
+    /// Water at many points (north, east, m): the surface above each point, and the motion at `depth_m` below
+    /// it.
     pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
         let n = self.components.len();
         let t = t.secs();
@@ -221,7 +218,7 @@ impl Sea {
                 base: (c.phase - c.frequency * t) % TAU,
                 reach,
                 bend: [reach.x * wave.x, reach.x * wave.y, reach.y * wave.y],
-                // At the surface, the most frequent case, the exponential is not needed.
+                // Most samples are at the surface, and need no exponential.
                 decay: if depth_m > 0.0 {
                     (-c.wave_number * depth_m).exp()
                 } else {
@@ -256,8 +253,8 @@ impl Sea {
         w
     }
 
-    /// Samples one position. `kernel` has the values that do not depend on the position; `trig` is scratch for the sine
-    /// and cosine of each phase.
+    /// Samples one position. `kernel`: values independent of the position; `trig`: scratch for sine and
+    /// cosine of each phase.
     fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
         // Solve x0 - D(x0) = x by Newton's method, with the displacement D(x0) = sum q A d sin.
         let mut displacement = Vector2::zeros();
@@ -267,7 +264,7 @@ impl Sea {
             displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
-        // First step from x0 = x: the phases change by k.step, which the maximum steepness limits to 1.6 rad.
+        // First step from x0 = x: phases change by k.step, at most 1.6 rad by the maximum steepness.
         let step = fold.solve(displacement);
         displacement = Vector2::zeros();
         fold = Fold::default();
@@ -308,7 +305,7 @@ impl Sea {
     }
 }
 
-/// Values of a component that are the same for all positions of one call.
+/// Values of a component that all positions of a call share.
 #[derive(Clone, Copy, Default)]
 struct Precomputed {
     /// Wave vector, rad/m.
@@ -352,20 +349,19 @@ impl Fold {
         self.ne -= c.bend[1] * cos;
         self.ee -= c.bend[2] * cos;
     }
-    /// Solves `fold y = v`; the matrix is positive definite while the sea does not fold.
+    /// Solves `fold y = v`; positive definite while the sea does not fold.
     fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {
         let det = self.nn * self.ee - self.ne * self.ne;
         Vector2::new(self.ee * v.x - self.ne * v.y, self.nn * v.y - self.ne * v.x) / det
     }
 }
 
-/// Direction towards which the waves run: configured or drawn.
 fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
     let drawn = streams.stream("sea/mean-direction").random::<f64>() * TAU;
     config.mean_direction_deg.map_or(drawn, f64::to_radians)
 }
 
-/// Waves of `config`; `each` is the number of waves per irregular system.
+/// `each`: number of waves per irregular system.
 fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<SeaComponent> {
     if config.kind == SeaKind::Paper {
         let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
@@ -390,7 +386,7 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
     systems.iter().enumerate().flat_map(of_system).collect()
 }
 
-/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The stream names
+/// Components of the `k`th irregular system with equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. Streams
 /// of the first system have no number.
 fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<SeaComponent> {
     let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();

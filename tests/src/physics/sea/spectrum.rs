@@ -4,9 +4,9 @@ use core::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-/// JONSWAP (Hasselmann 1973) without its energy scale, at angular frequency `w` with the peak `peak`, rad/s: `w^-5
-/// exp(-1.25 (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak and 0.09 above. The caller
-/// scales the spectrum to the significant height, so that the normalisation cancels.
+/// JONSWAP (Hasselmann 1973) without its energy scale, at the angular frequency `w`, rad/s: `w^-5 exp(-1.25
+/// (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak and 0.09 above. The
+/// significant height scales it.
 pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     if w <= 0.0 {
         return 0.0;
@@ -16,8 +16,8 @@ pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     w.powi(-5) * (-1.25 * (peak / w).powi(4)).exp() * gamma.powf(r)
 }
 
-/// Values of `x` at which the running integral of `density` over `low..high` reaches each of `fractions` (ascending, 0
-/// to 1), by the trapezoidal rule on a fixed grid.
+/// Values of `x` at which the integral of `density` over `low..high` reaches each of `fractions` (ascending,
+/// 0 to 1), by the trapezoidal rule on a fixed grid.
 fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64]) -> Vec<f64> {
     const GRID: usize = 4000;
     let step = (high - low) / GRID as f64;
@@ -46,13 +46,13 @@ fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64
         .collect()
 }
 
-/// `n` angular frequencies, rad/s, one drawn at random in each of `n` parts of equal energy, so that all components
-/// have the same energy and no two frequencies have a common period.
+/// `n` angular frequencies, rad/s, each drawn within its `n`th of the energy: components of equal energy, and
+/// no common period.
 pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f64> {
     let fractions: Vec<f64> = (0..n)
         .map(|i| (i as f64 + rng.random::<f64>()) / n as f64)
         .collect();
-    // Above three times the peak frequency (2 % of the energy), waves are shorter than the hull.
+    // Waves above three times the peak frequency (2 % of the energy) are shorter than the hull.
     quantiles(
         |w| jonswap_shape(w, peak, gamma),
         0.5 * peak,
@@ -63,7 +63,7 @@ pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f
 
 /// Direction relative to the mean, rad, from the density cos^2s(d/2) (Longuet-Higgins 1963).
 pub fn direction(spread: f64, rng: &mut impl Rng) -> f64 {
-    // Bounded rejection sampling: for s = 100 the acceptance rate is 8 %, so that 200 draws do not fail in practice.
+    // Bounded rejection sampling: at s = 100 it accepts 8 %, so 200 draws do not fail in practice.
     for _ in 0..200 {
         let d = (rng.random::<f64>() - 0.5) * TAU;
         if rng.random::<f64>() < (0.5 * d).cos().powf(2.0 * spread) {

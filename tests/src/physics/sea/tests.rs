@@ -35,8 +35,8 @@ fn paper_sea_components() {
 
 #[test]
 fn paper_sea_slopes_and_speeds() {
-    // Section 7 of paper-facts, for 0.5 m, 5 s: crest to trough up to about 3 m, slope up to 13.8 deg, vertical speed
-    // up to 1.9 m/s. These are upper bounds: no seed exceeds them by much, and some come close.
+    // Section 7 of paper-facts, for 0.5 m, 5 s: crest to trough up to about 3 m, slope up to 13.8 deg,
+    // vertical speed up to 1.9 m/s. No seed exceeds these by much, and some come close.
     let (mut slope, mut range, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64);
     for seed in 0..40 {
         let sea = paper(0.5, 5.0, seed);
@@ -56,7 +56,8 @@ fn paper_sea_slopes_and_speeds() {
 
 #[test]
 fn sea_surface_against_particles() {
-    // Displace particles by their labels (Lagrangian, no solving), and sample the surface at their positions.
+    // Particles displaced by their labels (Lagrangian, no solving), and the surface sampled at their
+    // positions.
     for (sea, tolerance) in [
         (paper(0.8, 5.0, 1), 2e-3),
         (paper(1.0, 6.0, 2), 2e-3),
@@ -131,7 +132,7 @@ fn irregular_sea_heights() {
     let mean = z.iter().sum::<f64>() / z.len() as f64;
     let sd = (z.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / z.len() as f64).sqrt();
     assert!((0.42..0.58).contains(&sd), "{sd}");
-    // The autocorrelation at lags of 60 to 600 s stays well below 1.
+    // The autocorrelation at 60 to 600 s stays well below 1.
     let base = &z[..6000];
     for lag in 600..6000 {
         let c = base

@@ -1,15 +1,15 @@
-//! Inlined sine and cosine: the sea evaluates them some hundred thousand times per simulated second, and these few
-//! operations yield the same bits on every IEEE 754 machine.
+//! Inlined sine and cosine. The sea evaluates them some hundred thousand times per simulated second, and they
+//! yield the same bits on every IEEE 754 machine.
 
 use core::f64::consts::FRAC_2_PI;
 
 /// pi/2 in two parts (Cody and Waite 1980): the first has few enough bits that its multiples are exact.
 const HALF_PI_HIGH: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
 const HALF_PI_LOW: f64 = 6.077_100_506_506_192e-11;
-/// Adding this constant rounds to a whole number, which is then in the low bits.
+/// Adding it rounds to a whole number, which the low bits then hold.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
-/// (sin x, cos x) for |x| up to 1e5 rad; the error is below 1e-11 there, and 1e-15 within one turn. Polynomials of
+/// (sin x, cos x) for |x| up to 1e5 rad, with an error below 1e-11, and 1e-15 within one turn. Polynomials of
 /// fdlibm (`__kernel_sin`, `__kernel_cos`; Sun Microsystems 1993).
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
@@ -18,7 +18,7 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     let n = rounded - ROUND;
     let r = (x - n * HALF_PI_HIGH) - n * HALF_PI_LOW;
     let (s, c) = near_zero(r);
-    // Odd quarter turns swap sine and cosine; the signs are applied after that.
+    // Odd quarter turns swap sine and cosine; the signs follow.
     let odd = quarter & 1 == 1;
     let (s, c) = if odd { (c, s) } else { (s, c) };
     let flip = |v: f64, sign: u64| f64::from_bits(v.to_bits() ^ (sign << 63));

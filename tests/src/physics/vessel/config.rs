@@ -1,5 +1,3 @@
-//! Parameters of the simulated vessel.
-
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 
@@ -9,20 +7,21 @@ pub enum VesselCourse {
     /// Engines off.
     #[default]
     Drift,
-    /// Straight along the starting heading, at a set speed.
+    /// Straight along the starting heading.
     Straight,
-    /// A square with turns to starboard, the first leg along the starting heading.
+    /// A square to starboard; the first leg is along the starting heading.
     Square,
-    /// Turns by 20 to 40 deg to alternate sides of the starting heading every 10 to 20 s.
+    /// Turns by 20 to 40 deg to alternate sides of the starting heading, every 10 to 20 s.
     Zigzag,
-    /// Straight, with one turn of 45 to 120 deg to either side.
+    /// One turn of 45 to 120 deg to either side.
     Turn,
-    /// Straight, with one speed change by half, up or down.
+    /// One speed change by half, up or down.
     SpeedChange,
-    /// Holds the position within 1.5 m and the heading within 12 deg, in limit cycles of thrusters with a dead band.
-    /// The cycles are drawn per seed; no thruster is simulated.
+    /// Position within 1.5 m and heading within 12 deg, in limit cycles of thrusters with a dead band. The
+    /// seed draws the cycles; no thruster is simulated.
     StationKeeping,
-    /// Sheers at anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, and the hull moves on an arc.
+    /// Sheers at anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s; the hull moves on an
+    /// arc.
     Anchored,
 }
 
@@ -37,7 +36,6 @@ impl VesselCourse {
         VesselCourse::StationKeeping,
         VesselCourse::Anchored,
     ];
-    /// Whether the vessel makes way at a set speed.
     pub fn is_under_way(self) -> bool {
         match self {
             VesselCourse::Drift | VesselCourse::StationKeeping | VesselCourse::Anchored => false,
@@ -50,7 +48,6 @@ impl VesselCourse {
     }
 }
 
-/// A load on the vessel for a limited time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VesselLoad {
@@ -62,12 +59,13 @@ pub struct VesselLoad {
 }
 
 config! {
-    /// Truth model of the vessel: nonlinear, and intentionally not the model of estimator and predictor.
+    /// Truth model of the vessel: nonlinear, and intentionally different from the model of estimator and
+    /// predictor.
     ///
-    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag, thrust; sway and
-    /// yaw drag from its newer set); added mass of the Otter (Fossen, MSS toolbox; its surge fraction is 0.1), and its
-    /// relative damping: heave 0.3, roll 0.2, pitch 0.4. Chosen: centre of gravity 0.2 m above the water, 12 sections
-    /// per hull, square of 40 m so that a leg lasts 20 s at 2 m/s.
+    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag, thrust;
+    /// sway and yaw drag from its newer set); added mass (with a surge fraction of 0.1) and damping ratios
+    /// (heave 0.3, roll 0.2, pitch 0.4) of the Otter (Fossen, MSS toolbox). Chosen: centre of gravity 0.2 m
+    /// above the water, 12 sections per hull, a square of 40 m (20 s per leg at 2 m/s).
     pub struct VesselConfig {
         /// Mass, kg.
         pub mass_kg: f64 = 211.0;
@@ -95,37 +93,37 @@ config! {
         pub linear_yaw_drag_nms: f64 = 400.0, in 0.0..=2e4;
         /// Quadratic yaw drag, Nm/(rad/s)².
         pub quadratic_yaw_drag_nms2: f64 = 800.0, in 0.0..=2e4;
-        /// Fraction of the water's horizontal motion that acts on surge, sway and yaw: 1 is physical; 0 is as in the
-        /// original simulator, whose buoyancy is purely vertical.
+        /// Fraction of the water's horizontal motion that acts on surge, sway and yaw: 1 is physical; 0 as in
+        /// VRX, whose buoyancy is purely vertical.
         pub sideways_coupling: f64 = 1.0, in 0.0..=1.0;
-        /// Maximum forward thrust of each of the two engines, N.
+        /// Maximum forward thrust of each engine, N.
         pub thrust_forward_n: f64 = 250.0, in 0.0..=1e5;
-        /// Maximum reverse thrust of each of the two engines, N.
+        /// Maximum reverse thrust of each engine, N.
         pub thrust_reverse_n: f64 = 100.0, in 0.0..=1e5;
-        /// Course by the vessel's autopilot.
+        /// Course that the vessel's autopilot follows.
         pub course: VesselCourse = VesselCourse::Drift;
         /// Speed of the vessel through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
-        /// Start of a course's turn or speed change, s of true time. If missing, it starts at a random time 0 to 6 s
-        /// after the first descent of a trial, and no node knows that time.
+        /// Start of the course's turn or speed change, s of true time. If missing, a random time 0 to 6 s
+        /// after a trial's first descent, which no node knows.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub change_at_s: Option<f64> = None, in 0.0..=1e6;
         /// Side of the square, m.
         pub side_m: f64 = 40.0, in 5.0..=5e3;
-        /// Starting heading clockwise from north, deg; drawn per seed if missing.
+        /// Starting heading, clockwise from north, deg; drawn per seed if missing.
         pub heading_deg: Option<f64> = None, in -360.0..=360.0;
         /// Loads on the vessel for a limited time.
         #[serde(skip_serializing_if = "Vec::is_empty", alias = "pushes")]
         pub loads: Vec<VesselLoad> = Vec::new();
     }
     check |this, at| {
-        // Two half-cylinders carry at most rho pi r² L; beyond 0.7 of that they would be awash.
+        // Two half-cylinders carry at most rho pi r² L, and are awash beyond 0.7 of that.
         let carried = crate::physics::sea::WATER_DENSITY
             * core::f64::consts::PI
             * this.hull_radius_m.powi(2)
             * this.hull_length_m;
         at.range("mass_kg", this.mass_kg, 0.02 * carried, 0.7 * carried)?;
-        // Radii of gyration between a twentieth and twice the hull's length.
+        // Radii of gyration from a twentieth to twice the hull's length.
         let l2 = this.mass_kg * this.hull_length_m.powi(2);
         at.ranges("inertia_kgm2", &this.inertia_kgm2, l2 / 400.0, 4.0 * l2)?;
         for push in &this.loads {
@@ -143,8 +141,7 @@ config! {
 }
 
 impl VesselConfig {
-    /// Sets the engines' thrust to the quadratic drag at this speed (m/s) plus a reserve, and at least to the thrust
-    /// for 1.5 m/s.
+    /// Sets the engines' thrust for this speed (m/s), at least 1.5 m/s: quadratic drag plus a reserve.
     pub fn power_for(&mut self, speed_mps: f64) {
         let more = (speed_mps / 1.5).powi(2).max(1.0);
         self.thrust_forward_n *= more;

@@ -1,4 +1,4 @@
-//! Autopilot of the vessel, which belongs to the simulated world: course and speed by two engines, or station keeping.
+//! Autopilot of the simulated vessel: course and speed by two engines, or station keeping.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -13,19 +13,18 @@ use crate::physics::streams::Streams;
 pub struct Helm {
     course: VesselCourse,
     path: MeanPath,
-    /// Time since the start, s.
     t: f64,
     side: f64,
     limits: [f64; 2],
     engine_offset: f64,
     drag: [f64; 2],
-    /// Mass in surge and sway (kg) and moment of inertia in yaw (kg m²), including added mass.
+    /// Inertia in surge and sway (kg) and yaw (kg m²), including added mass.
     inertia: [f64; 3],
     /// Start of the present leg, north and east, m.
     from: Vector2<f64>,
     /// Direction of the leg, rad.
     leg: f64,
-    /// Speed through the water without the waves' part, m/s.
+    /// Speed through the water without waves, m/s.
     smooth_speed: f64,
     /// Integral part of the speed controller, N.
     integral: f64,
@@ -33,23 +32,22 @@ pub struct Helm {
 
 /// Look-ahead of the line-of-sight guidance, m. Chosen: three times half the default vessel's length.
 const LOOK_AHEAD_M: f64 = 8.0;
-/// Minimum look-ahead in time, s; without this minimum a fast vessel would overshoot its line.
+/// Minimum look-ahead, s; with less, a fast vessel overshoots its line.
 const LOOK_AHEAD_S: f64 = 4.0;
-/// Speed up to which the heading loop is that of a slow vessel, m/s. Above it the gain increases with the hull's Munk
-/// moment, which turns the hull across its course with the square of the speed.
+/// Speed up to which the heading gain is constant, m/s. Above it the gain grows with the Munk moment, which
+/// turns the hull across its course with the square of speed.
 const SLOW_MPS: f64 = 2.0;
-/// Distance before a corner at which the turn begins, m.
+/// Distance before a corner at which a turn begins, m.
 const EARLY_M: f64 = 5.0;
 /// Natural frequency of the heading loop, rad/s; damping ratio 1.
 const YAW_FREQUENCY: f64 = 0.7;
-/// Natural frequency of the position hold, rad/s, well below that of the waves; damping ratio 1.
+/// Natural frequency of the position hold, rad/s, well below the waves; damping ratio 1.
 const HOLD_FREQUENCY: f64 = 0.35;
 /// Time constant of the speed loop and of the wave filter, s.
 const SPEED_TIME_S: f64 = 2.0;
 
 impl Helm {
-    /// Steers along `heading` (rad) from the origin. `inertia`: mass in surge and sway (kg) and moment of inertia in
-    /// yaw (kg m²), including added mass.
+    /// `inertia`: in surge and sway (kg) and yaw (kg m²), including added mass.
     pub fn new(config: &VesselConfig, inertia: [f64; 3], heading: f64, streams: &Streams) -> Self {
         let path = MeanPath::new(config, heading, streams);
         Helm {
@@ -68,13 +66,13 @@ impl Helm {
         }
     }
 
-    /// Starts the course's turn or speed change a random time after `t`, s.
+    /// Starts the turn or speed change of the course a random time after `t`, s.
     pub fn ask_change(&mut self, t: f64) {
         self.path.ask_change(t);
     }
 
-    /// Surge and sway (N) and yaw (Nm) from position (m), heading (rad) and body velocity (m/s, rad/s), `dt` after the
-    /// last call.
+    /// Surge and sway (N) and yaw (Nm), `dt` after the last call, from position (m), heading (rad) and body
+    /// velocity (m/s, rad/s).
     pub fn steer(&mut self, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
         self.t += dt;
         let here = self.path.at(self.t);
@@ -90,14 +88,14 @@ impl Helm {
                 }
                 self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt)
             }
-            // Steered by compass and log.
+            // By compass and log.
             VesselCourse::Zigzag | VesselCourse::Turn | VesselCourse::SpeedChange => {
                 self.engines(here.heading, speed, heading, nu, dt)
             }
         }
     }
 
-    /// Combined effect of anchor rode, wind and thrusters: a soft spring towards the mean path, with no effect at wave
+    /// Effect of anchor rode, wind and thrusters: a soft spring towards the mean path, weak at wave
     /// frequencies.
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
@@ -119,7 +117,7 @@ impl Helm {
         self.leg - (self.along(at).y / look_ahead).atan()
     }
 
-    /// Thrust of the engines for a heading (rad) and a speed (m/s).
+    /// Thrust of the engines for a heading (rad) and speed (m/s).
     fn engines(&mut self, wanted: f64, speed: f64, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
         let [mass, _, yaw_inertia] = self.inertia;
         let error = wrap_angle(wanted - heading);
@@ -134,7 +132,7 @@ impl Helm {
         let force =
             self.drag[0] * speed + self.drag[1] * speed * speed + mass / SPEED_TIME_S * lack + self.integral;
 
-        // Steering has priority: the common thrust of the engines is reduced when they saturate.
+        // Steering has priority: saturated engines reduce their common thrust.
         let turn = (0.5 * moment / self.engine_offset).clamp(0.5 * (low - high), 0.5 * (high - low));
         let common = (0.5 * force).clamp(low + turn.abs(), high - turn.abs());
         // More thrust of the port engine turns the bow to starboard.

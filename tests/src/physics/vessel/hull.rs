@@ -1,13 +1,12 @@
-//! Two half-cylinder hulls, divided into sections: submerged area of a section and its centroid.
+//! Two half-cylinder hulls, divided into sections.
 
 use nalgebra::Vector3;
 
 use super::config::VesselConfig;
 use crate::physics::sea::WATER_DENSITY;
 
-/// Submerged part of a half-circle section of radius `r` whose keel is `depth` below the water: area (m²), and distance
-/// of its centroid below the circle's centre (m). A section whose flat top is submerged has the values of the half
-/// circle.
+/// Submerged part of a half-circle section of radius `r`, whose keel is `depth` below the water: area (m²),
+/// and depth of its centroid below the circle's centre (m). Greater depths than `r` count as `r`.
 pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     let d = depth.clamp(0.0, r);
     if d <= 0.0 {
@@ -27,28 +26,25 @@ pub fn segment(r: f64, depth: f64) -> (f64, f64) {
 
 #[derive(Clone, Debug)]
 pub struct Hull {
-    /// Radius of the sections, m.
     pub radius: f64,
-    /// Draft at rest, m.
     pub draft: f64,
-    /// Length of a section, m.
     pub section_length: f64,
-    /// Centres of the sections' circles in the body frame, m.
+    /// Centres of the circles in the body frame, m.
     pub centres: Vec<Vector3<f64>>,
-    /// Displaced volume at rest, m³.
+    /// Displaced at rest, m³.
     pub rest_volume: f64,
     /// Stiffness in heave (N/m), roll and pitch (Nm/rad) at rest.
     pub stiffness: [f64; 3],
 }
 
 impl Hull {
-    /// The hulls of `config`, floating at the draft that carries the mass.
+    /// Hulls that float at the draft that carries the mass.
     pub fn new(config: &VesselConfig, gravity: f64) -> Hull {
         let r = config.hull_radius_m;
         let n = config.sections_per_hull.max(1);
         let length = config.hull_length_m;
         let volume = config.mass_kg / WATER_DENSITY;
-        // Bisection, since the area increases with the draft.
+        // Bisection: the area increases with the draft.
         let (mut low, mut high) = (0.0, r);
         for _ in 0..60 {
             let mid = 0.5 * (low + high);

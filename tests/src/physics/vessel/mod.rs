@@ -1,7 +1,7 @@
-//! True vessel: a nonlinear rigid body with six degrees of freedom in moving water.
+//! True vessel: a nonlinear rigid body in moving water, with six degrees of freedom.
 //!
-//! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines` (Fossen
-//! 2011, eq. 8.126), `nu_r = nu - nu_w`, with the water's motion `nu_w` averaged over the hulls.
+//! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines`
+//! (Fossen 2011, eq. 8.126), `nu_r = nu - nu_w`, with the water's mean motion `nu_w` over the hulls.
 //!
 //! - Pressure (buoyancy and Froude-Krylov together): by Gauss' theorem the force on a section of submerged
 //!   volume V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section, acting at
@@ -9,7 +9,7 @@
 //! - Added mass meets the water's acceleration, drag its velocity, so that for waves much longer than the
 //!   hull the vessel moves as a particle of the water does.
 //!
-//! The water is sampled once per step at all sections, at the time and position of the step's end, and interpolated
+//! The water is sampled at all sections once per step, at the end's time and position, and interpolated
 //! within the step (error below 1e-4 of the elevation at 10 ms).
 
 pub mod config;
@@ -36,8 +36,7 @@ use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
 
-/// Bounds on speed (m/s) and rate (rad/s), which no sea in the permitted range reaches. They protect the integrator and
-/// are not physical.
+/// Bounds of speed (m/s) and rate (rad/s) that protect the integrator; no permitted sea reaches them.
 const MAX_SPEED: f64 = 30.0;
 const MAX_RATE: f64 = 12.0;
 
@@ -48,7 +47,7 @@ struct Motion {
     nu: Vector6<f64>,
 }
 
-/// Water at the sections at one instant, and the position at which it was sampled.
+/// Water at the sections at one time, and the sampled positions.
 #[derive(Clone, Debug)]
 struct WaterAt {
     time: Time<TrueTime>,
@@ -64,29 +63,27 @@ pub struct Vessel {
     inverse_mass: Matrix6<f64>,
     weight: f64,
     centre_of_gravity: Vector3<f64>,
-    /// Linear and quadratic drag per degree of freedom.
     linear_drag: Vector6<f64>,
     quadratic_drag: Vector6<f64>,
     coupling: f64,
     substep_limit_s: f64,
     helm: Helm,
-    /// Surge and sway (N) and yaw (Nm) from the engines or the position hold.
+    /// Force of engines or position hold: surge and sway (N), yaw (Nm).
     steering: Vector3<f64>,
     loads: Vec<VesselLoad>,
-    /// Force and moment of [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
+    /// Load of [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
-    /// Present force of the configured loads.
+    /// Present load of the configuration.
     pushing: Vector6<f64>,
     motion: Motion,
-    /// Derivative of the body velocity.
     nu_dot: Vector6<f64>,
     before: WaterAt,
     after: WaterAt,
 }
 
 impl Vessel {
-    /// The vessel of `config`, floating at the origin at time zero, at a heading drawn from `vessel/heading` unless it
-    /// is configured. The vessel moves with the water, and at its set speed unless its course is to drift.
+    /// The vessel floats at the origin at time zero; `vessel/heading` draws its heading unless configured. It
+    /// moves with the water, and at its set speed unless it drifts.
     pub fn new(config: &VesselConfig, sea: &Sea, streams: &Streams) -> Vessel {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = config.heading_deg.map_or(drawn, f64::to_radians);
@@ -97,7 +94,7 @@ impl Vessel {
         let base = join(Vector3::repeat(config.mass_kg), inertia);
         let added_mass = Matrix6::from_diagonal(&base.component_mul(&Vector6::from(config.added_mass)));
         let mass = rigid_mass + added_mass;
-        // Positive definite by construction (checked ranges); the fallback avoids a panic.
+        // Positive definite within the checked ranges; the fallback avoids a panic.
         let inverse_mass = mass.try_inverse().unwrap_or_else(Matrix6::identity);
 
         let mut linear_drag = Vector6::zeros();
@@ -110,7 +107,6 @@ impl Vessel {
         quadratic_drag[5] = config.quadratic_yaw_drag_nms2;
         let mut fastest = 1.0_f64;
         for i in 0..3 {
-            // d = 2 zeta sqrt(k m).
             let (k, m) = (hull.stiffness[i].max(0.0), mass[(i + 2, i + 2)]);
             linear_drag[i + 2] = 2.0 * config.damping_ratio[i] * (k * m).sqrt();
             fastest = fastest.max((k / m).sqrt() * (1.0 + config.damping_ratio[i]));
@@ -168,7 +164,7 @@ impl Vessel {
         vessel
     }
 
-    /// Advances from `t` to `t + dt_s` (s; up to 0.1).
+    /// Advances from `t` by `dt_s`, at most 0.1 s.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         if !(dt_s > 0.0 && dt_s <= 0.1) {
             return;
@@ -184,7 +180,7 @@ impl Vessel {
             .sum::<Vector6<f64>>()
             + self.pushed;
         core::mem::swap(&mut self.before, &mut self.after);
-        // These are future positions of the sections; their error matters only by the slope times the square of dt.
+        // The error of these predicted section positions matters only by the slope times the square of dt.
         let here = self.motion;
         let (v, _) = world_rates(&here);
         self.motion.position += v * dt_s;
@@ -210,7 +206,6 @@ impl Vessel {
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.pushed = Vector6::from(by_n_nm);
     }
-    /// State at the end of the last step.
     pub fn state(&self) -> RigidState<VesselBody> {
         let m = &self.motion;
         let (v, w) = (head(&m.nu), tail(&m.nu));
@@ -224,7 +219,7 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// Starts the course's turn or speed change a random time after `t`.
+    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
@@ -232,7 +227,7 @@ impl Vessel {
         &self.hull
     }
 
-    /// Samples the sea at the sections' present positions, at half the draft.
+    /// Samples the sea at the sections, at half the draft.
     fn ask_water(&mut self, t: Time<TrueTime>, sea: &Sea) {
         let m = &self.motion;
         for (place, c) in self.after.places.iter_mut().zip(&self.hull.centres) {
@@ -249,10 +244,10 @@ impl Vessel {
         self.after.time = t;
     }
 
-    /// One classical Runge-Kutta step of `h` seconds, starting at the fraction `f` of the water's interval.
+    /// Classical Runge-Kutta step of `h` seconds, from the fraction `f` of the water's interval.
     fn runge_kutta(&mut self, h: f64, f: f64, df: f64) {
         let start = self.motion;
-        // The first stage is the derivative at the end of the last step, with the same water and thrust.
+        // The first stage repeats the derivative at the last step's end, with the same water and thrust.
         let a1 = if f == 0.0 {
             self.nu_dot
         } else {
@@ -280,7 +275,7 @@ impl Vessel {
         self.motion = at(&mean, h);
     }
 
-    /// `nu'` at a motion, at the fraction `f` of the water's interval.
+    /// `nu'` of a motion, at the fraction `f` of the water's interval.
     fn acceleration(&self, m: &Motion, f: f64) -> Vector6<f64> {
         let r = m.attitude.to_rotation_matrix();
         let down = r.inverse() * Vector3::z();
@@ -289,7 +284,7 @@ impl Vessel {
 
         let mut pressure = Vector6::zeros();
         let mut volume_sum = 0.0;
-        // Sums for the water's mean velocity and acceleration over the hulls, body frame.
+        // For the water's mean velocity and acceleration over the hulls, body frame.
         let (mut u_sum, mut a_sum) = (Vector3::zeros(), Vector3::zeros());
         let (mut u_turn, mut a_turn) = (Vector3::zeros(), Vector3::zeros());
         let mut arms = Vector3::<f64>::zeros();
@@ -300,7 +295,7 @@ impl Vessel {
             let slope = s0.slope + (s1.slope - s0.slope) * f;
             let place = self.before.places[i] + (self.after.places[i] - self.before.places[i]) * f;
             let surface = mix(s0.elevation_m, s1.elevation_m) + slope.dot(&(centre.xy() - place));
-            // Depth of the circle's centre along the surface's normal, then of its lowest point.
+            // Depth of the circle's centre along the surface's normal, then of the lowest point.
             let normal_fraction = 1.0 / (1.0 + slope.norm_squared()).sqrt();
             let depth = (centre.z + surface) * normal_fraction;
             let (area, lever_arm) = segment(self.hull.radius, depth + self.hull.radius);
@@ -310,7 +305,7 @@ impl Vessel {
             let u = r.inverse() * (s0.velocity + (s1.velocity - s0.velocity) * f);
             let a = r.inverse() * (s0.acceleration + (s1.acceleration - s0.acceleration) * f);
             let force = (a - down * GRAVITY) * (WATER_DENSITY * volume);
-            // The centroid is below the circle's centre, opposite to the surface's normal.
+            // From the circle's centre the centroid lies opposite to the surface's normal.
             let normal = r.inverse() * Vector3::new(slope.x, slope.y, 1.0) * normal_fraction;
             let centroid = c + normal * lever_arm;
             pressure += join(force, centroid.cross(&force));
@@ -330,8 +325,8 @@ impl Vessel {
         let gravity = join(weight, self.centre_of_gravity.cross(&weight));
         let [surge, sway, yaw] = self.steering.into();
         let engines = Vector6::new(surge, sway, 0.0, 0.0, 0.0, yaw);
-        // Hulls that leave the water lose added mass and drag: both are full above half of the volume at rest, and
-        // proportional to the volume below. With its full added mass, the boat could not fall off a steep crest.
+        // Hulls that leave the water lose added mass and drag, in proportion to their volume below half of
+        // that at rest. With full added mass, the boat could not fall off a steep crest.
         let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);
         let from_water = self.added_mass * nu_w_dot
             - coriolis(&self.added_mass, &nu_r)
@@ -360,10 +355,10 @@ fn world_rates(m: &Motion) -> (Vector3<f64>, Quaternion<f64>) {
     )
 }
 
-/// Attitude parallel to the surface with this heading, rad.
+/// Parallel to the surface, with this heading, rad.
 fn level(water: &WaterSample, heading: f64) -> UnitQuaternion<f64> {
     let (s, c) = heading.sin_cos();
-    // Elevation ahead is bow up; elevation to starboard is roll to port.
+    // Elevation ahead pitches up; elevation to starboard rolls to port.
     let ahead = water.slope.x * c + water.slope.y * s;
     let right = -water.slope.x * s + water.slope.y * c;
     let pitch = ahead.atan();

@@ -1,6 +1,5 @@
-//! Mean path of a vessel on each course: position, speed and heading without the waves. It is twice differentiable:
-//! heading and speed change by a quintic step, or swing sinusoidally. Random parameters of a course come from the
-//! stream `vessel/course`.
+//! Mean path of a vessel: position, speed and heading without waves, twice differentiable. Heading and speed
+//! change by a quintic step, or swing sinusoidally. The stream `vessel/course` draws random parameters.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -11,26 +10,24 @@ use super::config::{VesselConfig, VesselCourse};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
-/// Duration of a turn by 90 deg, s; for other turns it is proportional to the angle. Chosen: 11 deg/s, at which a small
-/// boat does not heel.
+/// Duration of a turn by 90 deg, s; proportional to the angle. Chosen: 11 deg/s, at which a small boat does
+/// not heel.
 const TURN_S: f64 = 8.0;
-/// Number of parts of a turn over which the path is integrated.
 const TURN_PARTS: usize = 400;
 /// Duration of a speed change, s. Chosen: the time constant of a planing boat's surge.
 const SPEED_CHANGE_S: f64 = 5.0;
-/// Maximum delay of a turn or speed change after the first descent, s: the helmsman does not know of the descent.
+/// Maximum delay of a turn or speed change after the first descent, s; the helmsman does not know of the
+/// descent.
 const CHANGE_WITHIN_S: f64 = 4.0;
-/// A time longer than any trial, s.
+/// Longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
-/// Number of harmonics of a limit cycle. The free drift is a parabola; a thruster pulse is a kink, which the thruster's
-/// lag rounds.
+/// Harmonics of a limit cycle: a free drift is a parabola, a thruster pulse a kink that its lag rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// North and east, m.
     pub position: Vector2<f64>,
-    /// Their derivatives, m/s.
     pub velocity: Vector2<f64>,
     pub heading: f64,
 }
@@ -44,25 +41,24 @@ pub struct MeanPath {
 
 #[derive(Clone, Debug)]
 enum Shape {
-    /// At rest, or straight ahead.
+    /// Straight or at rest.
     Straight,
     Turns(Turns),
     SpeedChange {
         begins: Begin,
-        /// Speed change, m/s.
         by: f64,
     },
-    /// Keeps station: limit cycles to north (m), to east (m) and in heading (rad).
+    /// Station keeping: limit cycles to north (m), to east (m) and in heading (rad).
     LimitCycles([Cycle; 3]),
     Anchored(Sheer),
 }
 
-/// Start of a course's turn or speed change.
+/// Start of the course's turn or speed change.
 #[derive(Clone, Copy, Debug)]
 struct Begin {
-    /// Start, s; infinite until [`Begin::ask`] is called.
+    /// Start, s; infinite until [`Begin::ask`].
     at: f64,
-    /// Delay of the start after that call, s.
+    /// Delay after that call, s.
     delay: f64,
 }
 
@@ -74,14 +70,14 @@ impl Begin {
     }
 }
 
-/// `v` turned by `angle`, rad.
+/// `v` rotated by `angle`, rad.
 fn turned(v: Vector2<f64>, angle: f64) -> Vector2<f64> {
     let (s, c) = angle.sin_cos();
     Vector2::new(c * v.x - s * v.y, s * v.x + c * v.y)
 }
 
 impl MeanPath {
-    /// Path of `config` from the origin, with this starting heading, rad.
+    /// Starts the path at the origin, with this heading, rad.
     pub fn new(config: &VesselConfig, heading: f64, streams: &Streams) -> MeanPath {
         let mut draw = streams.stream("vessel/course");
         let mut between = |low: f64, high: f64| low + (high - low) * draw.random::<f64>();
@@ -116,7 +112,7 @@ impl MeanPath {
             VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
             VesselCourse::Zigzag => {
                 let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
-                // The heading of the first leg differs from the mean course by half a turn's angle.
+                // The first leg is half a turn's angle off the mean course.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
             }
@@ -132,7 +128,8 @@ impl MeanPath {
         path
     }
 
-    /// Starts a course's turn or speed change a random time after `t`, s, unless the start is fixed.
+    /// Starts the turn or speed change of the course a random time after `t`, s, unless its start is
+    /// configured.
     pub fn ask_change(&mut self, t: f64) {
         match &mut self.shape {
             Shape::Turns(turns) => turns.begins.ask(t),
@@ -141,7 +138,7 @@ impl MeanPath {
         }
     }
 
-    /// Whether heading or speed change at `t` (s) or within `margin` (s) of it.
+    /// Whether heading or speed changes within `margin` (s) of `t` (s).
     pub fn changes(&self, t: f64, margin: f64) -> bool {
         match &self.shape {
             Shape::Straight => false,
@@ -163,7 +160,7 @@ impl MeanPath {
             Shape::SpeedChange { begins, by } => {
                 let s = ((t - begins.at) / SPEED_CHANGE_S).max(0.0);
                 let c = s.min(1.0);
-                // Integral of the quintic step, and the remaining time at the new speed.
+                // Integral of the quintic step, then the time at the new speed.
                 let more = SPEED_CHANGE_S * (c.powi(4) * (2.5 - 3.0 * c + c * c) + (s - c));
                 let ahead = turned(Vector2::new(1.0, 0.0), self.heading);
                 PathPoint {
@@ -194,14 +191,13 @@ fn straight(from: Vector2<f64>, speed: f64, heading: f64, since: f64) -> PathPoi
     }
 }
 
-/// Limit cycle of a thruster with a dead band against a steady wind, in one degree of freedom.
+/// Limit cycle of a thruster with a dead band in steady wind, in one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 struct Cycle {
     /// Amplitude of the first harmonic, m or rad.
     amplitude: f64,
     /// Angular frequency, rad/s.
     omega: f64,
-    /// Phase, rad.
     phase: f64,
 }
 
@@ -221,17 +217,15 @@ impl Cycle {
 struct Sheer {
     /// Distance from the anchor to amidships, m.
     rode: f64,
-    /// Maximum swing of the bow to either side, rad; the rode swings half as far.
+    /// Maximum swing of the bow to a side, rad; the rode swings half as far.
     swing: f64,
-    /// Angular frequency, rad/s.
     omega: f64,
-    /// Phase, rad.
     phase: f64,
 }
 
 impl Sheer {
-    /// Point at `t`, s; the anchor is ahead at the heading `rest`. The bow is furthest to a side when the hull moves
-    /// fastest to that side.
+    /// The anchor is ahead at the heading `rest`. The bow is furthest to the side to which the hull moves
+    /// fastest.
     fn at(&self, rest: f64, t: f64) -> PathPoint {
         let (sin, cos) = (self.omega * t + self.phase).sin_cos();
         let arc = |sin: f64| turned(Vector2::new(-self.rode, 0.0), rest + 0.5 * self.swing * sin);
@@ -244,7 +238,6 @@ impl Sheer {
     }
 }
 
-/// Turns at a constant speed, joined by straight legs.
 #[derive(Clone, Debug)]
 struct Turns {
     begins: Begin,
@@ -252,10 +245,10 @@ struct Turns {
     angle: f64,
     /// Turns alternate between starboard and port.
     alternates: bool,
-    /// Duration of a turn, and of the straight leg after it, s.
+    /// Durations of a turn, and of the straight leg after it, s.
     turn: f64,
     leg: f64,
-    /// Path of the first turn in parts, m, along and across its initial heading.
+    /// Points along the first turn, m: along and across its initial heading.
     way: Vec<Vector2<f64>>,
 }
 
@@ -270,9 +263,9 @@ impl Turns {
             way: way(speed, angle, turn),
         }
     }
-    /// A square with turns to starboard.
+    /// A square to starboard.
     fn square(speed: f64, side: f64) -> Turns {
-        // The distance covered in a turn is proportional to its duration; a side must fit two.
+        // A turn covers a distance proportional to its duration, and a side must fit two.
         let shape = way(1.0, FRAC_PI_2, 1.0).last().map_or(0.0, |w| w.x);
         let turn = TURN_S.min(0.45 * side / (speed * shape));
         let reach = shape * speed * turn;
@@ -282,7 +275,7 @@ impl Turns {
         };
         Turns::new(speed, first, FRAC_PI_2, turn, (side - 2.0 * reach) / speed)
     }
-    /// Turns to alternate sides; turns begin `between` seconds apart.
+    /// Turns to alternate sides, `between` seconds apart.
     fn zigzag(speed: f64, angle: f64, between: f64) -> Turns {
         let turn = TURN_S * angle.abs() / FRAC_PI_2;
         let first = Begin {
@@ -299,7 +292,7 @@ impl Turns {
         Turns::new(speed, begins, angle, turn, FOR_GOOD_S)
     }
 
-    /// Number of the last turn that has begun (negative before the first), and the time since its start, s.
+    /// Number of the last begun turn (negative before the first), and the time since its start, s.
     fn phase(&self, t: f64) -> (f64, f64) {
         let since = t - self.begins.at;
         if since < 0.0 {
@@ -308,30 +301,30 @@ impl Turns {
         let turn = (since / (self.turn + self.leg)).floor();
         (turn, since - turn * (self.turn + self.leg))
     }
-    /// Direction of turn `k`: 1, or -1 for every other turn if turns alternate.
+    /// 1 to starboard; with alternating turns, -1 for every other.
     fn side(&self, k: u64) -> f64 {
         if self.alternates && k % 2 == 1 { -1.0 } else { 1.0 }
     }
-    /// Heading before turn `k` minus the heading before the first, rad.
+    /// Heading before turn `k` relative to that before the first, rad.
     fn turned_before(&self, k: u64) -> f64 {
         let turns = if self.alternates { k % 2 } else { k };
         turns as f64 * self.angle
     }
-    /// Displacement from the start of turn `k` to the next, in the axes of the heading before the first turn, m.
+    /// Displacement from the start of turn `k` to that of the next, in the axes of the first heading, m.
     fn step(&self, k: u64, speed: f64) -> Vector2<f64> {
         let whole = self.way.last().copied().unwrap_or_default();
         let whole = Vector2::new(whole.x, self.side(k) * whole.y);
         let leg = turned(Vector2::new(speed * self.leg, 0.0), self.turned_before(k + 1));
         turned(whole, self.turned_before(k)) + leg
     }
-    /// Point of the path at `t` (s), from the heading before the first turn, rad.
+    /// Point at `t` (s); `first_heading`: before the first turn, rad.
     fn at(&self, first_heading: f64, speed: f64, t: f64) -> PathPoint {
         let (turn, since) = self.phase(t);
         if turn < 0.0 {
             return straight(Vector2::zeros(), speed, first_heading, t);
         }
         let turn = turn as u64;
-        // Four corners close a square; after two turns of a zigzag, the path continues along its mean course.
+        // Four corners close a square; two turns of a zigzag return to its mean course.
         let cycle = if self.alternates { 2 } else { 4 };
         let steps = |n: u64| (0..n).map(|k| self.step(k, speed)).sum::<Vector2<f64>>();
         let rounds = if self.alternates {
@@ -355,7 +348,7 @@ impl Turns {
             heading: here,
         }
     }
-    /// Position `since` seconds after the first turn began: cubic between the parts, matching their velocities.
+    /// `since` seconds after the first turn began: cubic between the points, with their velocities.
     fn position(&self, since: f64, speed: f64) -> Vector2<f64> {
         let h = self.turn / TURN_PARTS as f64;
         let i = ((since / h).floor().max(0.0) as usize).min(TURN_PARTS - 1);
@@ -371,7 +364,7 @@ impl Turns {
     }
 }
 
-/// Path of a turn by `angle` (rad) in `turn` seconds at `speed`, in parts (Simpson's rule).
+/// Points along a turn by `angle` (rad) in `turn` seconds at `speed`, by Simpson's rule.
 fn way(speed: f64, angle: f64, turn: f64) -> Vec<Vector2<f64>> {
     let h = turn / TURN_PARTS as f64;
     let velocity = |t: f64| turned(Vector2::new(speed, 0.0), angle * smooth_step(t, turn).y);

@@ -26,15 +26,12 @@ pub fn coriolis(m: &Matrix6<f64>, nu: &Vector6<f64>) -> Vector6<f64> {
     join(w.cross(&p), v.cross(&p) + w.cross(&h))
 }
 
-/// Linear part of a velocity or force.
 pub fn head(x: &Vector6<f64>) -> Vector3<f64> {
     Vector3::new(x[0], x[1], x[2])
 }
-/// Angular part of a velocity or force.
 pub fn tail(x: &Vector6<f64>) -> Vector3<f64> {
     Vector3::new(x[3], x[4], x[5])
 }
-/// Joins the linear and angular parts.
 pub fn join(a: Vector3<f64>, b: Vector3<f64>) -> Vector6<f64> {
     Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
 }

@@ -12,7 +12,7 @@ fn heading_north() -> VesselConfig {
         ..VesselConfig::default()
     }
 }
-/// Runs for `seconds`, and passes every state to `see`.
+/// Passes every state to `see`.
 fn run(vessel: &mut Vessel, sea: &Sea, seconds: f64, mut see: impl FnMut(f64, &RigidState<VesselBody>)) {
     for i in 0..(seconds / DT).round() as i64 {
         let t = Time::from_nanos(i * 10_000_000);
@@ -34,7 +34,7 @@ fn vessel_on_calm_water() {
 
 #[test]
 fn vessel_natural_periods() {
-    // Released 3 cm too high, or tilted by 2 deg, with little damping; periods by zero crossings.
+    // Released 3 cm too high, or tilted by 2 deg, with little damping.
     let sea = calm();
     let config = VesselConfig {
         damping_ratio: [0.02; 3],
@@ -216,7 +216,6 @@ fn vessel_mean_path_on_every_course() {
             change_at_s: Some(30.0),
             ..heading_north()
         };
-        // Faster by half.
         config.power_for(3.0);
         for seed in 0..3 {
             let streams = Streams::new(seed);
@@ -224,7 +223,7 @@ fn vessel_mean_path_on_every_course() {
             let mut vessel = Vessel::new(&config, &sea, &streams);
             let (mut speed, mut heading, mut place, mut n) = (0.0, 0.0, 0.0_f64, 0.0);
             run(&mut vessel, &sea, 120.0, |t, s| {
-                // The waves' part averages out.
+                // Waves average out.
                 let here = path.at(t);
                 let off = alight_shared::frames::wrap_angle(s.euler().z - here.heading);
                 heading += off * off;
@@ -259,7 +258,7 @@ proptest::proptest! {
         let l2 = mass * 4.9 * 4.9;
         let config = VesselConfig {
             mass_kg: mass,
-            // From the minimum permitted inertia to a quarter of the maximum.
+            // From the minimum inertia to a quarter of the maximum.
             inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
             damping_ratio: [damping; 3],
             sideways_coupling: coupling,

@@ -1,4 +1,4 @@
-//! Devices of a scene: their configuration as an installer writes it, and the bytes of the vessel's devices.
+//! Devices of a scene, as an installer configures them, and their bytes.
 
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -10,7 +10,7 @@ use crate::sensors::SensorConfig;
 use crate::sensors::beacon::BEACON;
 use crate::sensors::clocks::ClockModel;
 
-/// Number of each vessel's devices: receiver, compass, inertial sensor.
+/// Devices of each vessel: receiver, compass, IMU.
 pub const DEVICES: usize = 3;
 
 /// Address of the drone's own GNSS receiver in lock-step.
@@ -22,8 +22,8 @@ pub fn in_ticks_s(latency_s: f64) -> f64 {
 }
 
 impl SensorConfig {
-    /// Configuration of the scene's devices: a receiver (UBX), a compass (NMEA 0183), an inertial sensor (MAVLink), and
-    /// the port of a moving base (RTCM 3) if there is one. `deck_m`: centre of the deck in the vessel's body frame, m.
+    /// Configuration of the devices: receiver (UBX), compass (NMEA 0183), IMU (MAVLink), and the port of a
+    /// moving base (RTCM 3) if there is one. `deck_m`: deck centre in the vessel's body frame, m.
     pub fn sources(&self, deck_m: [f64; 3]) -> Vec<SourceConfig> {
         let source = |name: &str, format, latency_s, mount| SourceConfig {
             name: name.into(),
@@ -60,8 +60,8 @@ impl SensorConfig {
 }
 
 impl SensorConfig {
-    /// The drone's link as an installer configures it for the scene's beacon and moving base; `receiver` is the address
-    /// of the moving base's receiver.
+    /// The drone's link as an installer configures it for the scene's beacon and moving base; `receiver`:
+    /// address of the moving base's receiver.
     pub fn wired(&self, link: &AutopilotLinkConfig, receiver: &str) -> AutopilotLinkConfig {
         let mut link = link.clone();
         if self.beacon.is_some() {
@@ -75,18 +75,16 @@ impl SensorConfig {
     }
 }
 
-/// The devices, each on its wire. They run on GNSS time, which is the world's.
+/// The devices on their wires, on GNSS time (the world's).
 #[derive(Clone, Debug)]
 pub struct Boat {
     devices: Vec<BoatSensor>,
-    /// Index of the moving base among the devices.
     base: Option<usize>,
-    /// Clock of the measurements' stamps.
     clock: ClockModel,
 }
 
 impl Boat {
-    /// Devices of these sources, with the measurements that each carries.
+    /// `carries`: measurements of each source.
     pub fn new(
         sources: &[SourceConfig],
         carries: Vec<Carries>,
@@ -103,7 +101,7 @@ impl Boat {
             clock,
         }
     }
-    /// Bytes of each device for these measurements, and of the moving base.
+    /// Bytes of each device and of the moving base.
     pub fn bytes(&mut self, readings: &Readings, rtcm: &[u8]) -> Vec<Vec<u8>> {
         let own = self.on_own_clock(readings);
         let mut all: Vec<Vec<u8>> = self.devices.iter_mut().map(|d| d.bytes(&own)).collect();
@@ -112,7 +110,7 @@ impl Boat {
         }
         all
     }
-    /// The measurements, stamped by the devices' own clock.
+    /// Measurements stamped by the devices' clock.
     fn on_own_clock(&self, readings: &Readings) -> Readings {
         let mut own = readings.clone();
         let date = |at: &mut Time<VesselClock>| {

@@ -1,5 +1,5 @@
-//! MAVLink 2 frames of a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet serialization";
-//! common.xml for the fields, which are ordered by size).
+//! MAVLink 2 frames of a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet
+//! serialization"; fields from common.xml, ordered by size).
 
 use core::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
 
 use super::{StatedErrors, put};
 
-/// A message: its id, and the byte that its definition adds to the checksum (CRC_EXTRA).
+/// Message id, and the byte that its definition adds to the checksum (CRC_EXTRA).
 #[derive(Clone, Copy, Debug)]
 pub struct MavlinkId(pub u32, pub u8);
 
@@ -16,7 +16,6 @@ pub const HEARTBEAT: MavlinkId = MavlinkId(0, 50);
 pub const HIGHRES_IMU: MavlinkId = MavlinkId(105, 93);
 pub const GPS_RAW_INT: MavlinkId = MavlinkId(24, 24);
 
-/// System id of the boat's autopilot.
 const SYSTEM: u8 = 1;
 const AUTOPILOT: u8 = 1;
 
@@ -30,7 +29,7 @@ pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> V
     encode(from, Outgoing::new(id, extra, payload.to_vec()), None)
 }
 
-/// HEARTBEAT: custom mode, type, autopilot, base mode, status, version.
+/// Custom mode, type, autopilot, base mode, status, version.
 pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]) -> [u8; 9] {
     let mut p = [0; 9];
     put(&mut p, 0, &custom_mode.to_le_bytes());
@@ -38,12 +37,12 @@ pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]
     p
 }
 
-/// Heartbeat of an active surface boat under ArduPilot.
+/// An active surface boat under ArduPilot.
 pub fn boat_heartbeat() -> [u8; 9] {
     heartbeat(0, [11, 3, 0, 4])
 }
 
-/// HIGHRES_IMU: specific force, m/s², and rates, rad/s, in the sensor's axes.
+/// Specific force, m/s², and rates, rad/s, in sensor axes.
 pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
     let mut p = [0; 62];
     put(&mut p, 0, &time_us(at_ns));
@@ -55,8 +54,8 @@ pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
     p
 }
 
-/// GPS_RAW_INT: a 3-D fix with the height of the sea above the ellipsoid; with a `heading` of two antennas (rad), no
-/// fix.
+/// A 3-D fix with the height of the sea above the ellipsoid, or without a fix if it has the `heading` of two
+/// antennas (rad).
 pub fn gps_raw_int(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),
@@ -73,7 +72,7 @@ pub fn gps_raw_int(
     put(&mut p, 8, &signed(place.latitude_deg * 1e7));
     put(&mut p, 12, &signed(place.longitude_deg * 1e7));
     put(&mut p, 16, &signed((place.height_m - geoid_m) * 1e3));
-    // The dilutions of precision are unknown.
+    // Unknown dilutions of precision.
     put(&mut p, 20, &[0xff; 4]);
     put(&mut p, 24, &centi(100.0 * north.hypot(east)));
     put(&mut p, 26, &centi(degrees(east.atan2(north))));
@@ -83,7 +82,7 @@ pub fn gps_raw_int(
     put(&mut p, 34, &unsigned(stated.position_m));
     put(&mut p, 38, &unsigned(stated.position_m));
     put(&mut p, 42, &unsigned(stated.velocity_mps));
-    // 0 means no heading, so that north is 36000.
+    // 0 means no heading, so north is 36000.
     let yaw = heading.map_or([0; 2], |h| match centi(degrees(h)) {
         [0, 0] => 36_000_u16.to_le_bytes(),
         other => other,

@@ -1,9 +1,9 @@
-//! Encoders of a vessel's sensors: the measurements of [`super::VesselSensors`] as bytes of NMEA 0183, NMEA 2000,
-//! Signal K, UBX or MAVLink, for the program as installed on a vessel.
+//! Encoders of a vessel's sensors: measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000, Signal
+//! K, UBX or MAVLink, for the installed program.
 //!
-//! They are written from the makers' layouts, checksums included, and independently of the decoders of `alight_usv`,
-//! because an error in code that both shared would not be found. A frame that all implementations know shows that the
-//! MAVLink frames equal those of its crate.
+//! They follow the makers' layouts and checksums, independently of the decoders of `alight_usv`: an error in
+//! shared code would remain hidden. A published test frame shows that the MAVLink frames equal those of its
+//! crate.
 
 pub mod boat;
 pub mod mavlink;
@@ -23,21 +23,19 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::gnss::VesselGnssConfig;
 
-/// Time between two heartbeats of a MAVLink source, ns.
+/// Heartbeat period of a MAVLink source, ns.
 const HEARTBEAT_NS: i64 = 1_000_000_000;
 
-/// Kinds of measurements that a source carries.
+/// Kinds of measurements of a source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Carries {
     pub imu: bool,
-    /// Positions and velocities.
     pub gnss: bool,
     pub heading: bool,
 }
 
 impl Carries {
-    /// Kinds that each of a vessel's sources carries, by its format: each kind comes from one source, that whose format
-    /// suits it best. None if no source has a format for inertial samples.
+    /// Assigns each kind to the source whose format suits it best. None if no format has inertial samples.
     pub fn assign(sources: &[SourceConfig]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| {
             wanted
@@ -68,18 +66,15 @@ impl Carries {
     }
 }
 
-/// Accuracies that a receiver states, m and m/s: of its white errors, as for quantities. A receiver with a
-/// `stated_factor` of 3.5 also states its slow error.
+/// Accuracies that a receiver states, m and m/s: of its white errors, as for quantities. A `stated_factor` of
+/// 3.5 covers the slow error, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StatedErrors {
-    /// Position error, per axis.
     pub position_m: f64,
-    /// Velocity error, per axis.
     pub velocity_mps: f64,
 }
 
 impl StatedErrors {
-    /// Errors stated by this receiver.
     pub fn of(config: &VesselGnssConfig) -> StatedErrors {
         let (error, factor) = (&config.error, config.stated_factor);
         StatedErrors {
@@ -89,23 +84,21 @@ impl StatedErrors {
     }
 }
 
-/// One source's end of the wire.
+/// One source's end of its wire.
 #[derive(Clone, Debug)]
 pub struct BoatSensor {
     format: Format,
     carries: Carries,
     stated: StatedErrors,
-    /// Rotation from vessel to sensor axes.
     turn: Rotation3<f64>,
     heading_offset_rad: f64,
     sequence: u8,
     heartbeat_ns: Option<i64>,
-    /// The receiver's own geoid table.
+    /// Geoid of the receiver.
     geoid: LocalGeoid,
 }
 
 impl BoatSensor {
-    /// A source mounted as in `mount`.
     pub fn new(format: Format, mount: &Mount, carries: Carries, stated: StatedErrors) -> BoatSensor {
         let [roll, pitch, yaw] = mount.mounting_deg.map(f64::to_radians);
         BoatSensor {
@@ -119,7 +112,7 @@ impl BoatSensor {
             geoid: LocalGeoid::default(),
         }
     }
-    /// Bytes of its measurements; its clock is that of their stamps.
+    /// Bytes of its measurements, which carry its clock's stamps.
     pub fn bytes(&mut self, readings: &Readings) -> Vec<u8> {
         let mut bytes = Vec::new();
         if self.carries.imu {
@@ -137,7 +130,6 @@ impl BoatSensor {
         bytes
     }
 
-    /// Heartbeat of a MAVLink source, if it is due.
     fn heartbeat(&mut self, at_ns: i64) -> Vec<u8> {
         if self.heartbeat_ns.is_some_and(|t| at_ns - t < HEARTBEAT_NS) {
             return Vec::new();
@@ -162,7 +154,7 @@ impl BoatSensor {
                     utc_ns: at_ns,
                     place: m.datum,
                     geoid_m,
-                    // The dilution of this noise at quality 1: 0.5 m at a dilution of 1.
+                    // A dilution of 1 means 0.5 m at quality 1.
                     hdop: m.position_sd[0] / 0.5,
                     satellites: 12,
                 };
@@ -172,7 +164,6 @@ impl BoatSensor {
             Format::N2k => {
                 self.sequence = (self.sequence + 1) % 8;
                 let velocity = n2k::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
-                // The same dilution.
                 let fix = n2k::gnss(at_ns, m.datum, m.position_sd[0] / 0.5, self.sequence);
                 [velocity, fix].concat()
             }
@@ -198,7 +189,7 @@ impl BoatSensor {
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
             Format::Rtcm => Vec::new(),
             Format::Mavlink => {
-                // Two antennas of one receiver: this message has no fix.
+                // A heading of two antennas comes in a message without a fix.
                 let (nowhere, still) = (Default::default(), [0.0; 3]);
                 let payload = mavlink::gps_raw_int(at_ns, (nowhere, 0.0), still, &self.stated, Some(shown));
                 self.frame(mavlink::GPS_RAW_INT, &payload)
@@ -212,7 +203,6 @@ impl BoatSensor {
     }
 }
 
-/// Writes `bytes` at their offset in a message of fixed layout.
 fn put(payload: &mut [u8], at: usize, bytes: &[u8]) {
     for (place, byte) in payload.iter_mut().skip(at).zip(bytes) {
         *place = *byte;

@@ -1,13 +1,10 @@
-//! NMEA 2000 as a gateway's text (Yacht Devices RAW): one line a CAN frame. Layouts: canboat's database.
+//! NMEA 2000 as text of a gateway (Yacht Devices RAW): one CAN frame a line. Layouts: canboat's database.
 
 use alight_shared::geodesy::Datum;
 
-/// The device's address on the gateway's bus.
 const SOURCE: u32 = 35;
-/// Priority of its messages.
 const PRIORITY: u32 = 2;
 
-/// Line of one frame.
 fn line(at_ns: i64, pgn: u32, data: &[u8]) -> Vec<u8> {
     let id = PRIORITY << 26 | pgn << 8 | SOURCE;
     let ms = at_ns.div_euclid(1_000_000).rem_euclid(86_400_000);
@@ -55,7 +52,6 @@ pub fn position(at_ns: i64, place: Datum) -> Vec<u8> {
     let place = [place.latitude_deg, place.longitude_deg].map(|d| ((d * 1e7).round() as i32).to_le_bytes());
     line(at_ns, 129_025, &place.concat())
 }
-/// Frames of a message that does not fit into one.
 fn frames(at_ns: i64, pgn: u32, message: &[u8], sequence: u8) -> Vec<u8> {
     let head = sequence << 5;
     let (first, rest) = message.split_at(6);

@@ -1,5 +1,5 @@
-//! NMEA 0183 sentences of a receiver and of a compass: GGA, VTG, ZDA, HDT (u-blox, "Receiver description including
-//! protocol specification", UBX-13003221, chapter NMEA messages).
+//! NMEA 0183 sentences of a receiver and a compass: GGA, VTG, ZDA, HDT (u-blox, "Receiver description
+//! including protocol specification", UBX-13003221, chapter NMEA messages).
 
 use core::f64::consts::TAU;
 
@@ -8,13 +8,11 @@ use alight_shared::geodesy::Datum;
 /// Knots per m/s, and km/h per m/s.
 const KNOTS: f64 = 3600.0 / 1852.0;
 const KMH: f64 = 3.6;
-/// Decimals of minutes and of metres in the usual mode of receivers.
+/// Decimals of minutes and metres: usual, and high-precision.
 pub const USUAL: [usize; 2] = [5, 1];
-/// Decimals in their high-precision mode.
 pub const FINE: [usize; 2] = [7, 3];
 
-/// Sentence of a body: `$`, the body, `*`, the exclusive or of the body's bytes in two hexadecimal digits, carriage
-/// return and line feed.
+/// `$`, the body, `*`, the exclusive or of its bytes in two hexadecimal digits, carriage return, line feed.
 pub fn sentence(body: &str) -> Vec<u8> {
     let mut sum = 0_u8;
     for byte in body.bytes() {
@@ -23,7 +21,7 @@ pub fn sentence(body: &str) -> Vec<u8> {
     format!("${body}*{sum:02X}\r\n").into_bytes()
 }
 
-/// Time since midnight, ns, as `hhmmss.ss`.
+/// `hhmmss.ss` of a time since midnight, ns.
 fn time_of_day(utc_ns: i64) -> String {
     let hundredths = utc_ns.rem_euclid(86_400_000_000_000) / 10_000_000;
     let (seconds, hundredths) = (hundredths / 100, hundredths % 100);
@@ -37,7 +35,7 @@ fn time_of_day(utc_ns: i64) -> String {
 
 /// Degrees in `width` digits, minutes with `digits` decimals, and the letter of the hemisphere.
 fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]) -> String {
-    // In units of the last digit, so that minutes are never rounded to 60.
+    // Units of the last digit never round minutes to 60.
     let unit = 10_f64.powi(digits as i32);
     let all = (degrees.abs() * 60.0 * unit).round();
     let whole = (all / (60.0 * unit)).floor();
@@ -46,23 +44,20 @@ fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]
     format!("{whole:0width$.0}{minutes:0m$.digits$},{letter}", m = digits + 3)
 }
 
-/// A position with its time.
 #[derive(Clone, Copy, Debug)]
 pub struct Gga {
     /// Time since midnight, ns.
     pub utc_ns: i64,
-    /// Position, with the height above the ellipsoid.
+    /// Position with its height above the ellipsoid.
     pub place: Datum,
     /// Height of the sea above the ellipsoid, m.
     pub geoid_m: f64,
-    /// Dilution of precision.
     pub hdop: f64,
-    /// Satellites used.
     pub satellites: u8,
 }
 
 impl Gga {
-    /// Sentence of a fix without corrections (quality 1), with these decimals of minutes and of metres.
+    /// A fix without corrections (quality 1), with these decimals of minutes and metres.
     pub fn sentence(&self, [minutes, metres]: [usize; 2]) -> Vec<u8> {
         let Gga {
             place,
@@ -92,7 +87,7 @@ pub fn vtg([north, east]: [f64; 2]) -> Vec<u8> {
     ))
 }
 
-/// Time since midnight, ns, and day, month and year if the sensor knows them.
+/// Time since midnight, ns, and day, month, year if known.
 pub fn zda(utc_ns: i64, date: Option<[u16; 3]>) -> Vec<u8> {
     let date = date.map_or(",,".into(), |[day, month, year]| {
         format!("{day:02},{month:02},{year}")
@@ -100,7 +95,7 @@ pub fn zda(utc_ns: i64, date: Option<[u16; 3]>) -> Vec<u8> {
     sentence(&format!("GPZDA,{},{date},00,00", time_of_day(utc_ns)))
 }
 
-/// A true heading, rad.
+/// True heading, rad.
 pub fn hdt(heading: f64) -> Vec<u8> {
     sentence(&format!("GPHDT,{:.2},T", heading.rem_euclid(TAU).to_degrees()))
 }

@@ -1,15 +1,14 @@
-//! RTCM 3 frames of a receiver that is a moving base (RTCM 10403.3, section 4): real numbers, lengths and checksums
-//! around a content that is never decoded.
+//! RTCM 3 frames of a moving base (RTCM 10403.3, section 4): real numbers, lengths and checksums; nothing
+//! decodes the content.
 
 use alight_shared::rtcm;
 
-/// Frame of a message with the 12-bit `number`, subtype or station 0, and `content`, at most 1020 bytes.
+/// `number`: 12 bits; subtype or station 0; `content`: at most 1020 bytes.
 pub fn frame(number: u16, content: &[u8]) -> Vec<u8> {
     let [high, low] = (number << 4).to_be_bytes();
     rtcm::frame(&[&[high, low, 0], content].concat())
 }
 
-/// Content of a frame made by [`frame`].
 pub fn content(frame: &[u8]) -> &[u8] {
     let end = frame.len().saturating_sub(3);
     frame.get(6..end).unwrap_or_default()

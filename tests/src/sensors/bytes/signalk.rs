@@ -1,4 +1,4 @@
-//! Deltas of a Signal K server, one per line. Paths and units: Signal K's specification.
+//! Deltas of a Signal K server, one a line. Paths and units: Signal K's specification.
 
 use alight_shared::geodesy::Datum;
 
@@ -15,7 +15,7 @@ fn delta(at_ns: i64, values: &[(&str, String)]) -> Vec<u8> {
     )
     .into_bytes()
 }
-/// ISO 8601 text, in ms, of a time since 1970.
+/// ISO 8601, in ms, of a time since 1970.
 fn stamp(at_ns: i64) -> String {
     let ms = at_ns.div_euclid(1_000_000);
     let (mut day, ms) = (ms.div_euclid(86_400_000), ms.rem_euclid(86_400_000));
@@ -58,20 +58,16 @@ fn place(place: Datum) -> String {
     format!("{{\"latitude\":{latitude},\"longitude\":{longitude}}}")
 }
 
-/// True heading, rad.
 pub fn heading(at_ns: i64, heading: f64) -> Vec<u8> {
     let heading = heading.rem_euclid(core::f64::consts::TAU);
     delta(at_ns, &[("navigation.headingTrue", heading.to_string())])
 }
-/// Rate of turn, rad/s.
 pub fn rate_of_turn(at_ns: i64, rate: f64) -> Vec<u8> {
     delta(at_ns, &[("navigation.rateOfTurn", rate.to_string())])
 }
-/// Heave, m up.
 pub fn heave(at_ns: i64, heave_m: f64) -> Vec<u8> {
     delta(at_ns, &[("environment.heave", heave_m.to_string())])
 }
-/// Roll and pitch, rad.
 pub fn attitude(at_ns: i64, [roll, pitch]: [f64; 2]) -> Vec<u8> {
     let value = format!("{{\"roll\":{roll},\"pitch\":{pitch},\"yaw\":null}}");
     delta(at_ns, &[("navigation.attitude", value)])
@@ -85,11 +81,10 @@ pub fn velocity(at_ns: i64, [north, east]: [f64; 2]) -> Vec<u8> {
     ];
     delta(at_ns, &values)
 }
-/// Position without a height.
 pub fn position(at_ns: i64, at: Datum) -> Vec<u8> {
     delta(at_ns, &[("navigation.position", place(at))])
 }
-/// Fix of quality 1 with its dilution, and its height above the sea, which is `geoid_m` above the ellipsoid.
+/// Fix of quality 1; the height is above the sea, which is `geoid_m` above the ellipsoid.
 pub fn gnss(at_ns: i64, (at, geoid_m): (Datum, f64), hdop: f64) -> Vec<u8> {
     let values = [
         ("navigation.position", place(at)),

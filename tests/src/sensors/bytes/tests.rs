@@ -21,7 +21,7 @@ fn clock(h: i64, m: i64, s: i64) -> i64 {
 
 #[test]
 fn nmea_sentences_of_the_maker_byte_by_byte() {
-    // u-blox's protocol specification.
+    // Example of u-blox's protocol specification.
     let gga = nmea::Gga {
         utc_ns: clock(9, 27, 25),
         place: Datum::new(47.0 + 17.113_99 / 60.0, 8.0 + 33.915_90 / 60.0, 499.6 + 48.0),
@@ -42,7 +42,7 @@ fn nmea_sentences_of_the_maker_byte_by_byte() {
         text(nmea::vtg([0.0022 * north, 0.0022 * east])),
         "$GPVTG,77.52,T,,M,0.004,N,0.008,K,A*06\r\n"
     );
-    // Recorded sentences of receivers: a compass, and the greeting of a NEO-6.
+    // Sentences recorded from a compass and a NEO-6.
     assert_eq!(text(nmea::hdt(274.07_f64.to_radians())), "$GPHDT,274.07,T*03\r\n");
     assert_eq!(
         text(nmea::sentence("GPTXT,01,01,02,u-blox ag - www.u-blox.com")),
@@ -115,7 +115,7 @@ proptest! {
         let at_ns = ticks * 10_000_000;
         let mount = Mount { mounting_deg: mounting, heading_offset_deg: offset, ..Mount::default() };
         let datum = Datum::new(place.0, place.1, place.2);
-        // Two epochs: from the first, a decoder learns which messages belong together.
+        // A decoder needs two epochs to find which messages belong together.
         let readings = |at_ns: i64| Readings {
             imu: vec![ImuSample { header: header(at_ns), gyro, accelerometer: force, ..ImuSample::default() }],
             gnss: vec![GnssFix {
@@ -141,8 +141,7 @@ proptest! {
                         // 1e-7 deg is 1.1 cm.
                         prop_assert!((g.datum.latitude_deg - datum.latitude_deg).abs() < 1e-7, "{:?} {:?}", format, g);
                         prop_assert!((g.datum.longitude_deg - datum.longitude_deg).abs() < 1e-7, "{:?}", g);
-                        // Neither states the reference of its height; both references are tested where the height is
-                        // read.
+                        // Height references are not stated here; tests of the heights cover both.
                         let apart_m = (g.datum.height_m - datum.height_m).abs();
                         prop_assert!(apart_m < 2e-3 || matches!(format, Format::N2k | Format::SignalK), "{:?}", g);
                         for (k, v) in [velocity.0, velocity.1].into_iter().enumerate() {

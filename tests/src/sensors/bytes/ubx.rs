@@ -1,5 +1,5 @@
-//! UBX messages of a receiver: NAV-PVT, NAV-RELPOSNED (u-blox F9 HPG 1.32, "Interface description", UBX-22008968,
-//! sections 3.15.11 and 3.15.13).
+//! UBX messages of a receiver: NAV-PVT, NAV-RELPOSNED (u-blox F9 HPG 1.32, "Interface description",
+//! UBX-22008968, sections 3.15.11 and 3.15.13).
 
 use core::f64::consts::TAU;
 
@@ -8,14 +8,12 @@ use alight_shared::msg::CarrierSolution;
 
 use super::{StatedErrors, put};
 
-/// Class of navigation results, and its messages.
 const NAV: u8 = 0x01;
 const PVT: u8 = 0x07;
 const RELPOSNED: u8 = 0x3c;
 const WEEK_MS: i64 = 7 * 86_400_000;
 
-/// A message: sync, class, id, length, payload, and the two checksums over all between sync and checksums (RFC 1145
-/// with 8 bits).
+/// Sync, class, id, length, payload, and two checksums over all between (RFC 1145 with 8 bits).
 pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
     let length = (payload.len() as u16).to_le_bytes();
     let mut bytes = vec![0xb5, 0x62, class, id, length[0], length[1]];
@@ -42,7 +40,7 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a 3-D fix: position with its height above the ellipsoid and above the sea; velocity to north, east, down,
+/// NAV-PVT of a 3-D fix: position with its height above ellipsoid and sea; velocity to north, east, down,
 /// m/s.
 pub fn nav_pvt(
     at_ns: i64,
@@ -54,7 +52,7 @@ pub fn nav_pvt(
     let (speed, course) = (north.hypot(east), east.atan2(north).to_degrees());
     let mut p = [0_u8; 92];
     put(&mut p, 0, &of_week(at_ns));
-    // A valid 3-D fix (gnssFixOK) from 12 satellites; no date is valid.
+    // Valid 3-D fix (gnssFixOK), 12 satellites, no valid date.
     put(&mut p, 20, &[3, 1, 0, 12]);
     put(&mut p, 24, &signed(place.longitude_deg, 1e-7));
     put(&mut p, 28, &signed(place.latitude_deg, 1e-7));
@@ -68,14 +66,14 @@ pub fn nav_pvt(
     put(&mut p, 60, &signed(speed, 1e-3));
     put(&mut p, 64, &signed(course.rem_euclid(360.0), 1e-5));
     put(&mut p, 68, &unsigned(stated.velocity_mps, 1e-3));
-    // Accuracy of the course: unknown, as for a receiver at rest.
+    // Unknown course accuracy, as at rest.
     put(&mut p, 72, &unsigned(180.0, 1e-5));
     put(&mut p, 76, &120_u16.to_le_bytes());
     message(NAV, PVT, &p)
 }
 
-/// NAV-RELPOSNED of a drone's receiver with a moving base: vector from the base's antenna to its own, NED, m, and the
-/// standard deviation of each component, m.
+/// NAV-RELPOSNED of a drone's receiver with a moving base: vector between the antennas, NED, m, and its
+/// standard deviations, m.
 pub fn nav_relposned_of_place(
     at_ns: i64,
     place_m: [f64; 3],
@@ -106,7 +104,7 @@ pub fn nav_relposned_of_place(
     message(NAV, RELPOSNED, &p)
 }
 
-/// NAV-RELPOSNED of a rover 1 m from its moving base: heading of the line between them and its standard deviation, rad.
+/// NAV-RELPOSNED of a rover 1 m from its moving base: heading of their line and its standard deviation, rad.
 pub fn nav_relposned(at_ns: i64, heading: f64, sd: f64) -> Vec<u8> {
     let heading = heading.rem_euclid(TAU);
     let (east, north) = heading.sin_cos();

@@ -6,14 +6,13 @@ use alight_shared::estimation::moments;
 use alight_shared::frames::{Point, Rotation};
 use alight_uav::autopilot::receiver::{ReceiverDecoder, RelativeReport};
 
-/// Delay of the radio, s.
 const RADIO_S: f64 = 0.05;
 
 fn tick(k: i64) -> Time<TrueTime> {
     Time::from_nanos(k * 10_000_000)
 }
 
-/// A vessel that heads east, and a drone 3 m north and 10 m above its deck's centre.
+/// A vessel that heads east, and a drone 3 m north of and 10 m above the deck's centre.
 struct Pair {
     base: BaseReceiver,
     rover: MovingBaseRover,
@@ -22,7 +21,7 @@ struct Pair {
     ticks: i64,
 }
 
-/// Vector from the one antenna to the other, m.
+/// Vector between the antennas, m.
 const TRUTH: [f64; 3] = [3.0 + 0.6, 1.4, -10.1 - 0.1];
 
 impl Pair {
@@ -42,7 +41,7 @@ impl Pair {
             ticks: 0,
         }
     }
-    /// Places of the next seconds with the times of their arrival, s; messages for which `passes` is false are lost.
+    /// Solutions of the next seconds with arrival times, s; only messages with `passes` arrive.
     fn run(&mut self, seconds: f64, passes: impl Fn(u16) -> bool) -> Vec<(f64, RelativeReport)> {
         let drone = RigidState {
             position: Point::new(3.0, 0.0, -10.0),
@@ -71,13 +70,13 @@ impl Pair {
     }
 }
 
-/// Errors of the places with a solution, m.
+/// Position errors of the solutions, m.
 fn errors(places: &[(f64, RelativeReport)], solution: CarrierSolution) -> Vec<Vector3<f64>> {
     let of = places.iter().filter(|(_, p)| p.solution == Some(solution));
     of.map(|(_, p)| Vector3::from(p.place.unwrap()[0]) - Vector3::from(TRUTH))
         .collect()
 }
-/// A receiver that has its fix at once, for good.
+/// A receiver with a lasting fix from the start.
 fn steady() -> MovingBaseConfig {
     MovingBaseConfig {
         time_to_fix_s: 0.1,
@@ -161,7 +160,6 @@ fn errors_of_a_fix_as_stated() {
         );
     }
     for (arrival_s, place) in &places {
-        // The epoch, whose frames arrived, and their solution later.
         let at_s = place.of_week_ns as f64 * 1e-9;
         assert!((at_s * 4.0 - (at_s * 4.0).round()).abs() < 1e-6);
         let late_s = BASE_LATENCY_S + RADIO_S + PROCESSING_S;
@@ -200,7 +198,7 @@ fn false_fix_that_lasts_as_long_as_it() {
     let jumps = fixed.windows(2).filter(|w| (w[1] - w[0]).norm() > 0.15).count();
     let others = fixed.iter().filter(|e| (*e - fixed[0]).norm() > 0.3).count();
     assert!((1..50).contains(&jumps) && others > 50, "{jumps} {others}");
-    // As a fault it begins and ends within a fix.
+    // As a fault, a false fix begins and ends within a fix.
     let mut pair = Pair::new(&steady(), 5);
     let mut off_m = |false_fix_m: f64| {
         pair.rover.faults.false_fix_m = false_fix_m;

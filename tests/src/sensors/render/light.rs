@@ -1,4 +1,4 @@
-//! Conversion of light to grey levels: scatter in the lens by night, and the sensor.
+//! From light to grey levels: scatter in the lens by night, and the sensor.
 
 use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
@@ -9,22 +9,22 @@ use super::super::night::{NightConfig, veil};
 use super::rays::Ray;
 use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
 
-/// Side of the pixel squares for which the scene's own scatter is computed, px.
+/// Side of the pixel squares between which scatter is computed, px.
 const SQUARE_PX: usize = 16;
-/// Ratio to the brightest square below which a square's scatter is negligible.
+/// Ratio to the brightest square below which scatter is negligible.
 const FAINT: f32 = 0.01;
 
-/// Converts light to grey levels with noise.
 pub(super) struct Sensor {
     /// Grey levels per unit of light.
     scale: f32,
-    /// Variance of the noise in the dark, and per grey level.
+    /// Noise variance in the dark, and per grey level.
     dark: f32,
     shot: f32,
 }
 
 impl Sensor {
-    /// By day light is a fraction of white, whose grey level is configured; by night exposure and gain determine it.
+    /// By day light is a fraction of white, of configured grey level; by night exposure and gain determine
+    /// the level.
     pub(super) fn of(config: &RenderConfig, night: Option<&NightConfig>, shot: &Shot) -> Sensor {
         let Some(night) = night else {
             return Sensor {
@@ -43,7 +43,7 @@ impl Sensor {
     }
 }
 
-/// Mirror image of the sun on a wet deck.
+/// The sun's mirror image on a wet deck.
 pub(super) struct Glare {
     from: [f32; 3],
     peak: f32,
@@ -51,7 +51,7 @@ pub(super) struct Glare {
 }
 
 impl Glare {
-    /// Light added along a direction at unit distance: a Gaussian of the angle from the mirror image.
+    /// Added light along a direction at unit distance: Gaussian in the angle from the mirror image.
     pub(super) fn at(&self, [u, v]: [f32; 2]) -> f32 {
         let length = (u * u + v * v + 1.0).sqrt();
         let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
@@ -64,14 +64,13 @@ fn direction(ray: &Ray) -> Vector3<f32> {
 }
 
 impl Renderer {
-    /// Mirror image of the sun in the deck; None when it is dry.
+    /// None when the deck is dry.
     pub(super) fn glare_on(&self, view: &CameraMotion, deck_in_camera: &DeckInCamera) -> Option<Glare> {
         if !(self.config.glare > 0.0) || self.night.is_some() {
             return None;
         }
         let normal = deck_in_camera.axes * Vector3::z();
         let sun = (view.camera_from_world * self.sun).0;
-        // Direction that the mirror reflects to the sun.
         let from = sun - normal * (2.0 * sun.dot(&normal));
         Some(Glare {
             from: [from.x as f32, from.y as f32, from.z as f32],
@@ -79,8 +78,8 @@ impl Renderer {
             width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
         })
     }
-    /// Converts light to grey levels, in parts of `band` pixels; the noise takes the draws from `start` on with the
-    /// given stride.
+    /// Converts light to grey levels in parts of `band` pixels; noise takes draws from `start` on with a
+    /// stride.
     pub(super) fn expose(
         &self,
         sensor: &Sensor,
@@ -101,7 +100,7 @@ impl Renderer {
             }
         });
     }
-    /// Adds the lens's scatter of the scene's and the lamp's light, and the lamp itself.
+    /// Adds scatter of the scene and the lamp in the lens, and the lamp.
     pub(super) fn scatter(&self, night: &NightConfig, shot: &Shot, light: &mut [f32]) {
         let width = self.config.lens.width_px as usize;
         let own = self.own_scatter(light, width);
@@ -111,7 +110,7 @@ impl Renderer {
         let (to_lamp, at_lens) = (lamp.normalize().map(|v| v as f32), night.lamp_lux(lamp.norm()));
         let (surface_lux, lamp_m) = night.lamp_surface();
         let on = at_lens > 0.0 && lamp.z > 0.0;
-        // A lamp smaller than a pixel adds its light to that pixel.
+        // A lamp smaller than a pixel lights that pixel alone.
         let radius = 0.5 * lamp_m / lamp.norm();
         let pixel = 0.7 / self.config.lens.focal_px[0];
         let core = (
@@ -132,8 +131,7 @@ impl Renderer {
             }
         });
     }
-    /// Light scattered into each square of pixels: `Σ veil(θ) ω E/π` over the other squares, of light `E` and solid
-    /// angle `ω`.
+    /// Light scattered into each square from the others: `Σ veil(θ) ω E/π`, of light `E` and solid angle `ω`.
     fn own_scatter(&self, light: &[f32], width: usize) -> Vec<f32> {
         let (columns, rows) = (width.div_ceil(SQUARE_PX), light.len().div_ceil(width * SQUARE_PX));
         let height = light.len() / width.max(1);
@@ -156,7 +154,7 @@ impl Renderer {
             .collect();
         let into = |(at, _): &(Vector3<f32>, f32)| {
             let from = |(toward, sum): &&(Vector3<f32>, f32)| {
-                // The solid angle of a pixel off the axis scales with the cube of the cosine.
+                // A pixel's solid angle falls with the cube of the cosine off axis.
                 sum * toward.z.powi(3) * veil(f64::from((toward - at).norm())) as f32
             };
             pixel * sources.iter().map(from).sum::<f32>()

@@ -1,8 +1,6 @@
-//! Images of the deck by the belly camera: perspective, lens distortion, blur of the optics, motion during the
-//! exposure, glare of the sun, sensor noise, and the sea around the deck.
-//!
-//! A pixel is the mean of rays that are distributed as its area and the optics spread light, each at its own instant of
-//! the exposure. Only the lens parameters are shared with the node that processes the images.
+//! Belly camera's images of deck and sea: perspective, lens distortion, optical and motion blur, glare,
+//! sensor noise. A pixel is the mean of rays, distributed as its area and the optics spread light, each at
+//! its own instant of the exposure. The node that processes the images shares only the lens parameters.
 
 mod light;
 mod paint;
@@ -39,7 +37,7 @@ config! {
         pub markers: bool = false;
         /// Number of sun glints in an ultraviolet image.
         pub glints: u32 = 10, in 0.0..=1e4;
-        /// True lens; the node has the calibrated one.
+        /// True lens; the node has a calibrated one.
         pub lens: Lens;
         /// Grey level of a sunlit white surface; above 255 it is clipped.
         /// Chosen: a typical machine-vision sensor and a lens of moderate quality in daylight.
@@ -61,10 +59,9 @@ config! {
 
 #[derive(Clone, Copy)]
 pub struct Shot {
-    /// True time of the middle of the exposure.
+    /// Middle of the exposure.
     pub t: Time<TrueTime>,
     pub at: Time<DroneClock>,
-    /// Length of the exposure, s.
     pub exposure_s: f64,
     /// Gain relative to the sensor's minimum; no effect by day.
     pub gain: f64,
@@ -72,7 +69,7 @@ pub struct Shot {
     pub deck: RigidState<Deck>,
 }
 
-/// Two shots of one world are equal when their times are.
+/// Shots of one world are equal at equal times.
 impl PartialEq for Shot {
     fn eq(&self, o: &Shot) -> bool {
         self.t == o.t
@@ -84,7 +81,6 @@ impl core::fmt::Debug for Shot {
     }
 }
 
-/// Starts one image per period.
 #[derive(Clone, Debug)]
 pub(super) struct Shutter {
     schedule: SampleSchedule,
@@ -98,7 +94,7 @@ impl Shutter {
             clock,
         }
     }
-    /// The image that starts at `t`, if any, with the camera's present setting.
+    /// Image that starts at `t`, if any, with this setting.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -121,7 +117,7 @@ impl Shutter {
     }
 }
 
-/// Number of draws for the sensor noise, which are reused in a different order for each image.
+/// Draws of sensor noise, reused in another order for each image.
 const DRAWS: usize = 1 << 14;
 
 #[derive(Clone, Debug)]
@@ -132,20 +128,19 @@ pub struct Renderer {
     paint: DeckPaint,
     sea: SeaPaint,
     sun: Vector<TrueNed>,
-    /// The drone, and the pixels that its legs cover.
+    /// The drone, and the pixels that its legs hide.
     drone: Option<(Occlusion, Vec<bool>)>,
-    /// Light is a fraction of white by day, and lux on white by night.
+    /// Light is a fraction of white by day, lux on white by night.
     night: Option<NightConfig>,
     normals: Vec<f32>,
     noise: Noise,
 }
 
-/// Light of the sky in a shadow on a clear day, as a fraction.
+/// Sky light in a shadow on a clear day, as a fraction.
 const SHADE: f32 = 0.2;
-/// Light from a leg of carbon, as a fraction of that from a white surface.
+/// Light from a carbon leg, as a fraction of white.
 const LEG: f32 = 0.04;
 
-/// Direction to the sun of this seed.
 pub(super) fn sun(config: &RenderConfig, streams: &Streams) -> Vector<TrueNed> {
     sun_of(config, &mut Noise::new(streams, "light"))
 }
@@ -155,9 +150,9 @@ fn sun_of(config: &RenderConfig, light: &mut Noise) -> Vector<TrueNed> {
     Vector::new(cos * north, cos * east, -sin)
 }
 
-/// Maximum side of a block of pixels that is drawn at once, px.
+/// Maximum side of a block drawn at once, px.
 const BLOCK_PX: usize = 16;
-/// Maximum bend of a straight line by the lens within a block, px.
+/// Maximum bend of a straight line within a block, px.
 const BEND_PX: f32 = 0.5;
 
 #[derive(Clone, Copy)]
@@ -169,7 +164,7 @@ struct Block {
 }
 
 impl Block {
-    /// Quarters of the block, or halves of a line of pixels.
+    /// Quarters of a block, or halves of a line.
     fn parts(&self) -> impl Iterator<Item = Block> {
         let halves = |from: usize, to: usize| {
             let middle = from + (to - from) / 2;
@@ -195,7 +190,7 @@ struct Band<'a> {
 }
 
 impl Band<'_> {
-    /// Applies `each` to the pixels of a block within the band, with their index in the image.
+    /// Applies `each`, with the index in the image, to pixels of a block within the band.
     fn pixels(&mut self, block: &Block, mut each: impl FnMut(usize, &mut f32)) {
         for row in block.top..=block.bottom {
             let from = (row - self.top) * self.width;
@@ -209,15 +204,15 @@ impl Band<'_> {
 
 struct Scene<'a> {
     sea: SeaScene<'a>,
-    /// The deck, and the bounds of the pixels that may show it: left, top, right, bottom.
+    /// The deck, and the bounds of its pixels: left, top, right, bottom.
     deck: Option<(DeckScene<'a>, [usize; 4])>,
 }
 
 struct DeckScene<'a> {
     deck: DeckInCamera,
-    /// Rays of a pixel, each with the deck at its time.
+    /// Each with the deck at its time.
     rays: Vec<(ToDeck, &'a RaySample)>,
-    /// Maximum distance of a ray from its pixel's centre, px.
+    /// Maximum distance of a ray from the pixel's centre, px.
     reach_px: f32,
     blur_px: f64,
     shadow: Option<Shadow>,
@@ -225,7 +220,7 @@ struct DeckScene<'a> {
 }
 
 impl DeckScene<'_> {
-    /// The deck at the start and end of the exposure.
+    /// Deck at the start and end of the exposure.
     fn ends(&self) -> Option<[&ToDeck; 2]> {
         let time = |(_, sample): &&(ToDeck, &RaySample)| sample.time;
         let by_time = |a: &&(ToDeck, &RaySample), b: &&(ToDeck, &RaySample)| time(a).total_cmp(&time(b));
@@ -235,8 +230,8 @@ impl DeckScene<'_> {
         );
         Some([&first.0, &last.0])
     }
-    /// Light along a ray: paint lit by the sun, or by the sky alone, plus the sun's mirror image on this fraction of
-    /// the pixel.
+    /// Light along a ray: paint lit by the sun, or in shadow by the sky alone, and the sun's mirror image
+    /// over a fraction of the pixel.
     fn lit(&self, ray: &Ray, paint: f32, fraction: f32) -> f32 {
         let in_shadow = |shadow: &Shadow| self.deck.meet(ray.at).is_some_and(|at| shadow.covers(at));
         let shade = if self.shadow.as_ref().is_some_and(in_shadow) {
@@ -271,7 +266,7 @@ impl Renderer {
         }
     }
 
-    /// Adds the drone with its camera mount, which occludes and shades the scene.
+    /// Adds the drone, which occludes and shades the scene.
     pub fn below(mut self, drone: &DroneGeometry, mount: &CameraMount) -> Renderer {
         let occlusion = Occlusion::new(drone, mount, self.sun);
         let lens = &self.config.lens;
@@ -291,7 +286,6 @@ impl Renderer {
         self.drone = Some((occlusion, covered));
         self
     }
-    /// Switches to night if `night` is given.
     pub fn at_night(mut self, night: Option<&NightConfig>) -> Renderer {
         if let Some(night) = night {
             self.paint = self.paint.at_night(night);
@@ -300,7 +294,7 @@ impl Renderer {
         self
     }
 
-    /// Renders the image; None for a size that the configuration's check rejects.
+    /// None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.config.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
@@ -308,10 +302,10 @@ impl Renderer {
         self.render(shot, &mut pixels);
         GreyImage::new(width, height, pixels).ok()
     }
-    /// Renders the image into the pixels of the lens, by rows from the top.
+    /// Renders the image by rows from the top.
     pub fn render(&mut self, shot: &Shot, pixels: &mut [u8]) {
         let [width, height] = [self.config.lens.width_px, self.config.lens.height_px].map(|s| s as usize);
-        // A different order of the draws for each image; an odd stride visits all of them.
+        // Each image uses the draws in another order; an odd stride visits all of them.
         let start = (self.noise.uniform() * DRAWS as f64) as usize;
         let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
         let scene = self.scene(shot);
@@ -345,7 +339,7 @@ impl Renderer {
             }),
         }
     }
-    /// Draws a band: the sea, the deck in front of it, the legs in front of both.
+    /// Draws the sea, the deck in front of it, and the legs in front of both.
     fn draw(&self, band: &mut Band, scene: &Scene) {
         let white = self.night.map_or(1.0, |night| night.scene_lux() as f32);
         let (width, rows) = (band.width, band.light.len() / band.width.max(1));
@@ -380,7 +374,7 @@ impl Renderer {
             legs.for_each(|(light, _)| *light = white * LEG);
         }
     }
-    /// Prepares the deck; None if the camera is not above it.
+    /// None if the camera is not above the deck.
     fn deck_scene(
         &self,
         view: &CameraMotion,
@@ -416,7 +410,7 @@ impl Renderer {
             rays: rays?,
             reach_px: pattern.reach_px() + BEND_PX,
             blur_px,
-            // Light by night comes from all directions.
+            // By night light comes from all directions.
             shadow: (self.drone.as_ref().filter(|_| self.night.is_none()))
                 .map(|(drone, _)| drone.shadow(view)),
             glare: self.glare_on(view, &deck),
@@ -424,7 +418,7 @@ impl Renderer {
         })
     }
 
-    /// Draws a block of pixels: at once if all its rays meet the same light, otherwise in four parts.
+    /// Draws a block at once if its rays meet the same light, otherwise in four parts.
     fn draw_block(&self, band: &mut Band, scene: &DeckScene, block: &Block) {
         let paint = self
             .patch(scene, block, band.width)
@@ -450,7 +444,6 @@ impl Renderer {
             }
         }
     }
-    /// Draws a pixel as the mean of its rays.
     fn draw_pixel(&self, out: &mut f32, scene: &DeckScene, ray: &Ray) {
         let (mut sum, mut hits) = (0.0_f32, 0.0_f32);
         for (map, sample) in &scene.rays {
@@ -465,7 +458,7 @@ impl Renderer {
             *out = *out * (1.0 - hits * fraction) + scene.lit(ray, sum * fraction, hits * fraction);
         }
     }
-    /// Patch of the deck's plane that the rays of a block meet; None if one misses the plane.
+    /// Patch of the deck's plane under a block; None if a ray misses the plane.
     fn patch(&self, scene: &DeckScene, block: &Block, width: usize) -> Option<Patch> {
         let mut patch = Patch {
             x: [f32::INFINITY, f32::NEG_INFINITY],
@@ -485,7 +478,7 @@ impl Renderer {
         Some(patch)
     }
 
-    /// Bounds of the pixels that may show the deck: left, top, right, bottom.
+    /// Bounds of the deck's pixels: left, top, right, bottom.
     fn bounds(&self, deck_in_camera: &DeckInCamera, exposure_s: f64, blur_px: f64) -> Option<[usize; 4]> {
         let lens = &self.config.lens;
         let whole = [0, 0, lens.width_px as usize - 1, lens.height_px as usize - 1];

@@ -1,5 +1,4 @@
-//! Reflectance of the scene: the deck's paint with its tags, and the sea around it. Light is a fraction of that from a
-//! white surface.
+//! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of that from a white surface.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
@@ -12,14 +11,13 @@ use super::super::night::{NightConfig, TAG};
 use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
-/// Minimum size of a cell in the image for decoding a tag, px.
+/// Minimum side of a decodable cell, px.
 const DECODED_CELL_PX: f64 = 1.5;
 const PLANK_M: f32 = 0.14;
 
 /// Number of index cells along each axis of the deck.
 const INDEX: usize = 64;
 
-/// A tag with its white margin.
 #[derive(Clone, Debug)]
 struct Painted {
     centre: [f32; 2],
@@ -34,7 +32,7 @@ impl Painted {
     fn light(&self, white: bool) -> f32 {
         self.light[usize::from(!white)]
     }
-    /// Light from a point of the deck; None off the deck.
+    /// None off the deck.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let [row, column] = [self.row(x), self.column(y)];
         let across = 0.0..CELLS as f32;
@@ -70,7 +68,7 @@ impl Painted {
     }
 }
 
-/// Rectangle on the deck: range forward and range to starboard, m.
+/// Rectangle on the deck, forward and to starboard, m.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     pub(super) x: [f32; 2],
@@ -79,9 +77,7 @@ pub(super) struct Patch {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Paint {
-    /// No part of the deck.
     Outside,
-    /// Deck of uniform light.
     Even(f32),
     Edges,
 }
@@ -127,14 +123,14 @@ impl DeckPaint {
             scene: 1.0,
         }
     }
-    /// The paint by night: light in lux on white.
+    /// Night paint, whose light is in lux on white.
     pub(super) fn at_night(mut self, night: &NightConfig) -> DeckPaint {
         self.scene = night.scene_lux() as f32;
         let light = night.tag_lux().map(|lux| lux as f32);
         self.tags.iter_mut().for_each(|tag| tag.light = light);
         self
     }
-    /// Smallest cell side of the tags that can be decoded at `px` per metre; the largest if none can.
+    /// Smallest side of a cell that can be decoded at `px` per metre; the largest cell's if none can.
     pub(super) fn min_cell_px(&self, px: f64) -> f64 {
         let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
         let most = cells().fold(0.0, f64::max);
@@ -142,7 +138,7 @@ impl DeckPaint {
             .filter(|cell| *cell >= DECODED_CELL_PX)
             .fold(most, f64::min)
     }
-    /// Light from the point `x` forward and `y` to starboard, m; None off the deck.
+    /// Light from a point forward and to starboard, m; None off the deck.
     #[inline]
     pub(super) fn at(&self, x: f32, y: f32) -> Option<f32> {
         if !(x.abs() <= self.half[0] && y.abs() <= self.half[1]) {
@@ -174,7 +170,7 @@ impl DeckPaint {
             .iter()
             .all(|([from, to], half)| -half <= *from && to <= half)
     }
-    /// Content of a patch; reports edges when an exact answer is expensive.
+    /// Content of a patch; edges where an exact answer would be expensive.
     pub(super) fn within(&self, patch: &Patch) -> Paint {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
@@ -183,7 +179,7 @@ impl DeckPaint {
         if !self.covers(patch) {
             return Paint::Edges;
         }
-        // The first tag that overlaps the patch decides, as for a point.
+        // As for a point, the first tag that overlaps decides.
         for tag in &self.tags {
             match tag.within(patch) {
                 Paint::Outside => {}
@@ -197,7 +193,7 @@ impl DeckPaint {
             Paint::Edges
         }
     }
-    /// Points along the deck's edge, in the deck's axes, m.
+    /// Points along the edge, in the deck's axes, m.
     pub(super) fn outline(&self) -> impl Iterator<Item = Vector3<f64>> {
         let [x, y] = self.half.map(f64::from);
         (0..16).flat_map(move |k| {
@@ -212,7 +208,7 @@ impl DeckPaint {
     }
 }
 
-/// Side of the square noise tile that textures the sea, points.
+/// Side of the square noise tile of the sea's texture, points.
 const TILE: usize = 128;
 
 /// The sea: moving patches of light and dark, glitter towards the sun, and haze far away.
@@ -224,7 +220,7 @@ pub(super) struct SeaPaint {
 impl SeaPaint {
     pub(super) fn new(draw: &mut Noise) -> SeaPaint {
         let rough: Vec<f32> = (0..TILE * TILE).map(|_| draw.normal() as f32).collect();
-        // Smooth over three points, with wrap-around.
+        // Smooths over three points, with wrap-around.
         let at = |x: usize, y: usize| rough.get((y % TILE) * TILE + x % TILE).copied().unwrap_or(0.0);
         let tile = (0..TILE * TILE).map(|k| {
             let (x, y) = (k % TILE + TILE, k / TILE + TILE);
@@ -263,7 +259,7 @@ pub(super) struct SeaScene<'a> {
     sea: &'a SeaPaint,
     /// Rotation world from camera.
     world: Matrix3<f32>,
-    /// Position of the camera, m, and its height above the sea, m.
+    /// Camera, m, and its height above the sea, m.
     centre: Vector3<f32>,
     height: f32,
     /// Direction to the sun's mirror image.
@@ -272,7 +268,7 @@ pub(super) struct SeaScene<'a> {
 }
 
 impl SeaScene<'_> {
-    /// Light along a ray: sea below the horizon, sky above it.
+    /// Sea below the horizon, sky above it.
     pub(super) fn light(&self, ray: &Ray) -> f32 {
         let (m, [u, v]) = (&self.world, ray.at);
         let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
@@ -282,14 +278,14 @@ impl SeaScene<'_> {
         }
         let reach = self.height / down;
         let (north, east) = (self.centre.x + d[0] * reach, self.centre.y + d[1] * reach);
-        // Swell of some metres, and ripples of a few decimetres, which fade in the haze.
+        // Swell of some metres, and ripples of decimetres, which fade in the haze.
         let (sea, t_s) = (self.sea, self.t_s);
         let swell = sea.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
         let ripple = sea.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
         let near = 1.0 / (1.0 + 0.05 * reach);
         let cos = (d[0] * self.mirrored[0] + d[1] * self.mirrored[1] + down * self.mirrored[2])
             / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
-        // Facets that mirror the sun are more frequent towards its image.
+        // Towards the sun's image, more facets mirror the sun.
         let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
             1.2
         } else {

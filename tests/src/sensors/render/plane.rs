@@ -1,5 +1,3 @@
-//! The deck's plane, and its intersections with camera rays.
-
 use alight_shared::frames::Deck;
 use nalgebra::{Rotation3, Vector3};
 
@@ -7,7 +5,7 @@ use super::super::camera::CameraMotion;
 use crate::physics::body::RigidState;
 
 pub(super) struct DeckInCamera {
-    /// Centre of the deck, m, and its axes.
+    /// Centre, m, and axes.
     pub(super) at: Vector3<f64>,
     pub(super) axes: Rotation3<f64>,
     /// Velocity of the centre, m/s, and rate of turn, rad/s, in camera coordinates.
@@ -26,7 +24,7 @@ impl DeckInCamera {
             axes: axes.0.to_rotation_matrix(),
         }
     }
-    /// Intersection of a ray with the deck's plane, m.
+    /// m; None if the ray misses the plane.
     pub(super) fn meet(&self, [u, v]: [f32; 2]) -> Option<Vector3<f64>> {
         let (ray, normal) = (
             Vector3::new(f64::from(u), f64::from(v), 1.0),
@@ -35,7 +33,7 @@ impl DeckInCamera {
         let depth = normal.dot(&self.at) / normal.dot(&ray);
         (depth > 0.0).then(|| ray * depth)
     }
-    /// Centre and axes of the deck `s` seconds from the middle of the exposure.
+    /// `s` seconds from the middle of the exposure.
     pub(super) fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
         (
             self.at + self.drift * s,
@@ -44,8 +42,8 @@ impl DeckInCamera {
     }
 }
 
-/// Homography from directions at unit distance to the deck's plane, as rows: a ray `d` meets the plane at `x = (X . d)
-/// / (Z . d)`, `y = (Y . d) / (Z . d)` if `Z . d > 0`.
+/// Homography from directions at unit distance to the deck's plane, by rows: a ray `d` meets it at `x = (X .
+/// d) / (Z . d)`, `y = (Y . d) / (Z . d)` if `Z . d > 0`.
 #[derive(Clone, Copy)]
 pub(super) struct ToDeck {
     x: [f32; 3],

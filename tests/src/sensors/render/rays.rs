@@ -1,10 +1,10 @@
-//! Directions of pixels, and the distribution of rays in a pixel.
+//! Directions of pixels, and rays within a pixel.
 
 use alight_uav::camera::Lens;
 
 use crate::sensors::noise::Noise;
 
-/// Direction at unit distance of a pixel's centre, and its change per pixel to the right and down.
+/// Direction of a pixel's centre at unit distance, and its change per pixel to the right and down.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) at: [f32; 2],
@@ -22,7 +22,7 @@ impl Ray {
     }
 }
 
-/// Rays of all pixels, by rows from the top.
+/// Rays by rows from the top.
 #[derive(Clone, Debug)]
 pub(super) struct Rays {
     pub(super) all: Vec<Ray>,
@@ -30,7 +30,7 @@ pub(super) struct Rays {
     furthest: f64,
 }
 
-/// Applies the lens distortion to a point at unit distance.
+/// Distorts a point at unit distance.
 fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let [k1, k2, p1, p2, k3] = lens.distortion;
     let r2 = x * x + y * y;
@@ -41,7 +41,7 @@ fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     ]
 }
 
-/// Inverts the distortion by damped fixed-point iteration until it converges.
+/// Inverse distortion, by damped fixed-point iteration.
 fn straight(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let mut n = [x, y];
     for _ in 0..60 {
@@ -83,8 +83,8 @@ impl Rays {
             .collect();
         Rays { all, furthest }
     }
-    /// Pixel of a direction at unit distance. Directions outside the image are first moved close to it, where the
-    /// distortion model is valid.
+    /// Pixel of a direction at unit distance. A direction outside the image is first moved close to it, where
+    /// the distortion model is valid.
     pub(super) fn pixel(&self, lens: &Lens, x: f64, y: f64) -> [f64; 2] {
         let max_radius = 1.05 * self.furthest;
         let scale = (max_radius / x.hypot(y).max(1e-12)).min(1.0);
@@ -96,7 +96,7 @@ impl Rays {
     }
 }
 
-/// One ray of a pixel: offset in the pixel, px, and time as a fraction of the exposure from its middle.
+/// A ray: offset in the pixel, px, and time from the exposure's middle, as a fraction of it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RaySample {
     pub(super) right: f32,
@@ -104,7 +104,7 @@ pub(super) struct RaySample {
     pub(super) time: f64,
 }
 
-/// `side` x `side` rays, distributed as a Gaussian with the variance of the pixel's area and the optics.
+/// `side` x `side` rays, Gaussian with the variance of the pixel's area and the optics.
 #[derive(Clone, Debug)]
 pub(super) struct Pattern {
     pub(super) side: usize,
@@ -112,7 +112,7 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
-    /// Maximum distance of its rays from the pixel's centre along an axis, px.
+    /// Maximum distance of a ray from the pixel's centre along an axis, px.
     pub(super) fn reach_px(&self) -> f32 {
         let furthest = |r: &RaySample| r.right.abs().max(r.down.abs());
         self.rays.iter().map(furthest).fold(0.0, f32::max)
@@ -124,10 +124,10 @@ impl Pattern {
         let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
         let count = side * side;
         let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
-        // Times of the rays, with two properties: time is uncorrelated with either direction, and the mirror image of a
-        // ray about the pixel's centre is as long before the middle of the exposure as the ray is after it. Without the
-        // first, a moving edge would be sharper on one side; without the second, all edges of a 9 px smear would shift
-        // by 0.3 px in the same direction (odd moments of position and time).
+        // Times of rays are uncorrelated with either direction; otherwise a moving edge would be sharper on
+        // one side. The mirror image of a ray about the pixel's centre is as far before the middle of the
+        // exposure as the ray is after it; otherwise the edges of a 9 px smear would all shift by 0.3 px (odd
+        // moments of position and time).
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
         for _ in 0..400 {
             let mut order: Vec<usize> = (0..count).collect();
@@ -169,7 +169,7 @@ fn time(k: usize, count: usize) -> f64 {
     (k as f64 + 0.5) / count as f64 - 0.5
 }
 
-/// Quantile of the standard normal distribution (Abramowitz and Stegun 1964, 26.2.23; error below 5e-4).
+/// Standard normal quantile (Abramowitz and Stegun 1964, 26.2.23; error below 5e-4).
 fn normal_quantile(p: f64) -> f64 {
     let q = p.min(1.0 - p).max(1e-9);
     let t = (-2.0 * q.ln()).sqrt();

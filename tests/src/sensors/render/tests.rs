@@ -35,7 +35,7 @@ fn distorted() -> Lens {
     }
 }
 
-/// A camera `up` m above and `aside` m north of the origin, on a drone with these angles.
+/// Camera `up` m above and `aside` m north of the origin, on a drone with these angles.
 fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> CameraMotion {
     let mount = CameraMount {
         position: Vector3::zeros(),
@@ -81,7 +81,7 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
     }
 }
 
-/// Errors of a detection: position, m, and attitude, rad.
+/// Position error, m, and attitude error, rad.
 fn errors(pose: &TagPose, view: &CameraMotion, deck: &RigidState<Deck>) -> (f64, f64) {
     let [w, x, y, z] = pose.attitude;
     let detected = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -163,7 +163,7 @@ fn rendered_motion_blur() {
     let pose = setup.node.detect(&image).expect("detected");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
-    // 9 px in any direction: a common shift of the edges is an error of the renderer.
+    // Smears of 9 px in any direction; edges that all shift would be an error of the renderer.
     let mut sum = Vector3::zeros();
     for k in 0..12 {
         let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
@@ -196,7 +196,7 @@ fn rendered_glare_partial_view_and_open_sea() {
             .expect("an image");
         assert_eq!(setup.node.detect(&image), None);
     }
-    // A mirror that reflects the sun into the camera: the sun is behind the drone.
+    // The deck mirrors the sun, behind the drone, into the camera.
     let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
     setup.renderer.sun = Vector::from(sun);
     let from_sun = view_along(&sun);
@@ -248,7 +248,7 @@ fn rendered_tag_metering_in_any_light() {
     }
 }
 
-/// A camera that looks straight down from where the deck reflects the sun.
+/// Camera that looks straight down from where the deck mirrors the sun.
 fn view_along(sun: &Vector3<f64>) -> CameraMotion {
     let height = 4.0;
     let away = -sun.xy() / -sun.z * height;
@@ -296,7 +296,7 @@ fn rendered_tags_from_contact_to_10_m() {
     }
 }
 
-/// Draws every pixel by its own rays over the sea, without uniform blocks.
+/// Draws every pixel by its own rays, without uniform blocks.
 fn by_pixels(renderer: &Renderer, scene: &Scene) -> Vec<f32> {
     let (deck, _) = scene.deck.as_ref().expect("detected");
     let pixel = |ray| {

@@ -1,17 +1,15 @@
-//! Sensors of the drone for the deck.
-
 use super::*;
 use alight_shared::frames::Camera;
 use alight_shared::msg::Message;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-/// A level deck whose centre is at the origin, 1.3 m above the water.
+/// A level deck at the origin, 1.3 m above the water.
 fn deck() -> RigidState<Deck> {
     still([0.0; 3], [0.0; 3])
 }
 const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
 
-/// Everything that a stationary drone receives in `ticks` ticks.
+/// Readings of a stationary drone in `ticks` ticks.
 fn watch(
     config: &SensorConfig,
     drone: &RigidState<DroneBody>,
@@ -90,14 +88,14 @@ fn tag_visibility_limits() {
     // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
     assert!(!sees_tag([0.0, 7.0, -7.0], level) && sees_tag([0.0, 6.0, -7.0], level));
     assert!(!sees_tag([5.0, 0.0, -7.0], level) && sees_tag([4.5, 0.0, -7.0], level));
-    // A tilt moves the tag in the image: with the bow 30 deg up, a tag below is at the upper edge.
+    // A tilt moves the tag in the image: with 30 deg bow up, a tag below is at the upper edge.
     assert!(sees_tag([0.0, 0.0, -7.0], [0.0, 0.5, 0.0]));
     assert!(!sees_tag([0.0, 0.0, -7.0], [0.0, 0.62, 0.0]));
-    // 1 m is 13.3 px at a focal length of 320 px and a range of 24.1 m.
+    // At 24.1 m and a focal length of 320 px, 1 m is 13.3 px.
     assert!(sees_tag([0.0, 0.0, -23.6], level) && !sees_tag([0.0, 0.0, -24.6], level));
-    // Last decimetres: below 0.67 m the four corners of 1 m do not fit into 73.7 deg.
+    // Below 0.67 m the corners of 1 m do not fit into 73.7 deg.
     assert!(sees_tag([0.0, 0.0, -0.80], level) && !sees_tag([0.0, 0.0, -0.70], level));
-    // View along a deck that is tilted away: the width limits detection, later when near than when far.
+    // The width limits an oblique view, nearby at a greater angle than far away.
     let reads = |height: f64, deg: f64| {
         let tilted = still::<Deck>([0.0; 3], [0.0, deg.to_radians(), 0.0]);
         let at = still([0.0, 0.0, -height], level);
@@ -121,8 +119,7 @@ fn tag_blur_tolerance_by_size() {
     assert!(reads(12.0, 4.0) && !reads(12.0, 7.0));
 }
 
-/// Root mean square error of the detections, m, its reported counterpart, and the fraction of frames in `seconds` with
-/// a detection.
+/// Root mean square error of detections, m, reported error, m, and fraction of frames with a detection.
 fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize) -> (f64, f64, f64) {
     let tags = watch(config, drone, &deck(), 100 * seconds).tags;
     let exact = watch(&ideal(), drone, &deck(), 20).tags[0];
@@ -146,8 +143,8 @@ fn tag_detection_by_size() {
     for height in [2.0, 6.0, 12.0, 23.0] {
         let (real, stated, rate) = scatter(&config, &still([0.2, 0.1, -height], [0.0, 0.05, 0.3]), 20);
         assert!(real > last.0 && rate <= last.1, "{height} m: {real} m, {rate}");
-        // The error of a large, sharp tag is half the reported one. A small tag has two tilts that fit equally well;
-        // when the wrong one is chosen, the error exceeds any reported deviation.
+        // A large, sharp tag has half the reported error. Two tilts of a small tag fit equally well; the
+        // wrong one exceeds any reported deviation.
         assert!(
             (0.75..4.0).contains(&(stated / real)),
             "{height} m: {real} {stated}"
@@ -155,7 +152,7 @@ fn tag_detection_by_size() {
         last = (real, rate);
     }
     assert!(last.1 < 0.95, "{}", last.1);
-    // The former sensor model: one pixel at the corners, whatever the image.
+    // One pixel at the corners, whatever the image.
     config.tag.corner_sd_px = 1.0;
     let (coarse, _, _) = scatter(&config, &still([0.2, 0.1, -6.0], [0.0, 0.05, 0.3]), 20);
     config.tag.corner_sd_px = 0.1;
@@ -210,7 +207,7 @@ fn uvdar_range() {
 fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
-    // Settings at which the reported deviation is above its minimum.
+    // The reported deviation is above its minimum.
     (config.uvdar.bearing_sd_deg, config.uvdar.distance_sd) = (0.5, 0.07);
     config.uvdar.aside_sd_m = 0.0;
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);
@@ -241,7 +238,7 @@ fn rangefinder_over_deck_and_water() {
     near(range([1.14, 0.0, -5.0], level, &deck()), 4.92);
     near(range([1.16, 0.0, -5.0], level, &deck()), 4.92 + 1.3);
     near(range([0.0, 0.86, -5.0], level, &deck()), 4.92 + 1.3);
-    // A tilted deck: the plane rises towards the bow.
+    // The deck rises towards the bow.
     let up = still::<Deck>([0.0; 3], [0.0, 0.2, 0.0]);
     near(range([0.4, 0.0, -5.0], level, &up), 4.92 - 0.5 * 0.2_f64.tan());
     // A tilted drone measures along its own down axis.
@@ -249,7 +246,6 @@ fn rangefinder_over_deck_and_water() {
         range([-0.1, 0.0, -50.0 / 3.0], [0.9, 0.0, 0.0], &deck()),
         (50.0 / 3.0 - 0.08 * 0.9_f64.cos() + 1.3) / 0.9_f64.cos(),
     );
-    // Range limits, and a drone that is upside down.
     assert_eq!(range([0.0, 0.0, -31.0], level, &deck()), None);
     assert_eq!(range([0.0, 0.0, -0.12], level, &deck()), None);
     assert_eq!(

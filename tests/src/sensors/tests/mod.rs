@@ -1,4 +1,4 @@
-//! Tests of the sensors against their configured parameters.
+//! Tests against the sensors' configured parameters.
 
 mod drone;
 mod night;
@@ -13,14 +13,13 @@ fn tick(k: usize) -> Time<TrueTime> {
     Time::from_nanos(k as i64 * 10_000_000)
 }
 
-/// Sensors of both craft and their clocks.
 struct Rig {
     clocks: clocks::Clocks,
     vessel: VesselSensors,
     drone: DroneSensors,
 }
 
-/// Sensors with the paper's tag alone on the deck.
+/// The paper's tag alone on the deck.
 fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     let deck = DeckGeometry {
         tag_side_m: Some(1.0),
@@ -41,7 +40,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     }
 }
 
-/// A configuration without errors and failures, but with latencies.
+/// No errors and failures, but latencies.
 fn ideal() -> SensorConfig {
     let mut c = SensorConfig::default();
     let imu = &mut c.vessel_imu;
@@ -85,7 +84,8 @@ fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     }
 }
 
-/// A smooth motion in six degrees of freedom; derivatives are central differences of the analytic positions and angles.
+/// Smooth motion in six degrees of freedom; derivatives are central differences of analytic positions and
+/// angles.
 fn rocking<B>(t: f64) -> RigidState<B> {
     let wave = |t: f64, a: f64, w: f64, p: f64| a * (w * t + p).sin();
     let place = |t: f64| {

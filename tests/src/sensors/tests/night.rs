@@ -1,4 +1,4 @@
-//! The belly camera by night: its detector on rendered images compared with the measurement model.
+//! The belly camera by night: detector on rendered images against the measurement model.
 
 use alight_uav::camera::TagSettings;
 use alight_uav::camera::detector::TagDetector;
@@ -14,13 +14,13 @@ use crate::sensors::tag::SimulatedTagDetector;
 
 const IMAGES: usize = 30;
 
-/// Fraction of images with a detection and corner noise, px: on rendered images, and by the model.
+/// Fractions of images with a detection, and corner noise, px: on rendered images, and by the model.
 struct Row {
     images: [f64; 2],
     model: [f64; 2],
 }
 
-/// A tag of 1 m in this light, at this distance from all sides, 20 deg off its normal.
+/// A tag of 1 m in this light, from all sides, 20 deg off its normal.
 fn row(night: NightConfig, range_m: f64) -> Row {
     let (config, streams) = (SensorConfig::default(), Streams::new(7));
     let deck = DeckGeometry {
@@ -32,7 +32,7 @@ fn row(night: NightConfig, range_m: f64) -> Row {
     let mut detector = TagDetector::new(&TagSettings::default(), &tags);
     let model = SimulatedTagDetector::new(&config.tag, &deck, "drone.tag", &streams).at_night(Some(&night));
     let mut draw = Noise::new(&streams, "test.night");
-    // Half the image's height less half the tag, as an angle.
+    // Half the image's height less half the tag, rad.
     let room = (0.5 * config.tag.height_px / lens.focal_px[1] - 0.75 / range_m).clamp(0.0, 0.17);
     let (mut found, mut expected) = ([0.0; 2], [0.0; 2]);
     for _ in 0..IMAGES {
@@ -63,8 +63,8 @@ fn row(night: NightConfig, range_m: f64) -> Row {
     Row { images, model }
 }
 
-/// The camera at `range_m` with a random roll, its axis up to `room` rad off the tag. It turns by half a pixel during
-/// the exposure; `exposure_px` is the exposure in seconds times the focal length.
+/// Camera at `range_m` with a random roll, its axis up to `room` rad off the tag. It turns by half a pixel
+/// during the exposure; `exposure_px`: exposure in seconds times focal length.
 fn shot(
     draw: &mut Noise,
     model: &SimulatedTagDetector,
@@ -79,7 +79,7 @@ fn shot(
         attitude: Rotation::from(tilted),
         ..Default::default()
     };
-    // From the tag to the camera.
+    // Direction from the tag to the camera.
     let away = tilted * turn(level(within(3.1)), 20_f64.to_radians()) * -Vector3::z();
     let side = (-away).cross(&Vector3::new(0.3, 0.9, 0.1)).normalize();
     let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[side, -away.cross(&side), -away]));
@@ -115,7 +115,7 @@ fn detection_by_night_in_images_and_model() {
         lamp_cd,
         ..NightConfig::default()
     };
-    // The floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; lit tags that are too faint, normal and
+    // Floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; lit tags that are faint, normal,
     // dazzling; a lamp.
     let conditions = [
         (printed(200.0, 16.0), 4.0),
@@ -136,7 +136,7 @@ fn detection_by_night_in_images_and_model() {
             (images - model).abs() < 0.2,
             "{images} of the images, {model}: {night:?}"
         );
-        // The corner noise is compared when there are more than a few detections.
+        // Needs more than a few detections.
         assert!(
             images < 0.5 || (0.5..2.0).contains(&ratio),
             "corners {ratio}: {night:?}"

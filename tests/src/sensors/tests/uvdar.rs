@@ -1,4 +1,4 @@
-//! Node of the ultraviolet camera on rendered images compared with the measurement model.
+//! The ultraviolet camera's node on rendered images against the measurement model.
 
 use core::f64::consts::TAU;
 
@@ -13,11 +13,11 @@ use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::uvdar::UvdarConfig;
 
 const RANGE_M: f64 = 12.0;
-/// Number of images of one flight; the first ones, in which codes are still being identified, do not count.
+/// Images of one flight; the first, in which codes are still unknown, do not count.
 const IMAGES: usize = 80;
 const FIRST: usize = 20;
 
-/// Fixes, with the deck's true positions, in the camera's axes, from four flights past a rocking deck with `glints`
+/// Fixes and true positions of the deck, in camera axes, from four flights past a rocking deck, with `glints`
 /// glints per image.
 fn fixes(settings: &UvdarSettings, glints: usize, seed: u64) -> Vec<Option<[Vector3<f64>; 2]>> {
     let identity = CameraIdentity {

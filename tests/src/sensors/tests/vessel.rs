@@ -1,5 +1,3 @@
-//! Sensors of the vessel.
-
 use super::*;
 use alight_shared::msg::{ImuSample, Message};
 use nalgebra::UnitQuaternion;
@@ -21,7 +19,7 @@ fn ideal_imu_on_its_lever_arm() {
             assert_eq!(m.check(), Ok(()));
             assert_eq!(m.header.at, s.clocks.vessel.read(t));
             if let Some(l) = last {
-                // Trapezoidal rule in the rate, and in the specific force rotated to NED.
+                // Trapezoidal rule in the rate, and in the specific force in NED.
                 let mean = (Vector3::from(l.gyro) + Vector3::from(m.gyro)) * 0.5;
                 let next = q * UnitQuaternion::from_scaled_axis(mean * dt);
                 let a = (q * Vector3::from(l.accelerometer) + next * Vector3::from(m.accelerometer)) * 0.5
@@ -42,7 +40,7 @@ fn ideal_imu_on_its_lever_arm() {
     );
     assert!((v - end.velocity.0).norm() < 5e-3, "{v} {:?}", end.velocity);
     assert!((p - end.position.0).norm() < 5e-2, "{p} {:?}", end.position);
-    // The lever arm matters: the body's origin is elsewhere and moves differently.
+    // Without its lever arm the position would be wrong.
     assert!((end.position - rocking::<VesselBody>(seconds).position).norm() > 0.3);
 }
 
@@ -97,7 +95,7 @@ fn ideal_gnss_fix() {
         for fix in s.vessel.step(t, &rocking(t.secs())).gnss {
             assert_eq!(fix.check(), Ok(()));
             let at = s.clocks.vessel.true_time(fix.header.at);
-            // To the nanosecond to which the clock's drift rounds.
+            // The clock's drift rounds to a nanosecond.
             assert!(((t - at).secs() - 0.05).abs() < 1e-8);
             let truth = rocking::<VesselBody>(at.secs()).at::<VesselBody>(antenna);
             assert!((Vector3::from(fix.position) - truth.position.0).norm() < 1e-6);

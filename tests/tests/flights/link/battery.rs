@@ -1,4 +1,4 @@
-//! Batteries: actions of the link below its reserve, and by the mission's choice.
+//! Actions of the link on a low battery: by its own reserve, and by the mission's choice.
 
 use super::BOTH;
 use super::config;
@@ -58,7 +58,7 @@ fn low_battery_return_and_landing() {
     ] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
-        // First below the mission's reserve, then, for the deck, below the link's own.
+        // First below the mission's reserve, then, for the deck, below the link's.
         p.linked.autopilot.battery = 0.15;
         p.run(1.0);
         p.assert_commanding();
@@ -71,8 +71,7 @@ fn low_battery_return_and_landing() {
     }
 }
 
-/// A gauge that steps below the last reserve: the mission counts for how long it stays there, and chooses before the
-/// link does.
+/// The gauge steps below the last reserve: the mission counts the time, and chooses before the link.
 #[test]
 fn diversion_after_the_mission_has_counted() {
     for firmware in BOTH {
@@ -86,7 +85,7 @@ fn diversion_after_the_mission_has_counted() {
         p.low_battery = Some(BatteryPlace::Deck);
         p.run(10.0);
         p.assert_commanding();
-        // A mission that has counted it and chooses nothing, and one that never counts it.
+        // A mission that counted and chose nothing, and one that never counts.
         p.low_battery = None;
         p.run(4.0);
         assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");

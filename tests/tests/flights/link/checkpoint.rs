@@ -1,4 +1,4 @@
-//! Restart of the link's process in flight, with and without its checkpoint.
+//! Restart of the link in flight, with and without its checkpoint.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
@@ -27,7 +27,7 @@ fn link_successor_with_a_checkpoint() {
         let (began_s, known) = (p.t_s, p.odometry.len());
         p.run(1.0);
         let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
-        // At its first odometry, which ArduCopter sends every 25 ms.
+        // At its first odometry; ArduCopter sends one every 25 ms.
         assert!(at_s - began_s <= 0.04, "{firmware:?}: {} s", at_s - began_s);
         let (t_s, first) = p.odometry[known];
         assert!(t_s - began_s <= 0.04, "{firmware:?}: {} s", t_s - began_s);
@@ -48,7 +48,7 @@ fn link_successor_after_a_takeover() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
-        // The report of the mode does not reach the link; the next one follows within half a second.
+        // One report of the mode is lost; the next follows within half a second.
         p.linked.cut = true;
         assert!(p.choose(AutopilotMode::Other));
         p.restart_link(AWAY_S);
@@ -84,7 +84,7 @@ fn link_successor_with_a_void_checkpoint() {
     }
 }
 
-/// A restart of 0.7 s lets PX4 enter its failsafe; the new link commands it at once.
+/// In 0.7 s PX4 enters its failsafe; the restarted link commands it at once.
 #[test]
 fn link_successor_after_the_failsafe() {
     for firmware in BOTH {

@@ -1,4 +1,4 @@
-//! Disarming: on the deck, with evidence, and not elsewhere.
+//! Disarms only on the deck, with evidence.
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
 
-/// The pilot presses the drone onto the deck until it would detect a touchdown.
+/// The pilot presses the drone onto the deck, up to the detection of a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = LinkRig::commanding(firmware, 1.0, config);
     p.run(4.0);
@@ -67,9 +67,8 @@ fn denied_disarm_attempts_and_report() {
     assert_eq!(still_armed(&p), ["3 s", "13 s"]);
     let alarms = |(s, text): &(u8, String)| *s <= severity::WARNING && text.contains("still ARMED");
     assert!(p.notes.iter().any(alarms), "{:?}", p.notes);
-    // It stays on the deck with zero thrust, while set-points continue.
+    // It stays on the deck with zero thrust; set-points continue.
     assert!(p.sent_since(p.t_s - 0.1) > 3 && p.on_deck);
-    // The autopilot accepts commands again.
     p.linked.autopilot.answer = None;
     p.run(3.0);
     assert!(!p.linked.autopilot.armed());
@@ -95,14 +94,13 @@ fn false_touchdown_in_the_air() {
                 "{firmware:?} at {height} m"
             );
             assert!(p.linked.autopilot.armed());
-            // It climbs slightly and holds.
             let up = before - p.truth().position.0.z;
             assert!((0.8..1.2).contains(&up), "{firmware:?} at {height} m: {up} m");
         }
     }
 }
 
-/// Reported times for which the drone has landed and is still armed.
+/// Reported times armed after a landing.
 fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
         let after = t.strip_prefix("on deck, still ARMED for ")?;
@@ -111,7 +109,7 @@ fn still_armed(p: &LinkRig) -> Vec<String> {
     p.texts.iter().filter_map(text).collect()
 }
 
-/// On the deck, stopped by the pilot; the autopilot denies the first disarm.
+/// The pilot stopped it on the deck; the autopilot denies the first disarm.
 fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = pressed(firmware, config);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
@@ -145,7 +143,6 @@ fn disarm_without_the_pilot_in_hold() {
 #[test]
 fn disarm_without_the_pilot_evidence() {
     for firmware in BOTH {
-        // The mission wrongly reports a landing.
         for height in [0.7, 0.8, 5.0] {
             let mut p = LinkRig::commanding(firmware, height, &config());
             p.mission = State::Landed;
@@ -176,7 +173,7 @@ fn abort_on_the_deck_restarts_the_disarm() {
                 p.run(0.1);
             }
         }
-        // The fast retries are used up, and the next is 2 s away.
+        // The fast retries are over; the next follows after 2 s.
         assert_eq!(count(&p), rare, "{firmware:?}");
         p.linked.autopilot.answer = None;
         p.run(0.5);

@@ -1,4 +1,4 @@
-//! Reports to a ground station through the autopilot, and commands by a switch of the remote control.
+//! Reports to a ground station through the autopilot, and commands by an RC switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
 use alight_shared::msg::{CommandKind, ReasonCode, State};
@@ -19,7 +19,7 @@ const CHANNEL: u8 = 7;
 const MIDDLE: u16 = 1500;
 const HIGH: u16 = 2000;
 
-/// RC channels with the switch at this pulse width, us.
+/// Channels with the switch at this pulse width, us.
 fn channels(us: u16) -> Option<[u16; 18]> {
     let mut all = [1500; 18];
     all[usize::from(CHANNEL) - 1] = us;
@@ -75,7 +75,6 @@ fn ground_station_states_and_values() {
                 .collect::<Vec<_>>()
         };
         let (distances, ages) = (values(DISTANCE), values(AGE));
-        // At 2 Hz.
         assert!(
             (5..=7).contains(&distances.len()) && distances.len() == ages.len(),
             "{distances:?}"
@@ -86,7 +85,7 @@ fn ground_station_states_and_values() {
             "{distances:?} at {height} m"
         );
         assert!(ages.iter().all(|a| (0.0..0.1).contains(a)), "{ages:?}");
-        // Without forecasts their age increases, and no distance is reported.
+        // Without forecasts the age increases, and no distance is reported.
         p.forecast = false;
         p.run(3.0);
         p.values.clear();
@@ -97,16 +96,15 @@ fn ground_station_states_and_values() {
     }
 }
 
-/// Order from a ground station to the companion computer.
+/// Command to the companion computer.
 pub(super) fn order(number: u16) -> MavlinkMessage {
     MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 pub(super) const STATION: Address = Address::new(255, 190);
-/// System id of the simulated vehicle.
 pub(super) const VEHICLE: u8 = 3;
 
-/// Default configuration: an abort is accepted from every sender; other orders are rejected without a signature, and
-/// each is answered with the reason.
+/// By default an abort is accepted from every sender. Other orders need a signature; a rejection states the
+/// reason.
 #[test]
 fn orders_of_a_link_as_shipped() {
     for firmware in BOTH {
@@ -131,7 +129,6 @@ fn orders_of_a_link_as_shipped() {
     }
 }
 
-/// A text with the reason answers a rejected order.
 #[test]
 fn rejections_state_their_reason() {
     for firmware in BOTH {
@@ -172,7 +169,7 @@ fn order_by_command_int() {
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
         assert_eq!(p.answered, [STATION; 2]);
         assert!(p.orders.iter().all(|c| c.kind == CommandKind::Land) && !p.orders.is_empty());
-        // Addressed to another component, and to all.
+        // Orders to another component, and to all.
         p.orders.clear();
         for component in [0, 154] {
             let to = Address::new(VEHICLE, component);
@@ -207,7 +204,7 @@ fn answers_to_another_station() {
     }
 }
 
-/// Unsigned orders are accepted.
+/// Accepts unsigned orders.
 pub(super) fn by_mavlink() -> NodeConfigs {
     NodeConfigs {
         autopilot: config(),
@@ -215,7 +212,6 @@ pub(super) fn by_mavlink() -> NodeConfigs {
     }
 }
 
-/// An abort by a ground station, then a landing by the switch.
 #[test]
 fn abort_by_ground_station_and_landing_by_rc_switch() {
     let mut nodes = by_mavlink();
@@ -233,7 +229,7 @@ fn abort_by_ground_station_and_landing_by_rc_switch() {
         m.abort.is_some() && m.entered.code == ReasonCode::Operator,
         "{m:?}"
     );
-    // The autopilot is not commanded again before the abort has been accepted and answered.
+    // The link does not command again before the abort is accepted and answered.
     assert!(!rig.until(2.0, |r| r.state(0) == State::Descent));
     turn(&mut rig, HIGH);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);

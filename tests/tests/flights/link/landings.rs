@@ -1,4 +1,4 @@
-//! Whole landings in lock-step with both firmwares and slow wires.
+//! Landings in lock-step with both firmwares and slow wires.
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::time::Span;
@@ -18,7 +18,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
-/// Lands at Moderate on two seeds over each wire: all succeed, none is unsafe, and each is within 0.15 m.
+/// Lands on two seeds at Moderate over each wire: all succeed within 0.15 m, none is unsafe.
 fn lands(firmware: Firmware) {
     for (wire_s, seed) in [0.005, 0.02, 0.04].repeat(2).into_iter().zip(300..) {
         let o = fly(firmware, wire_s, seed);
@@ -40,7 +40,7 @@ fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
 
 #[test]
 fn landing_after_the_failsafe_parameter() {
-    // The timeout has the firmware's default until the pilot sets it, 10 s after the order to land.
+    // The timeout is the firmware's default until the pilot sets it, 10 s after the order.
     let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
     let mut world = World::new(&scenario, &nodes, 300).unwrap();
     let waited_s = 10.0;

@@ -1,5 +1,5 @@
-//! Tests of the link with simulated autopilots that imitate PX4 and ArduCopter: every mode, denial, loss, take-over and
-//! disarm; and whole landings.
+//! The link with simulated autopilots that imitate PX4 and ArduCopter: every mode, denial, loss, take-over
+//! and disarm; and landings.
 
 mod arbitrary;
 mod battery;
@@ -27,7 +27,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, lead, press};
 
-/// A configuration that accepts unsigned orders.
+/// Accepts unsigned orders.
 fn config() -> AutopilotLinkConfig {
     AutopilotLinkConfig {
         unsigned_orders: true,
@@ -53,7 +53,7 @@ fn odometry_rate_and_time_of_validity() {
         assert!(p.ranges.len() >= readings, "{firmware:?}: {}", p.ranges.len());
         for (arrived, o) in &p.odometry {
             let age = arrived - o.header.at.secs();
-            // The wire takes 6 ms, a step 5 ms; ArduCopter's stamps are whole milliseconds.
+            // The wire takes 6 ms, a step 5 ms; ArduCopter stamps in milliseconds.
             assert!((0.004..0.014).contains(&age), "{firmware:?}: {age}");
         }
         assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
@@ -91,7 +91,7 @@ fn px4_offboard_after_streamed_set_points() {
     let from = p.t_s;
     p.run(2.0);
     assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
-    // Only the pilot chose a mode or armed.
+    // Only the pilot chooses a mode or arms.
     assert!(p.commands_of(command::SET_MODE).is_empty() && p.commands_of(command::ARM_DISARM).is_empty());
 }
 
@@ -100,7 +100,7 @@ fn set_points_before_offboard() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
-    // Set-points of a mission that flies to far places are not streamed.
+    // Set-points to far places are not streamed.
     p.pilot = Some(press);
     p.run(1.0);
     p.pilot = Some(|d| SetPoint {
@@ -112,7 +112,7 @@ fn set_points_before_offboard() {
     p.mission = State::Approach;
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
-    // ArduCopter does not require a stream.
+    // ArduCopter needs no stream.
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
@@ -130,13 +130,12 @@ fn takeover_by_a_pilot() {
                 assert!(p.sent_since(p.t_s - 0.1) > 3);
                 p.linked.autopilot.choose(mode);
                 let at = p.t_s;
-                // The pilot and the mission continue.
                 p.run(20.0);
                 let last = p.silent_since();
                 assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
                 assert!(
                     p.commands_of(command::SET_MODE).is_empty(),
-                    "the mode was taken back"
+                    "the link took the mode back"
                 );
                 assert_eq!(p.linked.autopilot.mode(), mode);
                 assert_eq!(p.state().mode, AutopilotMode::Other);
@@ -157,7 +156,7 @@ fn autopilot_failsafes() {
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
-        // A Hold or a Brake that the pilot chose while set-points arrived.
+        // The pilot chose Hold or Brake while set-points arrived.
         assert!(
             p.states.iter().all(|s| !s.set_points_lost),
             "{firmware:?} {mode:?}"
@@ -180,7 +179,7 @@ fn silent_pilot_and_its_return() {
         }
     );
     assert!(p.state().set_points_lost);
-    // The mode that the crew chose is still OFFBOARD: PX4 returns to it when the stream resumes.
+    // The crew's mode is still OFFBOARD: PX4 returns to it when the stream resumes.
     p.pilot = Some(hold);
     p.run(2.0);
     assert_eq!(p.mode(), AutopilotMode::Offboard);
@@ -198,12 +197,12 @@ fn link_without_heartbeats() {
         let at = p.t_s;
         p.run(4.0);
         assert_eq!(p.authority(), ControlAuthority::LinkLost);
-        // When the link loses odometry, set-points end, long before the time limit of heartbeats.
+        // Without odometry, set-points end long before the time limit of heartbeats.
         assert!(p.silent_since() - at <= 0.25, "{}", p.silent_since() - at);
         let reported = p.states.len();
         p.run(2.0);
         assert_eq!(p.states.len(), reported, "a state without a heartbeat");
-        // The mission waits again, as it does when it does not command the drone.
+        // The mission waits again, because it does not command the drone.
         p.mission = State::Idle;
         p.linked.autopilot.silent = false;
         p.run(4.0);
@@ -226,8 +225,8 @@ fn link_with_a_restarted_autopilot() {
     }
 }
 
-/// An order to land does not arm the drone when that is not permitted, on the deck, or without a known deck, since the
-/// crew has not cleared it. Otherwise it arms once, in the link's mode.
+/// The link does not arm the drone if that is not permitted, on the deck, or without a known deck: the crew
+/// has not cleared it. Otherwise it arms once, in its own mode.
 #[test]
 fn arming_when_configured() {
     for (firmware, may_arm, away_m, forecast, denied, expected) in [
@@ -255,7 +254,7 @@ fn arming_when_configured() {
             "{firmware:?}, {away_m} m, forecast: {forecast}"
         );
         assert_eq!(p.linked.autopilot.armed(), expected == 1);
-        // A manual disarm: the drone is not armed again.
+        // After a manual disarm, the drone is not armed again.
         p.linked.autopilot.arm(false);
         p.run(10.0);
         assert_eq!(sent(&p), expected, "{firmware:?}");
@@ -281,7 +280,7 @@ fn other_systems_on_the_link() {
         current_a: None,
     };
     for _ in 0..100 {
-        // A ground station, a camera of the same drone, and another drone in manual flight.
+        // A ground station, a camera of this drone, and another drone in manual flight.
         p.inject(Address::new(255, 190), &heartbeat(8, 6, 0));
         p.inject(Address::new(3, 100), &heartbeat(8, 30, 0));
         p.inject(Address::new(4, 1), &flown_by_hand);
@@ -300,13 +299,13 @@ fn other_systems_on_the_link() {
 #[test]
 fn odometry_about_the_autopilots_origin() {
     let origin = Datum::new(-16.8, 179.9993, 5.0);
-    // The autopilot reports heights above the sea, whose height above the ellipsoid is `by_model`.
+    // The autopilot's heights are above the sea, which is `by_model` above the ellipsoid.
     let [latitude, longitude] = [origin.latitude_deg, origin.longitude_deg].map(f64::to_radians);
     let by_model = geoid::undulation(latitude, longitude).height_m;
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = origin;
-        // One receiver reports both heights, the other does not: a missing height is not zero.
+        // One receiver reports both heights, the other one: a missing height is not zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
         p.linked.autopilot.answer = Some(CommandResult::Denied);
         p.linked.autopilot.no_origin = true;
@@ -336,9 +335,9 @@ fn odometry_about_the_autopilots_origin() {
         p.mission = State::Hold;
         p.run(3.0);
         assert!(p.sent_since(p.t_s - 1.0) >= 50);
-        // The drone holds its position, and is not kilometres away.
+        // The drone holds its position, and does not fly kilometres.
         assert!((p.truth().position.0 - before).norm() < 0.1);
-        // The estimator restarts elsewhere: the origin moves, which is a jump for the other nodes.
+        // The estimator restarts elsewhere: for other nodes the origin jumps.
         let frames = p.frames();
         p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);

@@ -20,9 +20,7 @@ fn ardu_copter_without_the_thrust_option() {
     p.choose(AutopilotMode::Offboard);
     p.run(2.0);
     assert!(p.sent.is_empty());
-    // The mission does not command the drone.
     assert_eq!(p.state().mode, AutopilotMode::Other);
-    // An operator sets the parameter.
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
     p.run(2.0);
     p.assert_commanding();
@@ -49,14 +47,13 @@ fn unsuitable_parameters_until_set() {
             "{:?}",
             p.texts
         );
-        // Control authority does not depend on it: a descent in progress continues.
+        // Control authority remains: a descent in progress continues.
         p.give_the_mode();
         p.run(1.0);
         p.assert_commanding();
         p.linked.autopilot.parameters.insert(name, good);
         p.run(1.5);
         assert_eq!(p.state().rejection, Reason::default(), "{firmware:?}");
-        // The parameter was not saved.
         p.linked.autopilot.parameters.insert(name, wrong);
         p.linked.autopilot.restart();
         p.run(5.0);

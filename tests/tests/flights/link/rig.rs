@@ -1,5 +1,5 @@
-//! Test rig of the link's node and the simulated autopilot on one clock, above a deck at rest, with the inputs of a
-//! pilot, a mission and a predictor.
+//! The link's node and the simulated autopilot on one clock, above a deck at rest, with inputs of pilot,
+//! mission and predictor.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -27,19 +27,17 @@ use alight_uav::mission::MissionConfig;
 use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
-/// Boot id of the first link.
 const BOOT: u32 = 7;
-/// Period of the link, several steps of the autopilot.
+/// A period has several steps of the autopilot.
 pub const STEP: Span = Span::from_millis(5);
 const TURNS: u32 = 2;
 
-/// Thrust in hover.
 pub fn hover() -> f64 {
     let g = DroneGeometry::default();
     g.mass_kg * GRAVITY / g.max_thrust_n
 }
 
-/// A configuration without noise and without errors of mass and thrust.
+/// No noise, and no errors of mass and thrust.
 fn quiet(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     (c.airframe.mass_error, c.airframe.thrust_error) = (0.0, 0.0);
@@ -49,24 +47,22 @@ fn quiet(firmware: Firmware) -> DroneConfig {
     c
 }
 
-/// The pilot's set-point for a state of the drone.
 pub type PilotControl = fn(&DroneState) -> SetPoint;
 
 pub struct LinkRig {
     pub linked: LinkedAutopilot,
     /// The link; None: its process is dead.
     pub link: Option<AutopilotLink>,
-    /// Checkpoint of the link, kept by its supervisor.
+    /// Stored by the supervisor.
     pub kept: LinkCheckpoint,
     make: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
     pub t_s: f64,
     drone: SimulatedDrone,
-    /// A foot touches the deck.
     pub on_deck: bool,
     pub pilot: Option<PilotControl>,
     pub mission: State,
-    /// Time at which that state was entered.
+    /// Entry of that state.
     since: Time<DroneClock>,
     published: State,
     /// The mission publishes nothing.
@@ -76,45 +72,40 @@ pub struct LinkRig {
     pub counted: Option<f64>,
     /// The newest abort that the mission received.
     pub abort: Option<[u32; 2]>,
-    /// The newest other order, which the mission reports while it waits for the drone to fly.
+    /// The newest other order, reported while the mission waits for the drone to fly.
     order: Option<[u32; 2]>,
-    /// Whether a forecast of the deck exists.
+    /// The forecast has a deck.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
     pub odometry: Vec<(f64, DroneState)>,
     pub ranges: Vec<RangeSample>,
     pub texts: Vec<String>,
-    /// Set-points sent by the link, with their times.
+    /// Set-points from the link, with times.
     pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
-    /// The drone has to turn back to the vessel.
+    /// The drone must turn back to the vessel.
     pub turns_back: bool,
-    /// Texts to a ground station, with their severity.
+    /// Texts for a ground station, with severity.
     pub notes: Vec<(u8, String)>,
-    /// Named values: time, name and value.
+    /// Named values: time, name, value.
     pub values: Vec<(f64, String, f64)>,
-    /// Heartbeats of the companion: time, address, heartbeat.
+    /// Companion computer: time, address, heartbeat.
     pub heartbeats: Vec<(f64, Address, Heartbeat)>,
-    /// Commands to the mission.
     pub orders: Vec<Command>,
-    /// Answers to commands.
     pub answers: Vec<(u16, CommandResult)>,
-    /// Recipients of the answers.
     pub answered: Vec<Address>,
-    /// Parameters of the companion.
+    /// Parameters of the companion computer.
     pub parameters: Vec<(String, f32)>,
-    /// Settings of the mission from ground stations.
+    /// Mission settings from ground stations.
     pub settings: Vec<SettingsOrder>,
-    /// The mission's settings, which a test may change.
     pub mission_settings: MissionSettings,
     pub settable: bool,
     /// Number of messages about the deck.
     pub deck_messages: usize,
-    /// Position of the deck's centre relative to the point below the drone, north and east, m.
+    /// Deck centre relative to the point below the drone, north and east, m.
     pub deck_offset: [f64; 2],
-    /// Landing targets sent by the link.
     pub targets: Vec<LandingTarget>,
     /// Targets for a target estimator.
     pub relative: Vec<TargetRelative>,
@@ -123,7 +114,7 @@ pub struct LinkRig {
     newest: Option<DroneState>,
 }
 
-/// A pilot that holds the drone at its position.
+/// Holds the present position.
 pub fn hold(d: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Trajectory,
@@ -132,7 +123,7 @@ pub fn hold(d: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// A pilot that leads north at 1 m/s, as in tracking.
+/// Leads north at 1 m/s, as in tracking.
 pub fn lead(d: &DroneState) -> SetPoint {
     SetPoint {
         velocity: [1.0, 0.0, 0.0],
@@ -140,7 +131,7 @@ pub fn lead(d: &DroneState) -> SetPoint {
         ..hold(d)
     }
 }
-/// A pilot that presses the drone down by attitude and thrust.
+/// Presses down by attitude and thrust.
 pub fn press(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
@@ -148,7 +139,7 @@ pub fn press(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// A pilot that reports a touchdown.
+/// Reports a touchdown.
 pub fn stop(d: &DroneState) -> SetPoint {
     SetPoint {
         motors: Motors::Stop,
@@ -162,7 +153,6 @@ impl LinkRig {
     pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
         LinkRig::at(firmware, height_m, 0.0, config)
     }
-    /// A rig with this heading.
     pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
         let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
@@ -226,13 +216,13 @@ impl LinkRig {
             newest: None,
         }
     }
-    /// A rig that is ready, in our mode, and commands the drone.
+    /// Ready, in our mode, commanding the drone.
     pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let mut p = LinkRig::new(firmware, height_m, config);
         p.take_command();
         p
     }
-    /// The pilot gives the mode once the link is ready.
+    /// The pilot selects our mode once the link is ready.
     pub fn take_command(&mut self) {
         self.run(5.0);
         self.give_the_mode();
@@ -240,29 +230,27 @@ impl LinkRig {
         self.assert_commanding();
     }
 
-    /// Kills the link's process for this time, s, and starts a new one.
+    /// Kills the link's process, and restarts it after `away_s`.
     pub fn restart_link(&mut self, away_s: f64) {
         self.link = None;
         self.run(away_s);
         self.boot += 1;
         self.link = Some((self.make)(self.boot));
     }
-    /// The pilot chooses the mode that takes set-points.
+    /// The pilot selects the mode that takes set-points.
     pub fn give_the_mode(&mut self) {
         let accepted = self.choose(AutopilotMode::Offboard);
         assert!(accepted, "the mode was denied: {}", self.authority());
     }
-    /// The pilot chooses a mode; true when it was entered.
+    /// The pilot selects a mode; true if it was entered.
     pub fn choose(&mut self, mode: AutopilotMode) -> bool {
         let a = &mut self.linked.autopilot;
         a.choose(mode_number(a.firmware(), mode))
     }
-    /// The autopilot's active mode.
     pub fn mode(&self) -> AutopilotMode {
         let a = &self.linked.autopilot;
         a.firmware().mode(a.mode())
     }
-    /// True state of the drone.
     pub fn truth(&self) -> RigidState<alight_shared::frames::DroneBody> {
         self.drone.truth()
     }
@@ -278,7 +266,7 @@ impl LinkRig {
     pub fn silent_since(&self) -> f64 {
         self.sent.last().expect("set-points").0
     }
-    /// Resets of its odometry's frame so far.
+    /// Number of odometry frame resets.
     pub fn frames(&self) -> u8 {
         self.odometry.last().map_or(0, |(_, o)| o.frames)
     }
@@ -364,7 +352,7 @@ impl LinkRig {
     }
 
     fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
-        // Approximately below the drone, at any position.
+        // Approximately below the drone, wherever it is.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
         let [north, east] = self.deck_offset;
         DeckForecast {
@@ -415,11 +403,9 @@ impl LinkRig {
         self.texts.extend(out.texts);
     }
 
-    /// Set-points sent since `t_s`.
     pub fn sent_since(&self, t_s: f64) -> usize {
         self.sent.iter().filter(|(t, _)| *t > t_s).count()
     }
-    /// Commands with this number sent so far.
     pub fn commands_of(&self, command: u16) -> Vec<CommandLong> {
         self.commands
             .iter()
@@ -427,12 +413,11 @@ impl LinkRig {
             .filter(|c| c.command == command)
             .collect()
     }
-    /// Passes a message to the autopilot.
     pub fn give(&mut self, m: &MavlinkMessage) {
         let truth = self.drone.plant_state(Time::from_secs(self.t_s));
         self.linked.autopilot.step(&truth, core::slice::from_ref(m));
     }
-    /// Sends a message of another participant on the same wire.
+    /// Message of another participant on the wire.
     pub fn inject(&mut self, from: Address, m: &MavlinkMessage) {
         self.linked.up.send(Time::from_secs(self.t_s), from, m);
     }

@@ -1,4 +1,4 @@
-//! Tests in which one kind of report stops.
+//! One kind of report stops.
 
 use alight_shared::msg::LandedState;
 use alight_uav::autopilot::message::id;
@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::LinkRig;
 use super::{BOTH, config};
 
-/// BATTERY_STATUS stops at 57 %: the charge becomes unknown, and the operator is informed.
+/// At 57 % the charge becomes unknown, and the operator is informed.
 #[test]
 fn battery_report_that_stops() {
     for firmware in BOTH {
@@ -31,7 +31,7 @@ fn battery_report_that_stops() {
     }
 }
 
-/// EXTENDED_SYS_STATE stops on the ground: in the air the landed state is then unknown.
+/// It stops on the ground: in the air, the landed state is unknown.
 #[test]
 fn landed_report_that_stops() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());

@@ -1,4 +1,4 @@
-//! Mode and arming of a take-off, its denial, and the disarm of a stopped take-off.
+//! Take-off: mode, arming, denial, and disarm after a stop.
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use super::rig::{LinkRig, STEP, hover};
 use super::{BOTH, config};
 
-/// A pilot that keeps the drone on the deck.
+/// Keeps the drone on the deck.
 fn stand(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
@@ -16,7 +16,7 @@ fn stand(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// A disarmed drone on the deck, with a link that has found it.
+/// A disarmed drone on the deck, with a link to it.
 fn standing(firmware: Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);
@@ -30,7 +30,7 @@ fn standing(firmware: Firmware) -> LinkRig {
 fn mode_and_arming_of_a_take_off() {
     for firmware in BOTH {
         let mut p = standing(firmware);
-        // Nothing is commanded before the end of the countdown.
+        // Nothing is commanded before the countdown ends.
         let commands = [command::SET_MODE, command::ARM_DISARM];
         assert!(
             commands.iter().all(|c| p.commands_of(*c).is_empty()),
@@ -48,7 +48,7 @@ fn mode_and_arming_of_a_take_off() {
             p.commands_of(command::ARM_DISARM)[0].parameters[1] == 0.0,
             "not by force"
         );
-        // Stopped: it is disarmed, and not armed again.
+        // Disarmed after the stop, and not armed again.
         p.mission = State::StandDown;
         p.run(2.0);
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
@@ -78,7 +78,7 @@ fn autopilot_that_does_not_arm() {
     }
 }
 
-/// Rotors start before a heartbeat reports it, which may be the reason for the stop.
+/// Rotors start before a heartbeat reports it, which may have caused the stop.
 #[test]
 fn take_off_stopped_as_the_autopilot_arms() {
     for firmware in BOTH {
@@ -100,7 +100,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
     }
 }
 
-/// The link does not guess which of two autopilots is the drone's.
+/// The link does not guess which autopilot is the drone's.
 #[test]
 fn take_off_with_two_autopilots_on_the_link() {
     let mut p = standing(Firmware::Px4);
@@ -120,7 +120,7 @@ fn take_off_with_two_autopilots_on_the_link() {
     assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
 
-/// A pilot who chooses a mode meanwhile has manual control: the link neither takes it back nor disarms.
+/// A pilot who selects a mode has manual control: the link neither takes it back nor disarms.
 #[test]
 fn person_who_takes_the_drone_over_while_it_spins_up() {
     for firmware in BOTH {
@@ -140,8 +140,8 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
     }
 }
 
-/// The autopilot has lifted the drone because set-points stopped: set-points that would let it fall are not passed on,
-/// and it is not disarmed.
+/// After set-points stopped, the autopilot lifted the drone. Set-points that would let it fall are not
+/// forwarded, and it is not disarmed.
 #[test]
 fn set_points_that_come_back_in_the_air() {
     for firmware in BOTH {
@@ -158,8 +158,8 @@ fn set_points_that_come_back_in_the_air() {
     }
 }
 
-/// A drone that must turn back is taken from the autopilot's mission once per flight; a pilot who chooses the mission
-/// again keeps it.
+/// The link ends the autopilot's mission once per flight, for a drone that must turn back; a pilot who
+/// selects the mission again keeps it.
 #[test]
 fn mission_chosen_again_after_the_turn_back() {
     for firmware in BOTH {
@@ -178,7 +178,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
-        // A link that is restarted meanwhile does not take it either.
+        // A restarted link does not end it either.
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
@@ -186,7 +186,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// An arming that the pilot may have ended meanwhile is not repeated by a restarted link, nor after a disarm.
+/// Neither a restarted link nor one after a disarm repeats an arming that the pilot may have ended.
 #[test]
 fn arming_that_a_pilot_may_have_ended() {
     for firmware in BOTH {

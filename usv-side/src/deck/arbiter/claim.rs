@@ -1,5 +1,4 @@
-//! Claims of drones to the deck, derived from their statuses. A single status establishes a claim; sustained and
-//! consistent evidence, or the crew, ends it.
+//! Claims of drones to the deck. One status establishes a claim; lasting evidence or the crew ends it.
 
 use alight_shared::msg::{DroneStatus, LandedState, OWNER_ONLY_M, State};
 use alight_shared::time::{Span, Time, VesselClock};
@@ -7,15 +6,14 @@ use alight_shared::time::{Span, Time, VesselClock};
 use super::FRESH;
 use crate::deck::checkpoint::Claim;
 
-/// Distance from the deck's centre within which a drone on the ground stands on the deck, m: the errors of two GNSS
-/// receivers plus half a deck.
+/// Distance from the deck's centre within which a drone on the ground stands on the deck, m: two GNSS errors
+/// plus half a deck.
 const ON_DECK_M: f32 = 5.0;
 /// Distance from the deck's centre beyond which a drone has left the owner's space, m.
 const FAR_M: f32 = OWNER_ONLY_M as f32;
-/// Number of consecutive consistent statuses that end a claim; at 2 Hz two of seven may be lost.
+/// Consecutive consistent statuses that end a claim; at 2 Hz two of seven may be lost.
 const MIN_STATUSES: u32 = 5;
-/// Duration of consistent statuses that ends a claim: longer than one wrong position, or than a jump that an estimator
-/// reverts.
+/// Duration of these statuses: longer than a wrong position, or a jump that an estimator reverts.
 const MIN_TIME: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
@@ -26,8 +24,7 @@ pub(super) struct ClaimEvidence {
 }
 
 impl ClaimEvidence {
-    /// Adds a status; `shows` states whether it confirms the evidence. A contradicting status or a silence resets the
-    /// evidence.
+    /// Adds a status that confirms the evidence if `shows`; otherwise, or after a silence, starts again.
     pub(super) fn with(before: Option<Self>, now: Time<VesselClock>, shows: bool) -> Option<Self> {
         if !shows {
             return None;
@@ -49,14 +46,13 @@ pub(super) fn is_far(status: &DroneStatus) -> bool {
     status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }
 
-/// Whether the autopilot reports the drone armed and in the air. The land detector on a heaving deck may also report
-/// this for a landed drone.
+/// Whether the autopilot reports the drone armed and in the air, which its land detector on a heaving deck
+/// may also report after a landing.
 pub(super) fn flies(status: &DroneStatus) -> bool {
     status.armed && status.landed == LandedState::InAir
 }
 
-/// Whether the status shows that a drone has left the deck: armed, in the air, elsewhere, and not on a deck according
-/// to its mission.
+/// Whether the status shows a departure: armed, in the air, elsewhere, and not on a deck by its mission.
 pub(super) fn shows_departure(status: &DroneStatus) -> bool {
     flies(status) && is_far(status) && status.state != State::Landed
 }
@@ -73,8 +69,7 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Before a take-off the position decides, also for a drone that was started on the deck, until it reports
-            // otherwise.
+            // Before a take-off the position decides, also for a drone started on the deck.
             (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
             (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
@@ -95,7 +90,7 @@ impl Claim {
             ) => Claim::Away,
         }
     }
-    /// Claim after a status, given the claim before; `departed`: sustained evidence shows that it has left.
+    /// Claim after a status and the claim `before`; `departed`: lasting evidence that the drone has left.
     pub(super) fn of(status: &DroneStatus, before: Claim, departed: bool) -> Claim {
         let reported = Claim::reported(status);
         if before < Claim::Landing || reported >= Claim::Landing {
@@ -106,7 +101,7 @@ impl Claim {
         if on_ground && !is_far(status) {
             return Claim::OnDeck;
         }
-        // After a broken-off mission the drone still flies. No other status proves that it is away.
+        // The drone flies on after an abandoned mission. No other status proves that it is away.
         let goes_on = reported > Claim::Away && status.armed && !on_ground;
         if goes_on || departed { reported } else { before }
     }

@@ -15,8 +15,8 @@ use super::{DeckArbiter, Drone, Reading};
 use crate::deck::MAX_DRONES;
 use crate::deck::checkpoint::Claim;
 
-/// Maximum recovery of a gauge after a flight, 0 to 1, and maximum rate of a charger, 1/s. A larger increase means that
-/// the battery was changed.
+/// Maximum recovery of a gauge after a flight, 0 to 1, and maximum rate of a charger, 1/s: a larger increase
+/// is a battery change.
 const RECOVERS: f64 = 0.15;
 const CHARGES_PER_S: f64 = 0.002;
 
@@ -26,7 +26,6 @@ pub enum ClearanceEnd {
     Time,
     Battery,
     Computer,
-    /// The deck sensor shows that the drone was lifted.
     Lifted,
 }
 
@@ -66,7 +65,7 @@ impl Clearance {
             watch: Some(watch),
         }
     }
-    /// Whether this change of state ends a take-off that uses the clearance up.
+    /// Whether this change of state uses the clearance up, because a take-off ended.
     fn ends(&self, before: State, now: State) -> bool {
         match self.watch {
             None => ends_take_off(before, now),
@@ -75,19 +74,19 @@ impl Clearance {
     }
 }
 
-/// Whether a take-off ended between these two states, so that the clearance does not permit a second one while somebody
-/// walks up to the drone. A countdown that a check interrupts does not end the take-off.
+/// Whether a take-off ended between these states: the clearance permits no second one, because somebody may
+/// approach the drone. A countdown that a check interrupts does not count.
 fn ends_take_off(before: State, now: State) -> bool {
     before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
 }
-/// Whether a take-off was stopped on the deck between these two states: the crew may walk up to the drone, and a
-/// standing clearance must be given again.
+/// Whether a take-off stopped on the deck between these states: the crew may approach the drone, so even a
+/// standing clearance ends.
 fn stops_take_off(before: State, now: State) -> bool {
     let counted = matches!(before, State::Countdown | State::SpinUp) && !now.is_take_off();
     counted || now == State::StandDown && before != now
 }
 
-/// Maximum expected charge of a drone that stands on the deck untouched, since a status.
+/// Maximum charge that a drone left alone on the deck can have, since a status.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StandingCharge {
     at: Time<VesselClock>,
@@ -95,7 +94,7 @@ pub(super) struct StandingCharge {
 }
 
 impl StandingCharge {
-    /// Adds a status of a drone on the deck. Also returns whether its battery was changed.
+    /// Adds a status of a drone on the deck. Returns also whether its battery was changed.
     pub(super) fn with(
         before: Option<StandingCharge>,
         now: Time<VesselClock>,
@@ -120,7 +119,7 @@ pub(super) struct Clearances {
 }
 
 impl Clearances {
-    /// Adds a clearance, which replaces the previous one of its drone.
+    /// Adds a clearance in place of the drone's previous one.
     pub(super) fn give(&mut self, clearance: Clearance) {
         self.given.retain(|c| c.drone != clearance.drone);
         if self.given.len() < MAX_DRONES {
@@ -174,8 +173,7 @@ impl DeckArbiter {
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
         let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
         let named = owner.map(|d| d.header.drone);
-        // A hatch switch or weight sensor shows that somebody comes near. Without either, the clearance is the only
-        // evidence.
+        // Without a hatch switch or weight sensor, the clearance is the only evidence of a clear deck.
         let watched = !self.config.occupancy_sensor.is_empty() || !self.config.crew_switch.is_empty();
         let limit_s = if watched {
             TAKE_OFF_WATCH_S
@@ -198,8 +196,7 @@ impl DeckArbiter {
         };
         self.cleared.end(why, |c| c.drone == status.header.drone);
     }
-    /// Ends the clearance of a drone that was lifted according to a new sensor level, unless its own rotors may have
-    /// lifted it.
+    /// Ends the clearance of a drone that a new sensor level shows as lifted, unless by its own rotors.
     pub(super) fn watch_sensor(&mut self, before: Option<Reading>, occupied: Option<bool>) {
         let fell = before.is_some_and(|r| r.level) && occupied == Some(false);
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && d.state != State::SpinUp;

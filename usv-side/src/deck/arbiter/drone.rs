@@ -10,8 +10,7 @@ use crate::deck::checkpoint::{Claim, DroneClaim};
 
 /// Silence of the former boot after which another boot id counts as a restart: three status periods.
 const RESTART_SILENCE: Span = Span::from_millis(1500);
-/// Alternations between two senders with one number until they count as two drones; late packets of a former start
-/// cause one.
+/// Alternations between two senders with one number that make them two drones; a late packet causes one.
 const MIN_ALTERNATIONS: u32 = 2;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -20,26 +19,24 @@ pub(super) struct Drone {
     pub(super) received: Time<VesselClock>,
     pub(super) state: State,
     pub(super) claim: Claim,
-    /// Start of the drone's request for the deck, or of its ownership without a descent.
+    /// Start of the drone's request for the deck, or of an ownership without a descent.
     pub(super) since: Time<VesselClock>,
-    /// The drone has been within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported from beyond since.
+    /// The drone came within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported from beyond since.
     pub(super) inside: bool,
     pub(super) place: Option<usize>,
     pub(super) rival: Option<Rival>,
-    /// The drone is in descent (not in flare), or in the air after a descent, so it does not stand on the deck.
+    /// The drone is in descent (not in flare), or in the air after one, so it does not stand on the deck.
     pub(super) descends: bool,
-    /// The drone was switched on without a position and has not reported one since, so it may stand on the deck.
+    /// The drone was switched on without a position and has not reported one since.
     pub(super) unplaced: bool,
     /// Evidence that ends the drone's claim, or shows its position.
     pub(super) evidence: Option<ClaimEvidence>,
-    /// The newest status alone shows the drone at the deck.
     pub(super) at_deck: bool,
-    /// The newest status shows the drone armed and in the air.
     pub(super) flies: bool,
     /// Battery, 0 to 1; None: not reported.
     pub(super) battery: Option<f64>,
     pub(super) standing: Option<StandingCharge>,
-    /// The drone descends, or delays its descent because of the vessel's course.
+    /// The drone descends, or waits for a steady course before its descent.
     pub(super) wants_steady: bool,
     pub(super) station: Option<(Station, Time<VesselClock>)>,
 }
@@ -51,7 +48,6 @@ pub(super) struct Rival {
     pub(super) received: Time<VesselClock>,
     /// The first sender has been received since then.
     pub(super) answered: bool,
-    /// Number of alternations between the two senders.
     pub(super) alternations: u32,
 }
 
@@ -59,9 +55,7 @@ impl Drone {
     /// Drone from a checkpoint of this vessel, whose deck has `owner`.
     pub(super) fn restored(c: &DroneClaim, vessel: u32, owner: Option<u32>, now: Time<VesselClock>) -> Drone {
         Drone {
-            // Any later message follows this header.
             header: Header::new(vessel, c.drone, c.boot, 0, Time::EPOCH),
-            // The drone counts as silent at first.
             received: now - FRESH - Span::from_millis(1),
             // Only the claim of a descending drone is known.
             state: match c.claim {
@@ -83,16 +77,15 @@ impl Drone {
     pub(super) fn may_stand(&self, now: Time<VesselClock>) -> bool {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
-    /// Whether a look at the deck shows that a silent drone has left. A drone that stood on the deck is visible or
-    /// gone. A drone that was in the air may descend in silence, undetected by the sensor, for as long as a landing
-    /// takes.
+    /// Whether a look at the deck shows that a silent drone has left: one that stood there is visible or
+    /// gone, but one that was in the air may descend in silence for as long as a landing takes.
     pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }
     pub(super) fn is_double(&self) -> bool {
         self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
     }
-    /// Whether a status comes from the known sender in order, or from its next start.
+    /// Whether a status is from the known sender in order, or from its next start.
     pub(super) fn admit(&mut self, now: Time<VesselClock>, h: &Header<DroneClock>) -> bool {
         if h.boot == self.header.boot {
             let new = h.follows(&self.header);

@@ -19,7 +19,6 @@ struct Rig {
 }
 
 impl Rig {
-    /// Rig four seconds after the arbiter's start.
     fn new() -> Rig {
         Rig::of(&DeckConfig::default(), DeckInputs::default())
     }
@@ -33,7 +32,7 @@ impl Rig {
         rig.run(&[], 4.0);
         rig
     }
-    /// Owner after the drones have reported these states at 2 Hz for `secs` seconds.
+    /// Owner after `secs` seconds of these states, reported at 2 Hz.
     fn run(&mut self, states: &[(u32, State)], secs: f64) -> u32 {
         for _ in 0..(secs / 0.5).ceil() as u32 {
             self.t_s += 0.5;
@@ -43,7 +42,7 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
-    /// Performs a step with these statuses. Returns the grant, if one is due.
+    /// Performs a step and returns its grant, if one is due.
     fn step(&mut self, statuses: Vec<DroneStatus>) -> Option<DeckGrant<VesselClock>> {
         let input = ArbiterIn {
             statuses,
@@ -52,7 +51,7 @@ impl Rig {
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input).grant
     }
-    /// Applies a crew order. Returns the next grant.
+    /// Applies a crew order and returns the next grant.
     fn order(&mut self, order: DeckOrder) -> DeckGrant<VesselClock> {
         self.t_s += 0.5;
         let input = ArbiterIn {
@@ -162,7 +161,6 @@ fn low_battery_behind_a_silent_owner() {
     }
     assert!(waits(&mut rig, 1, Some(0.0)).is_some(), "an empty one");
     assert!(waits(&mut rig, 600, Some(0.22)).is_some() && rig.arbiter.owner() == Some(1));
-    // The owner is received again and remains in descent.
     rig.run(&[(1, State::Descent)], 0.5);
     assert_eq!(waits(&mut rig, 1, Some(0.22)), None);
     rig.run(&[(3, State::Approach)], 600.0);
@@ -183,7 +181,6 @@ fn grant_of_the_first_request() {
     }
     // A drone that is switched off on the deck owns the deck for any length of time.
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
-    // The deck is released only when this drone has left.
     for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 1)] {
         assert_eq!(
             rig.run_at((1, State::GaveUp), distance_m),
@@ -211,7 +208,6 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
             matches!(last, State::Descent | State::Flare),
             "{last:?}"
         );
-        // The crew looks at the deck and opens it.
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 0.5), 2, "{last:?}");
     }
@@ -251,13 +247,13 @@ fn deck_opened_under_a_silent_descent() {
             assert_eq!(silent_drones[0].drone, 1);
             assert!((silent_drones[0].silent_s + silent_drones[0].remaining_s - 60.0).abs() < 1e-9);
         }
-        // The crew sees where the drone is. An order for another drone does not affect it.
+        // An order for another drone has no effect.
         let mut informed = rig.clone();
         informed.order(DeckOrder::Clear(3));
         assert_eq!(informed.run(&waiting, 0.5), 1, "{last:?}");
         informed.order(DeckOrder::Clear(1));
         assert_eq!(informed.run(&waiting, 4.0), 2, "{last:?}");
-        // Without an order that names the drone, the deck is released once its manoeuvre has ended.
+        // Without an order for this drone, the deck is released once its manoeuvre must have ended.
         rig.run(&waiting, 3.0);
         assert_eq!(rig.arbiter.silent_drones(Time::from_secs(rig.t_s)).count(), 0);
         rig.order(DeckOrder::Open);
@@ -273,7 +269,7 @@ fn deck_opened_under_a_silent_descent() {
 fn silent_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::after(&[(State::Approach, 0.5)]);
-        // Both drones wait, and the owner waits for too long without descending.
+        // The owner waits for too long without descending.
         let both = [(1, State::Approach), (2, State::Approach)];
         let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
         assert!(waited.is_some());
@@ -332,18 +328,17 @@ fn deck_closed_until_the_crew_opens_it() {
     let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
-    // The deck stays closed during a restart.
     rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
     assert_eq!(rig.run(&waiting, 0.5), 2);
-    // A drone that reports from the deck stands there, whatever the crew orders.
+    // The report of a drone on the deck takes precedence over the crew's orders.
     rig.run(&[(2, State::Landed)], 5.0);
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
 
-/// Two drones are ordered to one station: the station belongs to the first, even while silent, until its time is over.
+/// Two drones are ordered to one station; the first keeps it, even while silent, until its time is over.
 #[test]
 fn station_of_two_drones() {
     let mut rig = Rig::new();

@@ -39,7 +39,7 @@ fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
     })
 }
 
-/// Relay of the vessel's next process at `t_s` with the state of this one, and its first output.
+/// Relay of the next process at `t_s` with the state of this one, and its first output.
 fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
     let mut relay = relay_of(before.boot + 1);
     let input = OperatorIn {
@@ -78,7 +78,6 @@ fn relayed_command_until_acknowledged() {
         .map(|k| step(&mut relay, f64::from(k) * 0.1, None, idle).1.len())
         .sum();
     assert_eq!(sent, 3);
-    // The drone climbs, apparently because of another order.
     let climbing = status(State::GetAltitude, ReasonCode::TooFar);
     assert_eq!(step(&mut relay, 3.0, None, Some(climbing)).1, [CommandKind::Land]);
     let climbing = Some(DroneStatus {
@@ -90,7 +89,7 @@ fn relayed_command_until_acknowledged() {
     assert_eq!(relay.rejected().total(), 0);
 }
 
-/// Receipts sent to operators in a step: boot, sequence and progress.
+/// Receipts of a step: boot, sequence and progress.
 fn receipts(
     relay: &mut OperatorRelay,
     t_s: f64,
@@ -121,11 +120,9 @@ fn receipts_of_a_command_in_every_progress() {
     let mut relay = relay_of(9);
     let command_of = |sequence, kind| Some(command(sequence, 3, kind));
     let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
-    // A drone that gave up before the abort does not acknowledge it.
     let abort = command_of(1, CommandKind::Abort);
     assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
-    // Each repetition by the terminal gets a reply.
     assert_eq!(receipts(&mut relay, 1.5, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(
         receipts(&mut relay, 1.6, command_of(2, CommandKind::Land), None),
@@ -155,7 +152,6 @@ fn receipts_of_a_command_in_every_progress() {
         [(5, 5, Pending)]
     );
     assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
-    // A command that the drone acknowledges and rejects is not repeated.
     let mut relay = relay_of(9);
     let ready = command_of(1, CommandKind::Ready);
     assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
@@ -165,7 +161,7 @@ fn receipts_of_a_command_in_every_progress() {
         ..status(State::Landed, ReasonCode::NotReady)
     };
     assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
-    // The same applies to an abort that the drone receives but does not carry out, unless it rejects a newer order.
+    // An abort that the drone receives but does not carry out, unless it rejects a newer order.
     for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
         let mut relay = relay_of(9);
         receipts(&mut relay, 1.0, abort, None);
@@ -199,7 +195,6 @@ fn landing_ordered_unaware_of_an_abort() {
     let just_after = command_of(8, 1, CommandKind::Land);
     assert!(!step(&mut relay, 2.9, just_after, None).0);
     assert_eq!(relay.rejected().total(), 2);
-    // Terminals repeat their commands, also to the vessel's next process.
     for k in 0..24 {
         if k == 12 {
             relay = restarted(&relay, 8.9).0;
@@ -287,7 +282,7 @@ fn relayed_command_time() {
     assert_eq!(given, [(at, 1), (at, 2), (at, 3), (at, 4)]);
 }
 
-/// A terminal repeats its landing while the vessel's process restarts, and the pilot aborts it on the drone.
+/// The vessel's process restarts during a terminal's landing order, and the pilot aborts on the drone.
 #[test]
 fn relayed_command_time_after_a_restart() {
     let mut relay = relay_of(9);
@@ -301,7 +296,7 @@ fn relayed_command_time_after_a_restart() {
         .sum();
     assert_eq!(sent, 15, "10 s after it was given");
     assert!(step(&mut relay, 14.0, Some(command(2, 3, CommandKind::Land)), None).0);
-    // A restarted computer has lost the command's time, so it starts no landing.
+    // A restarted computer has lost the time of the command, and starts no landing.
     let (mut relay, out) = restarted(&relay, 0.5);
     assert!(out.commands.is_empty());
     assert!(!step(&mut relay, 1.0, Some(command(2, 3, CommandKind::Land)), None).0);
@@ -317,12 +312,11 @@ fn replaced_command() {
         step(&mut relay, 1.2, Some(hold), None),
         (true, vec![CommandKind::Hold])
     );
-    // The first operator's terminal repeats its command.
     assert!(!step(&mut relay, 1.5, Some(land), None).0);
     assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
 }
 
-/// Delay, ms, and a subsequent order of another operator for an admitted or another drone.
+/// Delay, ms, and a later order of another operator for an admitted or another drone.
 fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)> {
     let kind = prop_oneof![3 => Just(CommandKind::Abort), 1 => Just(CommandKind::Land), 1 => Just(CommandKind::Hold)];
     let drone = prop_oneof![1 => Just(3_u32), 99 => 1_u32..200];
@@ -331,8 +325,7 @@ fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)>
 }
 
 proptest! {
-    /// An abort is relayed after any commands of others, including commands with its own boot and sequence, and after
-    /// restarts.
+    /// An abort is relayed after any commands of others, even with its own boot and sequence, and restarts.
     #[test]
     fn abort_after_any_orders_of_others(
         orders in prop::collection::vec(other_command(), 0..400),

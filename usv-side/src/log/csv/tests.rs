@@ -66,7 +66,7 @@ fn csv_bad_rows_and_headers() {
     }
 }
 
-/// Attitude, rates, heave, position and velocity, each on separate rows.
+/// Attitude, rates, heave, position and velocity on separate rows.
 fn bus() -> String {
     let mut rows = Vec::new();
     for k in 0..600 {

@@ -1,9 +1,9 @@
 //! Choice of the best device of a group, and detection of devices that contradict each other.
 //!
-//! The rate, standard deviation and range of each device are determined over windows of five seconds. The score is the
-//! information per second with white errors, `rate / sd²`. The device in use changes if the score of another is clearly
-//! higher for three consecutive windows; the change back needs the same margin. If the values of two devices differ by
-//! more than their standard deviations allow for twelve consecutive windows, this is reported.
+//! Rate, standard deviation and range of each device are determined over windows of five seconds. The score
+//! is the information per second with white errors, `rate / sd²`. Another device is used after three
+//! consecutive windows with a clearly higher score; the way back needs the same margin. A difference between
+//! two devices beyond their standard deviations is reported after twelve consecutive windows.
 
 use std::collections::BTreeMap;
 
@@ -14,14 +14,13 @@ use crate::sensors::config::MAX_DEVICE_NAME;
 
 /// Silence after which another device is used for the group, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// Maximum age of a value that is compared with a newer one, ns: three periods at 10 Hz.
+/// Maximum age of a value compared with a newer one, ns: three periods at 10 Hz.
 pub(in crate::sensors) const PAIR_NS: i64 = 300_000_000;
 /// Maximum number of devices per group for which evidence is kept.
 const MAX_DEVICES: usize = 16;
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 5_000_000_000;
-/// Ratio of scores (a device at 10 Hz to one at 3 Hz), and number of consecutive windows, required to change the device
-/// in use. Chosen.
+/// Ratio of scores (10 Hz to 3 Hz), and number of consecutive windows, that change the device. Chosen.
 const MARGIN: f64 = 3.0;
 const BETTER_WINDOWS: u32 = 3;
 /// Number of consecutive windows after which a contradiction is reported: a minute. Chosen.
@@ -30,7 +29,7 @@ const DIFFERENT_WINDOWS: u32 = 12;
 const ENOUGH: u32 = 3;
 /// Maximum difference between two devices, in standard deviations.
 const SIGMAS: f64 = 3.0;
-/// Fraction of the range tolerance that applies to the mean difference.
+/// Fraction of the range tolerance that applies to the difference of means.
 const MEAN_OF_RANGE: f64 = 0.2;
 /// Length of one degree of latitude, m.
 const DEGREE_M: f64 = 111_120.0;
@@ -46,7 +45,6 @@ pub(super) const RATES: usize = 2;
 pub(in crate::sensors) const PLACES: usize = 6;
 pub(super) const VELOCITIES: usize = 7;
 
-/// Difference of two values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Metric {
     /// Angles, rad, wrapped to half a turn.
@@ -81,16 +79,14 @@ struct GroupLimits {
     metric: Metric,
     /// Display unit, and its size in SI.
     unit: (&'static str, f64),
-    /// Permitted difference between two working devices in addition to their standard deviations: mounting, antenna
-    /// positions, slow error.
+    /// Permitted difference beyond the standard deviations: mounting, antenna positions, slow error.
     floor: f64,
-    /// Additional permitted difference as a fraction of the window's range, because the compared values have different
-    /// times.
+    /// Additional permitted difference as a fraction of the window's range: values differ in time.
     of_range: f64,
-    /// Range above which a device is moving; constant values of another device are then not measurements. Infinite for
-    /// a group whose values may be constant.
+    /// Range above which a device moves, so that constant values of another are not measurements; infinite if
+    /// constant values are possible.
     moved: f64,
-    /// Rate above which a higher rate is no advantage, Hz; zero if the device in use never changes.
+    /// Rate above which more is no advantage, Hz; zero: the device never changes.
     useful_hz: f64,
 }
 
@@ -117,8 +113,8 @@ const fn limits(
 }
 
 const NEVER: f64 = f64::INFINITY;
-/// Chosen: mounting angles on boats are a few degrees; antennas are up to 10 m apart and have a slow error of 10 m.
-/// Filters of a rate or a speed may differ by any amount. The variation is constant at a place.
+/// Chosen: mounting angles of a few degrees; antennas up to 10 m apart with a slow error of 10 m. Filters of
+/// rate or speed may differ by any amount. The variation is constant at a place.
 const LIMITS: [GroupLimits; GROUPS] = {
     use Metric::{Angle, Linear, Place};
     let m = ("m", 1.0);
@@ -157,7 +153,7 @@ const LIMITS: [GroupLimits; GROUPS] = {
 pub(in crate::sensors) struct DeviceNames(BTreeMap<u32, [String; 2]>);
 
 impl DeviceNames {
-    /// Names a device. The caller limits their number.
+    /// The caller limits the number of devices.
     pub(in crate::sensors) fn insert(&mut self, device: u32, names: [&str; 2]) {
         let printed = |name: &str| {
             name.chars()
@@ -193,7 +189,6 @@ pub(in crate::sensors) struct DeviceSample {
     pub(in crate::sensors) stated_sd: Option<f64>,
 }
 
-/// Values of a device within a window.
 #[derive(Clone, Copy, Debug)]
 struct DeviceWindow {
     count: u32,
@@ -204,7 +199,7 @@ struct DeviceWindow {
     /// Largest standard deviation.
     sd: f64,
     stated_sd: Option<f64>,
-    /// Number of values compared with the device in use, sum of their squared differences, and sum of the differences.
+    /// Number of values compared with the device in use, and sums of squared differences and of differences.
     compared: u32,
     squares: f64,
     sums: [f64; 2],
@@ -249,7 +244,6 @@ impl DeviceWindow {
     }
 }
 
-/// Device of a group, with the evidence of its windows.
 #[derive(Clone, Copy, Debug)]
 struct GroupDevice {
     device: u32,
@@ -261,12 +255,10 @@ struct GroupDevice {
     /// Rate (Hz) and standard deviation (SI) of the last window.
     rate_hz: f64,
     sd: f64,
-    /// Numbers of consecutive windows in which the device's values were constant, and in which it was better than the
-    /// device in use.
+    /// Consecutive windows with constant values, and consecutive windows better than the device in use.
     still: u32,
     better: u32,
-    /// Difference from the device in use: number of that device, number of consecutive windows with a difference, and
-    /// sum of the root mean square differences, SI.
+    /// Device in use that differs, consecutive windows with a difference, and sum of the RMS differences, SI.
     differs: (u32, u32, f64),
 }
 
@@ -286,7 +278,6 @@ impl GroupDevice {
     }
 }
 
-/// Devices of a group.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct DeviceGroup {
     /// Selected device, and time of its last value, ns.
@@ -297,7 +288,7 @@ pub(in crate::sensors) struct DeviceGroup {
     devices: Vec<GroupDevice>,
     /// Start of the window, ns.
     begun_ns: Option<i64>,
-    /// Last change of the device in use based on evidence: before, after, and reason.
+    /// Last change of the device: before, after, and reason.
     change: Option<(u32, u32, String)>,
 }
 
@@ -316,7 +307,7 @@ impl DeviceGroup {
         let (device, newest) = self.stand_in.or(self.kept)?;
         is_near(at_ns, newest, SILENT_NS).then_some(device)
     }
-    /// Records a value of a device. A device selected in the configuration is used from this value on.
+    /// Records a value of a device, which is used from then on if the configuration selects it.
     pub(super) fn gave(&mut self, device: u32, at_ns: i64, is_chosen: bool) {
         let is_kept = self.kept.is_none_or(|(of, _)| of == device);
         if is_kept || is_chosen {
@@ -332,8 +323,7 @@ impl DeviceGroup {
             *noted = Some(at_ns);
         }
     }
-    /// Adds a value of a device of group `k` as evidence, compared with the device in use. `is_free`: the evidence may
-    /// change the device in use.
+    /// Adds a value of a device of group `k` as evidence. `is_free`: it may change the device in use.
     pub(super) fn observe(
         &mut self,
         k: usize,
@@ -388,7 +378,6 @@ impl DeviceGroup {
         }
         self.devices.iter_mut().for_each(|d| d.window = None);
     }
-    /// Evaluates a window of this many seconds.
     fn weigh(&mut self, limits: &GroupLimits, seconds: f64, used: Option<u32>) {
         let ranges = self.devices.iter().filter_map(|d| Some(d.window?.range()));
         let largest = ranges.fold(0.0, f64::max);
@@ -408,7 +397,7 @@ impl DeviceGroup {
                 let (rms, mean) = ((own.squares / n).sqrt(), own.sums[0].hypot(own.sums[1]) / n);
                 let range = limits.of_range * own.range().max(used.range());
                 let allowed = limits.floor + SIGMAS * (own.sd() + used.sd());
-                // Over a window of waves, time differences affect the mean less than the root mean square.
+                // In waves, time differences affect the mean less than the root mean square.
                 let differ = rms > allowed + range || mean > allowed + MEAN_OF_RANGE * range;
                 differ.then_some((of, rms))
             });
@@ -443,7 +432,7 @@ impl DeviceGroup {
         (self.kept, self.stand_in) = (Some((to.device, to.newest.1)), None);
         self.devices.iter_mut().for_each(|d| d.better = 0);
         let stands = if own.still > 0 {
-            ", whose values stand still"
+            ", whose values do not change"
         } else {
             ""
         };
@@ -451,13 +440,16 @@ impl DeviceGroup {
         let has_sds = to.sd.is_finite() && own.sd.is_finite() && to.sd != own.sd;
         let sds = match has_sds {
             true => format!(
-                ", a standard deviation of {:.2} {unit} for {:.2} {unit}",
+                ", a standard deviation of {:.2} {unit} instead of {:.2} {unit}",
                 to.sd / size,
                 own.sd / size
             ),
             false => String::new(),
         };
-        let why = format!("{:.1} Hz for {:.1} Hz{sds}{stands}", to.rate_hz, own.rate_hz);
+        let why = format!(
+            "{:.1} Hz instead of {:.1} Hz{sds}{stands}",
+            to.rate_hz, own.rate_hz
+        );
         self.change = Some((kept, to.device, why));
     }
     /// Remarks on the evidence of group `k`, with messages up to `now_ns`.
@@ -483,17 +475,17 @@ impl DeviceGroup {
                         sum / f64::from(windows) / size,
                         seconds(windows)
                     ),
-                    format!("see to the mounting and calibration of both; {chooses}"),
+                    format!("check the mounting and calibration of both; {chooses}"),
                 ));
             }
             if d.still >= BETTER_WINDOWS {
                 all.push(Remark::fault(
                     format!(
-                        "{name} of device {} does not change at all for {:.0} s while another's does",
+                        "{name} of device {} has not changed for {:.0} s while another's has",
                         names.shown(d.device),
                         seconds(d.still)
                     ),
-                    format!("restart the device and see to its cable; {chooses}"),
+                    format!("restart the device and check its cable; {chooses}"),
                 ));
             }
         }
@@ -506,7 +498,7 @@ impl DeviceGroup {
         }
         all
     }
-    /// Remark on the selected device of group `k` if it never appeared, or is silent, at `now_ns`.
+    /// Remark on a selected device of group `k` that never appeared, or is silent, at `now_ns`.
     pub(super) fn missing_choice(
         &self,
         k: usize,
@@ -524,27 +516,26 @@ impl DeviceGroup {
             listed.push("others".into());
         }
         let came = match listed.is_empty() {
-            true => "no other device gives it".to_owned(),
-            false => format!("given by {}", listed.join(", ")),
+            true => "no other device sends it".to_owned(),
+            false => format!("sent by {}", listed.join(", ")),
         };
         let text = match given {
             Some((_, then_ns)) if is_near(now_ns, then_ns, SILENT_NS) => return None,
             Some((_, then_ns)) => format!(
-                "{name}: the chosen device {choice} gives nothing valid for {:.0} s; {came}",
+                "{name}: the chosen device {choice} has sent nothing valid for {:.0} s; {came}",
                 now_ns.abs_diff(then_ns) as f64 * 1e-9
             ),
-            None => format!("{name}: the chosen device {choice} gave nothing valid yet; {came}"),
+            None => format!("{name}: the chosen device {choice} has sent nothing valid yet; {came}"),
         };
         Some(Remark::fault(
             text,
             format!(
-                "see to the device and its power, or correct {key} in [sensor.sources.mount.devices]; empty uses the better one"
+                "check the device and its power, or correct {key} in [sensor.sources.mount.devices]; empty uses the better one"
             ),
         ))
     }
 }
 
-/// Whether two times are within `limit_ns` of each other, ns.
 pub(in crate::sensors) fn is_near(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
     a_ns.abs_diff(b_ns) <= limit_ns.unsigned_abs()
 }

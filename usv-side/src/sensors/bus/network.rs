@@ -9,10 +9,9 @@ use crate::sensors::{Mounting, Remark};
 const MISSED_NS: i64 = 5_000_000_000;
 /// Maximum number of stated variations that are kept.
 const MAX_STATED: usize = 16;
-/// Maximum difference between two valid variations, rad (2 deg): ten-year-old tables.
+/// Maximum difference of valid variations, rad (2 deg): ten-year-old tables.
 const VARIATIONS_APART: f64 = 0.035;
 
-/// The devices of each group.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Devices {
     /// Name of the device selected in the configuration for each group, or empty.
@@ -21,19 +20,18 @@ pub(in crate::sensors) struct Devices {
     pub(in crate::sensors) names: DeviceNames,
     /// Times of the first and the newest message, ns.
     times_ns: Option<[i64; 2]>,
-    /// All positions are used, unless a device is selected.
+    /// All positions are used unless a device is selected.
     is_merged: bool,
 }
 
 impl Devices {
-    /// No devices yet, for a source with this mounting.
     pub(in crate::sensors) fn new(mounting: &Mounting) -> Self {
         Devices {
             choices: choices(&mounting.mount.devices),
             ..Devices::default()
         }
     }
-    /// Uses the positions of all devices, unless one is selected. For sentences, whose positions belong to one epoch.
+    /// Uses all positions, unless a device is selected, because sentences give one per epoch.
     pub(in crate::sensors) fn merged(mut self) -> Self {
         self.is_merged = true;
         self
@@ -48,8 +46,7 @@ impl Devices {
         let choice = self.choices.get(k).filter(|choice| !choice.is_empty());
         choice.is_some_and(|choice| self.names.is_named(device, choice))
     }
-    /// Device that provides group `k` at that time. The velocity comes from the receiver of the positions, unless a
-    /// device is selected for it.
+    /// Device of group `k` at that time. Unless selected, the velocity's is the receiver of the positions.
     fn giving(&self, k: usize, at_ns: i64) -> Option<u32> {
         let own = self.groups.get(k)?.giving(at_ns);
         if k != VELOCITIES {
@@ -69,7 +66,7 @@ impl Devices {
             _ => self.groups.get(k).is_some_and(|g| g.is_spare(device, at_ns)),
         }
     }
-    /// Records a value of group `k`. The device is used from then on if it is selected or `is_better`.
+    /// Records a value of group `k`. A selected or better (`is_better`) device is used from then on.
     pub(in crate::sensors) fn gave(&mut self, k: usize, device: u32, at_ns: i64, is_better: bool) {
         let is_kept = is_better || self.is_chosen(k, device);
         if let Some(group) = self.groups.get_mut(k) {
@@ -107,11 +104,9 @@ impl Devices {
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Variations(Vec<(u32, f64)>);
 
-/// Group of the variation.
 const VARIATION: usize = 5;
 
 impl Variations {
-    /// Records the variation stated by a device.
     pub(in crate::sensors) fn state(&mut self, device: u32, variation: f64) {
         let is_full = self.0.len() >= MAX_STATED;
         match self.0.iter_mut().find(|(of, _)| *of == device) {
@@ -120,8 +115,8 @@ impl Variations {
             None => self.0.push((device, variation)),
         }
     }
-    /// Variation of the selected device, otherwise of `own`, otherwise of the first device. A variation of exactly zero
-    /// indicates a compass without a table if another device states one.
+    /// Variation of the selected device, or of `own`, or of the first. Exactly zero is a compass without a
+    /// table if another device states a variation.
     pub(in crate::sensors) fn of(&self, own: Option<u32>, devices: &Devices) -> Option<f64> {
         let stated =
             |is: &dyn Fn(u32, f64) -> bool| self.0.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);
@@ -130,17 +125,13 @@ impl Variations {
             .or_else(|| stated(&|_, v| v != 0.0))
             .or_else(|| stated(&|_, _| true))
     }
-    /// Remark on two devices whose variations contradict each other.
+    /// Remark on contradicting variations.
     pub(in crate::sensors) fn remarks(&self, devices: &Devices) -> Option<Remark> {
         let used = self.of(None, devices)?;
         let (other, apart) = self.0.iter().find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;
         let (of, _) = self.0.iter().find(|(_, v)| *v == used)?;
         let name = |device: u32| devices.names.shown(device);
-        let is_default = if *apart == 0.0 {
-            ", which is taken for none"
-        } else {
-            ""
-        };
+        let is_default = if *apart == 0.0 { ", taken as not set" } else { "" };
         Some(Remark::fault(
             format!(
                 "magnetic variation: {:+.1} deg by {}, {:+.1} deg by {}{is_default}",
@@ -149,7 +140,7 @@ impl Variations {
                 apart.to_degrees(),
                 name(*other)
             ),
-            "set the variation of the wrong one; variation = \"DEVICE\" in [sensor.sources.mount.devices] chooses the other",
+            "correct the variation of the wrong one; variation = \"DEVICE\" in [sensor.sources.mount.devices] chooses the other",
         ))
     }
 }

@@ -110,7 +110,7 @@ fn mavlink_kinds_of_measurement() {
     assert!((h.heading + core::f64::consts::FRAC_PI_2).abs() < 1e-6, "{h:?}");
     assert!((g.velocity[1] - 2.0).abs() < 1e-6 && g.velocity_sd[2] == NOT_MEASURED_SD);
     assert_eq!(g.lever_arm, Some([0.0, 0.0, -2.0]));
-    // The receiver sends only the height above the sea, 210 m; the geoid is 45.25 m above the ellipsoid there.
+    // The receiver sends 210 m above the sea, which is 45.25 m above the ellipsoid there.
     assert!((g.datum.height_m - 255.25).abs() < 0.01, "{g:?}");
     assert!((1.0..4.0).contains(&g.height_spread), "{g:?}");
     assert!(d.remarks()[0].text.contains("EGM96 45.2 m"), "{:?}", d.remarks());
@@ -179,7 +179,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         "{:?}",
         d.remarks()
     );
-    // A bad report that no other report follows, and a good report.
+    // A bad report that no other follows, and a good one.
     assert_eq!(
         of(&[status(0), tilts(0, 260)].concat()).0,
         260 - usize::from(UNFIT)
@@ -229,7 +229,7 @@ fn mavlink_stream_requests() {
     );
 }
 
-/// Half a second of data from a drone's autopilot, system 1: rolled by 20 deg, one kilometre to the north.
+/// Half a second of a drone's autopilot, system 1: rolled by 20 deg, one kilometre north.
 fn drone(with_heartbeat: bool) -> Vec<u8> {
     let m::MavMessage::GPS_RAW_INT(own) = gps(600_000_000) else {
         panic!("GPS_RAW_INT");
@@ -258,7 +258,6 @@ fn drone(with_heartbeat: bool) -> Vec<u8> {
 fn mavlink_of_two_systems() {
     let gcs = frame_of(255, 190, 0, &heartbeat(m::MavType::MAV_TYPE_GCS));
     let companion = frame_of(7, 191, 0, &attitude(77, 1.0));
-    // The drone is received first, even before its heartbeat.
     let bytes = [
         drone(false),
         drone(true),
@@ -289,7 +288,6 @@ fn mavlink_of_two_systems() {
     ] {
         assert!(text.contains(part), "{text}");
     }
-    // Requests are addressed to the boat.
     let mut d = d;
     let asked = d.request().unwrap();
     assert!(asked.len() > 100);
@@ -312,7 +310,6 @@ fn mavlink_without_a_boat() {
     // If it is selected by number, the drone's system counts as the vessel.
     let named = MavlinkDecoder::new(&Mounting::default()).of_system(1);
     assert_eq!(fixtures::decode(named, &drone(true), 91).0.len(), 20 + 20 + 2);
-    // A sensor without heartbeats is accepted after a while.
     let silent: Vec<u8> = (0..150)
         .flat_map(|k| frame(k, &imu(u64::from(k) * 1000)))
         .collect();
@@ -324,7 +321,7 @@ fn mavlink_heights_above_the_ellipsoid() {
     let m::MavMessage::GPS_RAW_INT(own) = gps(1_000_000) else {
         panic!("GPS_RAW_INT");
     };
-    // The dialect has no extension fields: payload up to `alt_ellipsoid`, and checksum of the frame (X.25, extra 24).
+    // Payload up to `alt_ellipsoid`, which the dialect lacks, and checksum of the frame (X.25, extra 24).
     let with = |time_usec: u64, alt_ellipsoid: i32| {
         let whole = frame(
             1,
@@ -343,7 +340,7 @@ fn mavlink_heights_above_the_ellipsoid() {
         bytes.extend(crc.to_le_bytes());
         bytes
     };
-    // Once the receiver has provided a height, zero is a valid height as well.
+    // Once the receiver has provided a height, zero is also valid.
     let bytes = [frame(0, &boat()), with(1, 254_000), with(2, 0)].concat();
     let fixes = fixtures::fixes(&decode(&bytes, 91, Mount::default()).0);
     assert_eq!(fixes.len(), 2);

@@ -25,7 +25,7 @@ pub(super) enum N2kStamp {
     OfDay(i64),
     /// Since 1970.
     Unix(i64),
-    /// Since the first line, or since the previous one.
+    /// Since the first or the previous line.
     Relative(i64),
     /// Not stated.
     None,
@@ -40,7 +40,7 @@ pub(super) struct N2kLine {
     /// Address of its sender.
     pub(super) source: u8,
     pub(super) data: Vec<u8>,
-    /// The line holds a complete message, even if the message is longer than a frame.
+    /// The line holds a whole message, possibly longer than a frame.
     pub(super) whole: bool,
 }
 
@@ -53,7 +53,7 @@ impl N2kLine {
         }
         if let Some((stamp, rest)) = text.strip_prefix('(').and_then(|t| t.split_once(')')) {
             let at = match unix_ns(stamp) {
-                // candump counts from 1970 or, with -td and -tz, from another line.
+                // candump's times are since 1970 or, with -td and -tz, since another line.
                 Some(at_ns) if at_ns < EPOCH_NS => N2kStamp::Relative(at_ns),
                 Some(at_ns) => N2kStamp::Unix(at_ns),
                 None => N2kStamp::Unix(utc_ns(stamp)?),
@@ -73,8 +73,7 @@ impl N2kLine {
     }
 }
 
-/// Parameter group and sender of a 29-bit CAN identifier (ISO 11783-3). A group addressed to one receiver has no group
-/// extension.
+/// Parameter group and sender of a 29-bit CAN identifier (ISO 11783-3); addressed groups have no extension.
 fn identifier(text: &str) -> Option<(u32, u8)> {
     let id = u32::from_str_radix(text, 16).ok().filter(|id| *id < 1 << 29)?;
     let (page, format, specific) = ((id >> 24) & 3, (id >> 16) & 0xff, (id >> 8) & 0xff);
@@ -84,7 +83,6 @@ fn identifier(text: &str) -> Option<(u32, u8)> {
 fn byte(text: &str) -> Option<u8> {
     (text.len() == 2).then(|| u8::from_str_radix(text, 16).ok())?
 }
-/// Parses hexadecimal digits.
 fn bytes(text: &str) -> Option<Vec<u8>> {
     let whole = text.is_ascii() && text.len().is_multiple_of(2) && text.len() <= 2 * MAX_MESSAGE;
     let all = text.as_bytes().chunks(2);
@@ -104,7 +102,6 @@ fn frame(at: N2kStamp, id: &str, data: &[&str]) -> Option<N2kLine> {
 /// Interface, then identifier and bytes, in either of candump's two formats.
 fn candump(at: N2kStamp, fields: &[&str]) -> Option<N2kLine> {
     let (_, rest) = fields.split_first()?;
-    // Direction and flags.
     let rest = match rest {
         ["RX" | "TX", _, _, rest @ ..] => rest,
         rest => rest,
@@ -222,7 +219,7 @@ mod tests {
             (127_257, 17, 8, false)
         );
         assert_eq!(line.at, N2kStamp::Unix(1_460_220_069_078_000_000));
-        // Example in Actisense's manual: group 130323, which is longer than a frame.
+        // Example in Actisense's manual: group 130323, longer than a frame.
         let line = N2kLine::parse("A173321.107 23FF7 1F513 012F3070002F30709F").unwrap();
         assert_eq!(
             (line.pgn, line.source, line.data.len(), line.whole),

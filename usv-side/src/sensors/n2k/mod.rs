@@ -1,6 +1,6 @@
-//! NMEA 2000 as text of a gateway or a logger ([`line`]), converted to measurements by [`SensorBus`].
+//! NMEA 2000 as text of a gateway or logger ([`line`]), converted to measurements by [`SensorBus`].
 //!
-//! The bus has no common clock: the time of a message is that of its line, otherwise that of its arrival.
+//! Without a common clock on the bus, the time of a message is its line's, or its arrival.
 
 mod line;
 mod pgn;
@@ -41,7 +41,7 @@ pub struct N2kDecoder {
     /// Arrival time of the pushed bytes, ns; None in a recording.
     now_ns: Option<i64>,
     open: Vec<Open>,
-    /// Newest time counted from the start of a recording, ns.
+    /// Newest time since the start of a recording, ns.
     relative: Option<i64>,
     bus: SensorBus,
     timeless: Vec<Measurement>,
@@ -84,7 +84,7 @@ impl N2kDecoder {
         let (at_ns, is_stamped) = match line.at {
             N2kStamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
             N2kStamp::Unix(at) => (at, true),
-            // In a recording, times since its start are used. Times since the previous line are not monotonic.
+            // In a recording, times since its start are used; times since the previous line may decrease.
             N2kStamp::Relative(at)
                 if self.now_ns.is_none() && self.relative.is_none_or(|last| at >= last) =>
             {
@@ -138,8 +138,7 @@ impl N2kDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// Message completed by this frame, if any. The frames of a message share a sequence number and count from 0; the
-    /// first one contains the length.
+    /// Message completed by this frame. Its frames share a sequence number from 0; the first has the length.
     fn assemble(&mut self, line: N2kLine) -> Option<Vec<u8>> {
         let (head, data) = line.data.split_first()?;
         let (sequence, index) = (head >> 5, head & 0x1f);
@@ -189,7 +188,7 @@ impl SensorDecoder for N2kDecoder {
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        // The last line of a file may lack its terminator; a truncated message lacks a field or a frame.
+        // A file's last line may lack its terminator; a truncated message lacks a field or a frame.
         if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
             self.take(&line, out);
         }

@@ -4,7 +4,7 @@
 
 use crate::sensors::bus::{Content, GnssReport};
 
-/// Full turn plus one resolution step, rad.
+/// Full turn plus one step, rad.
 const TURN: f64 = core::f64::consts::TAU + 1e-4;
 
 /// Manufacturer (11 bits), 2 reserved, and industry (3 bits) of Furuno's own messages: 1855, marine.
@@ -27,13 +27,11 @@ const USED: [(u32, &str, bool); 10] = [
     (130_842, "130842", true),
 ];
 
-/// Name of a supported group, and whether a message is longer than a frame.
 pub(super) fn used(pgn: u32) -> Option<(&'static str, bool)> {
     let of = USED.iter().find(|(number, ..)| *number == pgn);
     of.map(|(_, name, long)| (*name, *long))
 }
 
-/// Reader of a message's fields.
 struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {
@@ -66,7 +64,7 @@ pub(super) fn claimed(data: &[u8]) -> Option<u64> {
     Fields(data).bytes(0).map(u64::from_le_bytes)
 }
 
-/// Whether the device reports an error with this message, which has no content.
+/// Whether this message reports an error of the device, and has no content.
 pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
     let reference = match pgn {
         127_250 => data.get(7),
@@ -76,14 +74,14 @@ pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
     reference.is_some_and(|b| b & 3 == 2)
 }
 
-/// Content of a supported message. None if its fields are not available.
+/// Content of a supported message; None if its fields are not available.
 pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     let f = Fields(data);
     /// Resolution of an angle, rad.
     const ANGLE: f64 = 1e-4;
     // Valid directions are from zero to a full turn.
     let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
-    // Reference: true or magnetic north. If the reference is invalid or not stated, the angle is not used.
+    // Reference: true or magnetic north; an invalid one makes the angle unusable.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
         1 => Some(true),
@@ -106,14 +104,14 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,
-            // A receiver that does not provide the dilution sends zero.
+            // A receiver without a dilution sends zero.
             hdop: f.i16(34).filter(|x| *x > 0.0).map(|x| x * 0.01),
             // 0: not checked, 1: safe, 2: caution, 3: not available.
             caution: f.u8(32).is_some_and(|b| b & 3 == 2),
             separation_m: f.i32(38).map(|x| x * 0.01),
         }),
-        // Furuno's satellite compasses: angular rates of the boat in steps of 0.001 deg/s. Meaning and resolution of
-        // the other fields are unknown; other manufacturers use this number for other content.
+        // Furuno's satellite compasses: angular rates in steps of 0.001 deg/s, and unknown fields. Other
+        // makers use this number differently.
         130_842 => {
             let own = f.bytes(0).map(u16::from_le_bytes) == Some(FURUNO);
             let rate = |at| f.i32(at).map(|x| (x * 1e-3).to_radians()).filter(|_| own);
@@ -140,7 +138,7 @@ mod tests {
         );
         let attitude = read(127_257, &[0x00, 0xff, 0x7f, 0x52, 0x00, 0x21, 0xfe, 0xff]);
         assert_eq!(attitude, Some(Content::Attitude([-479.0 * 1e-4, 82.0 * 1e-4])));
-        // Not available: the maximum of a field, with or without a sign.
+        // Not available: the maximum of a signed or unsigned field.
         for (pgn, data) in [
             (127_250, [0, 0xff, 0xff, 0, 0, 0, 0, 0]),
             (127_251, [0, 0xff, 0xff, 0xff, 0x7f, 0, 0, 0]),
@@ -162,7 +160,7 @@ mod tests {
             assert_eq!(read(pgn, &[0; 2]), None, "{pgn}");
         }
         assert_eq!(read(129_029, &[0xff; 30]), None);
-        // A message of Furuno's, and a message of Simrad's with the same number.
+        // Messages of Furuno and Simrad with one number.
         let mut rates = [0; 29];
         rates[..2].copy_from_slice(&[0x3f, 0x9f]);
         rates[23..27].copy_from_slice(&(-1000_i32).to_le_bytes());

@@ -73,7 +73,7 @@ fn n2k_position_velocity_and_height() {
     assert_eq!((fixes.len(), d.decoded().corrupted), (3, 0), "{all:?}");
     let measured = |sd: f64| sd < NOT_MEASURED_SD;
     assert!(!measured(fixes[0].position_sd[2]) && !measured(fixes[0].velocity_sd[0]));
-    // The height is used once, with the next quick position; the velocity is used with each position.
+    // The height goes to the next quick position, the velocity to each.
     assert!(measured(fixes[1].position_sd[2]) && !measured(fixes[2].position_sd[2]));
     assert!((fixes[1].datum.height_m - 48.0).abs() < 1e-3 && fixes[1].height_spread == 0.0);
     assert!((fixes[2].velocity[1] - 3.0).abs() < 1e-3 && measured(fixes[2].velocity_sd[0]));
@@ -105,7 +105,6 @@ fn n2k_headings_of_two_devices() {
         heading(1.3, 6, 2.0, 0),
         raw(1.35, 127_251, 5, &[0, 0x00, 0x40, 0x06, 0x00, 0xff, 0xff, 0xff]),
         heading(1.4, 5, 1.0, 1),
-        // The first device is silent, so the second is used.
         heading(4.0, 6, 2.0, 0),
     ]
     .concat();
@@ -118,7 +117,7 @@ fn n2k_headings_of_two_devices() {
     assert_eq!(headings, [1030.0, 1030.0, 2000.0]);
     assert!(of(&all[1]).rate.is_some_and(|r| (r - 0.0128).abs() < 1e-6) && of(&all[2]).rate.is_none());
     assert!(of(&all[0]).heading_sd > of(&all[2]).heading_sd);
-    // Not used: a magnetic heading before the variation was known, and the second device.
+    // Not used: a magnetic heading before a known variation, and the second device.
     assert_eq!(d.decoded().left_out, 2, "{:?}", d.remarks());
 }
 
@@ -183,7 +182,7 @@ fn n2k_log_with_a_date_and_a_night_between() {
     d.finish(&mut all);
     let hours = (all[1].at_ns - all[0].at_ns) as f64 / 3.6e12;
     assert!((hours - 15.314).abs() < 1e-3 && d.decoded().good == 2, "{hours}");
-    // A truncated message yields nothing, and a message without its last frame is counted.
+    // A truncated message, and one without its last frame.
     let whole = gnss(1.0, 50.0, 48.0, 1);
     for cut in [whole.len() - 12, whole.len() - 40] {
         let (mut all, mut d) = decode(&whole[..cut]);

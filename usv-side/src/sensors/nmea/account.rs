@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::sensors::Remark;
 
-/// Remedy of JSON in place of a format's lines.
+/// Remedy for JSON in place of a format's lines.
 pub(in crate::sensors) const JSON: &str =
     "record or send the plain format in place of JSON (candump -L; analyzer without -json)";
 /// Maximum number of sentence addresses that are distinguished.
@@ -14,16 +14,16 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Fraction of one kind's sentences above which an irregularity is normal for the source: repeated time stamps are then
-/// not duplicate datagrams, and headings of a float carrier solution are not a start-up effect.
+/// Fraction of a kind's sentences above which an irregularity is normal: equal time stamps are not duplicate
+/// datagrams, and headings of a float solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
 /// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).
 pub(super) const UNSAFE_SD: f64 = 10.0;
 
-/// Text on kinds with an attitude or a heading.
+/// Text on unsupported kinds with an attitude or a heading.
 pub(crate) const ANGLES: &str =
-    "attitude or heading in a kind that is not read; HDT, PASHR, PSXN, PRDID, HPR, XDR are";
+    "attitude or heading in an unsupported kind; supported: HDT, PASHR, PSXN, PRDID, HPR, XDR";
 
 /// Reason why a valid sentence yields no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,7 +33,7 @@ pub(in crate::sensors) enum Why {
     /// Fix quality, as in GGA.
     Quality(u8),
     Magnetic,
-    /// Number of fields, and the number known for the kind.
+    /// Number of fields, and number known for the kind.
     Fields(u8, u8),
     Range,
     Length,
@@ -53,22 +53,22 @@ pub(in crate::sensors) enum Why {
 impl Why {
     fn text(self) -> Cow<'static, str> {
         let text = match self {
-            Why::Quality(q) => return format!("of quality {q}, which is not known").into(),
+            Why::Quality(q) => return format!("of unknown quality {q}").into(),
             Why::Fields(n, known) => {
                 return format!("{n} fields, {known} are known: a decimal comma?").into();
             }
-            Why::NotRead => "a kind that is not read",
+            Why::NotRead => "an unsupported kind",
             Why::Angles => ANGLES,
             Why::Empty => "empty",
-            Why::Spare => "a better one is there",
+            Why::Spare => "a better one is used",
             Why::Invalid => "marked as invalid",
             Why::NoFix => "no fix",
             Why::Simulated => "simulated or set by hand",
             Why::Magnetic => "magnetic, and the variation is not known",
             Why::Cached => "the first after the server's greeting, of any age",
-            Why::HeldUp => "held up on the way, and without a time of its own",
-            Why::Length => "of another length than is known of them",
-            Why::FixedBase => "of a base that does not move: a direction to it, and no heading",
+            Why::HeldUp => "delayed, and without a time of its own",
+            Why::Length => "of an unexpected length",
+            Why::FixedBase => "of a fixed base: the direction to it is not a heading",
             Why::Range => "a heading outside of 0 to 360 deg",
             Why::OtherClock => "of another clock than the other times",
             Why::Foreign(_) => "another format",
@@ -93,9 +93,9 @@ impl Why {
             Why::Range => Some("set the instrument to headings of 0 to 360 deg"),
             Why::OtherClock => Some("set the clock of that instrument to UTC, or switch its sentence off"),
             Why::Invalid => {
-                Some("the sensor itself does not trust it: see to its alignment and its antennas")
+                Some("the sensor itself marks it as invalid: check its alignment and its antennas")
             }
-            Why::NoFix => Some("the receiver has no fix: see to its antenna and its view of the sky"),
+            Why::NoFix => Some("the receiver has no fix: check its antenna and its view of the sky"),
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
             Why::Length => {
                 Some("the receiver is of another generation: switch on other messages that are read, or NMEA")
@@ -108,7 +108,6 @@ impl Why {
     }
 }
 
-/// Time stamps of one address.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stamps {
     newest_ns: Option<i64>,
@@ -116,12 +115,11 @@ struct Stamps {
     repeated: u64,
 }
 
-/// Account of a decoder.
 #[derive(Clone, Debug, Default)]
 pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
-    /// Number of two-antenna headings with a float carrier solution, and number of all valid two-antenna headings.
+    /// Number of two-antenna headings with a float solution, and of all valid ones.
     antennas: [u64; 2],
     /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,
@@ -145,19 +143,17 @@ impl Account {
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
     }
-    /// Whether content of another format was ignored.
     pub(in crate::sensors) fn has_foreign(&self) -> bool {
         self.left_out
             .keys()
             .any(|(why, _)| matches!(why, Why::Foreign(_)))
     }
-    /// Counts a valid two-antenna heading; one with a float carrier solution is not used.
+    /// Counts a valid two-antenna heading; one with a float solution is not used.
     pub(in crate::sensors) fn antennas(&mut self, is_float: bool) {
         let [float, all] = &mut self.antennas;
         *float += u64::from(is_float);
         *all += 1;
     }
-    /// Records the time of a sentence.
     pub(in crate::sensors) fn stamp(&mut self, address: &str, at_ns: i64) {
         let name = bounded(address);
         if self.stamps.len() >= MAX_ADDRESSES && !self.stamps.contains_key(&name) {
@@ -180,12 +176,12 @@ impl Account {
                     "{} positions are marked as unsafe by their receiver, and count as accurate to {UNSAFE_SD} m",
                     self.unsafe_positions
                 ),
-                "see to the antenna's view of the sky, and to interference",
+                "check the antenna's view of the sky, and look for interference",
             ));
         }
         if self.unchecked > 0 {
             all.push(Remark::fine(format!(
-                "{} sentences without a checksum: damage to them is not noticed",
+                "{} sentences without a checksum: damage to them is not detected",
                 self.unchecked
             )));
         }
@@ -212,14 +208,14 @@ impl Account {
             None => Remark::fine(text),
         })
     }
-    /// Remark on headings with a float carrier solution: a fault unless they only occurred briefly.
+    /// Remark on headings with a float solution: a fault unless they were brief.
     fn float(&self) -> Option<Remark> {
         let [float, all] = self.antennas;
         let text = format!("moving base: float in {float} of {all} headings: left out");
         let remark = match float as f64 > HABIT * all as f64 {
             true => Remark::fault(
                 text,
-                "see to the corrections between its two receivers, its view of the sky and its antennas; until it is fixed \
+                "check the corrections between its two receivers, its view of the sky and its antennas; until it is fixed \
                  another heading is needed",
             ),
             false => Remark::fine(text),
@@ -231,7 +227,7 @@ impl Account {
         let (address, s) = self.stamps.iter().find(|(_, s)| habit(s))?;
         Some(Remark::fault(
             format!(
-                "{} of {} {address} carry the time of the one before: whole seconds, and only the first of each is used",
+                "{} of {} {address} repeat the previous time (whole seconds): only the first of each is used",
                 s.repeated, s.count
             ),
             "set the device to times with a fraction of a second, or to one sentence a second",

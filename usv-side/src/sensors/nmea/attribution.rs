@@ -2,9 +2,9 @@
 
 /// Kinds of sentences without a time.
 pub(super) const KINDS: usize = 4;
-/// Number of consecutive epochs with evidence for the other side of the time after which a kind is moved there.
+/// Consecutive epochs with evidence for the other side of the time that move a kind there.
 const CHANGE: u8 = 3;
-/// Number of consecutive epochs with several sentences of a kind after which it belongs to a separate device.
+/// Consecutive epochs with several sentences of a kind that make it a separate device.
 const SEVERAL: u8 = 2;
 /// Time without any time stamp after which a source is taken to have none, ns.
 const TIMELESS_NS: i64 = 2_000_000_000;
@@ -15,10 +15,10 @@ struct Kind {
     leads: bool,
     /// Number of consecutive epochs with evidence for the opposite order.
     against: u8,
-    /// Number of sentences received since the last new time, and number of consecutive epochs with several sentences.
+    /// Sentences since the last new time, and consecutive epochs with several.
     count: u32,
     several: u8,
-    /// Arrival of the newest sentence, and its delay after the newest sentence with a time, ns.
+    /// Arrival of the newest sentence, and its delay after the last time, ns.
     arrived: Option<(i64, i64)>,
 }
 
@@ -52,7 +52,7 @@ impl Attribution {
         self.now_ns = Some(now_ns);
         self.first_ns.get_or_insert(now_ns);
     }
-    /// Records a sentence with a time. `new`: the time differs from the last one.
+    /// Records a sentence with a time. `new`: its time differs from the last one.
     pub(super) fn timed(&mut self, new: bool) {
         if let (true, Some(now)) = (new, self.now_ns) {
             for kind in &mut self.kinds {
@@ -61,7 +61,6 @@ impl Attribution {
         }
         self.timed_ns = self.now_ns;
     }
-    /// Records a sentence without a time.
     pub(super) fn untimed(&mut self, kind: usize) {
         let (now, timed) = (self.now_ns, self.timed_ns);
         if let Some(k) = self.kinds.get_mut(kind) {
@@ -75,8 +74,7 @@ impl Attribution {
     pub(super) fn leads(&self, kind: usize) -> bool {
         self.kinds.get(kind).is_some_and(|k| k.leads)
     }
-    /// Arrival time of a kind, if it is used as the measurement time: several sentences arrive per time, or no time is
-    /// sent.
+    /// Arrival of a kind that is dated by it: several sentences arrive per time, or no time is sent.
     pub(super) fn own_time(&self, kind: usize) -> Option<i64> {
         let now = self.now_ns?;
         let since = now.saturating_sub(self.timed_ns.or(self.first_ns)?);
@@ -86,8 +84,7 @@ impl Attribution {
 }
 
 impl Kind {
-    /// Handles the arrival of the next time at `now`. The newest sentence of a kind is attributed to the nearer of the
-    /// two times, if one of them is clearly nearer.
+    /// Ends the epoch at the next time. A kind's newest sentence goes to the nearer time, if clearly nearer.
     fn end_epoch(&mut self, now: i64) {
         if let (1, Some((arrived, after))) = (self.count, self.arrived) {
             let before = now.saturating_sub(arrived);

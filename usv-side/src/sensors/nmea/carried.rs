@@ -7,8 +7,8 @@
 //! !PDGY,127257,3,17,255,0.563,AP9/UgAh/v8=          group, priority, sender, receiver, counter (s), bytes in base64
 //! ```
 //!
-//! Live, the arrival is the time, as on a bus. In a recording, messages are spread evenly between two sentence times,
-//! separately for each group and sender; if no sentence has a time, the gateway's counter is the clock.
+//! Live, the arrival is the time. In a recording, the messages of each group and sender are spread evenly
+//! between two sentence times; without any, the gateway's counter is the clock.
 
 use std::collections::BTreeMap;
 
@@ -20,22 +20,21 @@ use crate::sensors::{Decoded, Mounting, N2kDecoder, Remark, SensorDecoder, Sourc
 const MAX_MESSAGE: usize = 223;
 const FIRST_PART: usize = 6;
 const PART: usize = 7;
-/// Bytes of a CAN frame.
 const FRAME: usize = 8;
 /// Groups longer than a frame, which MXPGN sends frame by frame.
 const LONG: [u32; 2] = [129_029, 130_842];
-/// Single-frame groups that end with reserved bits (all ones) but do not start with them.
+/// Single-frame groups that end, but do not start, with reserved bits (all ones).
 const ENDED: [u32; 6] = [127_250, 127_251, 127_252, 127_257, 127_258, 129_026];
 /// Minimum value of a byte with its upper six bits reserved.
 const RESERVED: u8 = 0xfc;
-/// Maximum number of votes on the byte order, so that this many frames overrule all earlier ones.
+/// Maximum number of votes on the byte order: this many frames overrule all earlier ones.
 const VOTES: i8 = 5;
-/// Maximum number of waiting messages in a recording, and maximum time over which they are spread, ns.
+/// Maximum number of waiting messages in a recording, and maximum time of their spread, ns.
 const MAX_WAITING: usize = 3000;
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
-/// Number of carried measurements of a kind that are ignored after a measurement from a sentence itself: 5 s at 10 Hz.
+/// Carried measurements of a kind ignored after one from a sentence itself: 5 s at 10 Hz.
 const MAX_SPARE: u8 = 50;
-/// Base of the times passed to the bus decoder, ns since 1970 (2033), and their maximum distance from it.
+/// Base of the times for the bus decoder, ns since 1970 (2033), and their maximum distance from it.
 const BASE_NS: i64 = 2_000_000_000_000_000_000;
 const TIMES_NS: core::ops::Range<i64> = -900_000_000_000_000_000..6_000_000_000_000_000_000;
 
@@ -50,7 +49,7 @@ pub(super) struct CarriedMessage {
 }
 
 impl CarriedMessage {
-    /// Message of these parts; None if one of them is invalid.
+    /// Message from these parts; None if one is invalid.
     fn new(pgn: Option<u32>, source: Option<u8>, counter_ns: Option<i64>, data: Vec<u8>) -> Option<Self> {
         let is_one = (1..=MAX_MESSAGE).contains(&data.len());
         Some(CarriedMessage {
@@ -71,7 +70,7 @@ impl CarriedMessage {
         let source = u8::from_str_radix(source, 16).ok();
         Self::new(u32::from_str_radix(pgn, 16).ok(), source, counter_ns, hex(data)?)
     }
-    /// Parses the fields of MXPGN and keeps the bytes in the order as written.
+    /// Parses the fields of MXPGN; the bytes stay in order.
     fn of_mxpgn(fields: &[&str]) -> Option<Self> {
         let [pgn, attributes, data] = fields else {
             return None;
@@ -99,25 +98,22 @@ impl CarriedMessage {
     }
 }
 
-/// Carried messages of a source, with statistics.
 #[derive(Clone, Debug)]
 pub(super) struct Carried {
     decoder: N2kDecoder,
-    /// Kind of sentence in use, because a gateway may send each message in two kinds of sentence.
+    /// Kind of sentence in use: a gateway may send each message in two kinds.
     kept: Option<String>,
     /// Messages of a recording since the newest time.
     waiting: Vec<CarriedMessage>,
-    /// The counter is used as the clock.
     by_counter: bool,
     /// Byte order of MXPGN: positive if as written, negative if reversed.
     votes: i8,
     /// Sequence number of the next message that is split into frames.
     sequence: u8,
-    /// Measurements that follow those of the sentence itself.
+    /// Measurements to output after those of the sentence itself.
     given: Vec<SourceMeasurement>,
-    /// Number of carried measurements since the last one from a sentence itself, by kind.
+    /// Carried measurements since the last one from a sentence itself, by kind.
     without_own: [u8; 4],
-    /// Number of sentences read.
     pub(super) sentences: u64,
     counts: Decoded,
 }
@@ -137,7 +133,6 @@ impl Carried {
             counts: Decoded::default(),
         }
     }
-    /// Uses the gateway's counter as the clock.
     pub(super) fn by_counter(&mut self) {
         self.by_counter = true;
     }
@@ -145,9 +140,8 @@ impl Carried {
     pub(super) fn is_spare(&mut self, address: &str) -> bool {
         self.kept.get_or_insert_with(|| address.into()) != address
     }
-    /// Parses MXPGN. Gateways differ in byte order: ShipModul's manual has the last byte first, Yacht Devices the first
-    /// byte first. Reserved bytes at the end of a frame reveal the order. The inner None means that the order is not
-    /// known yet.
+    /// Parses MXPGN. The last byte is first in ShipModul's manual, the first byte with Yacht Devices;
+    /// reserved bytes at the end of a frame reveal the order. Inner None: not known yet.
     pub(super) fn of_mxpgn(&mut self, fields: &[&str]) -> Option<Option<CarriedMessage>> {
         let mut message = CarriedMessage::of_mxpgn(fields)?;
         if let [first, .., last] = message.data[..]
@@ -176,7 +170,7 @@ impl Carried {
             (None, _) => self.waiting.push(message),
         }
     }
-    /// Dates the waiting messages between two times, ns. Unless the two times are close, the messages are dropped.
+    /// Dates the waiting messages between two times, ns; drops them if the times are far apart.
     pub(super) fn date(&mut self, between: Option<(i64, i64)>) {
         let all = core::mem::take(&mut self.waiting);
         let span = between.map(|(at_ns, next_ns)| (at_ns, next_ns.saturating_sub(at_ns)));
@@ -184,7 +178,7 @@ impl Carried {
             self.counts.undated += all.len() as u64;
             return;
         };
-        // Number of messages by group and sender, and number of those already dated.
+        // Messages by group and sender, and those already dated.
         let mut groups: BTreeMap<(u32, u8), (i64, i64)> = BTreeMap::new();
         for message in all.iter().filter(|m| !m.is_rest()) {
             groups.entry((message.pgn, message.source)).or_default().0 += 1;
@@ -229,7 +223,7 @@ impl Carried {
             given.at_ns = given.at_ns.saturating_sub(BASE_NS);
         }
     }
-    /// Splits a message into frames with sequence number and frame index; the first contains the length.
+    /// Splits a message into frames with sequence number and index; the first states the length.
     fn frames(&mut self, data: &[u8]) -> Vec<Vec<u8>> {
         if data.len() <= FRAME {
             return vec![data.to_vec()];
@@ -242,14 +236,13 @@ impl Carried {
         all.extend(further.map(|(k, part)| [&[head | k][..], part].concat()));
         all
     }
-    /// Records that the sentences themselves provided a measurement of this kind.
+    /// Records a measurement of this kind from the sentences themselves.
     pub(super) fn own(&mut self, kind: usize) {
         if let Some(without) = self.without_own.get_mut(kind) {
             *without = 0;
         }
     }
-    /// Measurements of the messages dated since the last call, and number of measurements ignored because the sentences
-    /// themselves provide that kind.
+    /// Measurements dated since the last call, and number ignored because the sentences provide the kind.
     pub(super) fn measurements(&mut self, by_arrival: bool) -> (Vec<SourceMeasurement>, usize) {
         let mut all = core::mem::take(&mut self.given);
         let count = all.len();
@@ -268,7 +261,7 @@ impl Carried {
         self.counts.left_out += spare as u64;
         (all, spare)
     }
-    /// Statistics of the sentences combined with those of the carried messages.
+    /// Statistics of the sentences and of the carried messages.
     pub(super) fn decoded(&self, own: &Decoded) -> Decoded {
         let (n, c) = (self.decoder.decoded(), &self.counts);
         Decoded {
@@ -398,7 +391,6 @@ mod tests {
         let (mut out, mut timeless) = (Vec::new(), Vec::new());
         for at in 0..100 {
             d.arrive(Time::from_secs(0.1 * f64::from(at)));
-            // The gateway sends each message twice.
             let [pcdin, mxpgn, _] = carriers(100 * at, 127_257, &TILT);
             d.push((pcdin + &mxpgn).as_bytes(), &mut out);
             if at % 10 == 0 {
@@ -415,7 +407,7 @@ mod tests {
         let text: Vec<String> = d.remarks().into_iter().map(|r| r.text).collect();
         assert!(
             text.iter()
-                .any(|t| t.contains("100 MXPGN (a better one is there)")),
+                .any(|t| t.contains("100 MXPGN (a better one is used)")),
             "{text:?}"
         );
     }
@@ -436,14 +428,13 @@ mod tests {
             d.push((gga(at / 10) + &hdt + &pcdin).as_bytes(), &mut out);
             timeless.extend(d.timeless());
         }
-        // The sentences' own headings are used. The carried headings are used some time after the sentences' own have
-        // ended.
+        // The sentences' own headings are used, and the carried ones only some time after these have ended.
         let spare = d.decoded().left_out;
         assert!((98..=101).contains(&spare), "{spare}");
         assert!(
             d.remarks()
                 .iter()
-                .any(|r| r.text.contains("a better one is there"))
+                .any(|r| r.text.contains("a better one is used"))
         );
     }
 

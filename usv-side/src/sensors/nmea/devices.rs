@@ -1,12 +1,12 @@
-//! Devices of a stream of sentences (talkers and proprietary sentences), and selection of its clock.
+//! Devices of a stream of sentences (talkers and proprietary sentences), and choice of its clock.
 
 use super::account::Why;
 use super::{HEADINGS, MAX_SPARE, NmeaDecoder, SourceMeasurement, TILTS, Untimed};
 use crate::sensors::bus::DeviceSample;
 
-/// Maximum number of talkers that are distinguished.
+/// Maximum number of talkers distinguished.
 const MAX_TALKERS: usize = 16;
-/// Difference between the times of two clocks, ns, and majority of sentences required to change the clock.
+/// Difference between two clocks, ns, and majority of sentences that changes the clock.
 const OTHER_CLOCK_NS: i64 = 20_000_000_000;
 const MAX_OTHERS: u8 = 10;
 
@@ -25,8 +25,7 @@ impl NmeaDecoder {
         }
         number as u32
     }
-    /// Adds a value of group `k` with its standard deviation as evidence for or against its device. Returns whether the
-    /// value is used.
+    /// Adds a value of group `k` with its standard deviation as evidence. Returns whether it is used.
     pub(super) fn is_used(
         &mut self,
         k: usize,
@@ -49,8 +48,7 @@ impl NmeaDecoder {
         }
         !is_spare
     }
-    /// Whether a time is from the clock in use. A second clock (an instrument in local time) is ignored. The clock in
-    /// use is that of most sentences.
+    /// Whether a time is from the clock in use: that of most sentences, not of an instrument in local time.
     pub(super) fn is_of_clock(&mut self, address: &str, at_ns: i64) -> bool {
         let (of, newest_ns, others) = self.clock.get_or_insert_with(|| (address.into(), at_ns, 0));
         let is_near = (at_ns - *newest_ns).abs() <= OTHER_CLOCK_NS;
@@ -65,7 +63,7 @@ impl NmeaDecoder {
         }
         changes
     }
-    /// Roll and pitch of a sentence without a time, with true heading and heave if available.
+    /// Roll and pitch of a sentence without a time, with heading and heave if available.
     pub(super) fn own_tilt(
         &mut self,
         address: &str,
@@ -80,14 +78,13 @@ impl NmeaDecoder {
             false => self.leave_out(address, Why::Spare),
         }
     }
-    /// Adds a true heading to the epoch.
     pub(super) fn true_heading(&mut self, address: &str, heading: Option<f64>, sd: f64) {
         let heading = heading.filter(|h| self.is_true_used(address, *h));
         if let Some((heading, e)) = heading.zip(self.epoch.as_mut()) {
             e.heading.get_or_insert((heading, sd));
         }
     }
-    /// Whether a true heading is used. A true heading takes precedence over a magnetic heading.
+    /// Whether a true heading is used; it takes precedence over a magnetic one.
     pub(super) fn is_true_used(&mut self, address: &str, heading: f64) -> bool {
         let is_first = self.without_true >= MAX_SPARE;
         let value = ([heading, 0.0], self.mounting.heading_sd());

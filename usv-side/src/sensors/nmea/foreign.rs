@@ -1,4 +1,4 @@
-//! Detection of lines and bytes of other formats among sentences, so that the crew sees what the source sends.
+//! Detection of other formats among sentences, so that the crew learns what the source sends.
 
 use super::account::{JSON, Why};
 use super::shape::has_angles;
@@ -10,7 +10,7 @@ pub(super) const UBX: &str =
     "set format = \"ubx\" for this source, or switch UBX off at this port of the receiver";
 /// Length of TSS1, which starts with a colon.
 const TSS1: core::ops::RangeInclusive<usize> = 22..=27;
-/// Maximum length of a UBX message that is skipped, bytes, and number of bytes around its payload.
+/// Maximum length of a skipped UBX message, bytes, and number of bytes around its payload.
 const MAX_UBX: usize = 2048;
 const HEAD: usize = 6;
 const CHECKSUM: usize = 2;
@@ -28,7 +28,7 @@ pub(super) fn line(text: &str) -> Option<(&'static str, Why)> {
         _ => return None,
     })
 }
-/// Name of an unsupported sentence; for a proprietary one with its first field if that is a name.
+/// Name of an unsupported sentence; a proprietary one includes a name in its first field.
 pub(super) fn name(address: &str, fields: &[&str]) -> String {
     let own = fields
         .first()
@@ -55,7 +55,6 @@ pub(super) struct UbxSkip {
 }
 
 impl UbxSkip {
-    /// Whether this byte belongs to a UBX message.
     pub(super) fn is_inside(&mut self, byte: u8) -> bool {
         let is_it = match (self.count, byte) {
             (0, 0xb5) | (1, 0x62) => true,

@@ -1,25 +1,22 @@
-//! Tracks whether a part of an epoch is still to come: the velocity of a position, the rate of a heading, the sentence
-//! with the height. A part arrives at its own period; epochs in between are complete without it.
+//! Tracks whether a part of an epoch is still to come: velocity, rate of a heading, sentence with the height.
+//! A part has a period; epochs in between are complete without it.
 
-/// Number of consecutive epochs without a due part after which the part is no longer awaited.
+/// Consecutive epochs without a due part after which it is no longer awaited.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
 /// Resolution of times, ns: a hundredth of a second.
 const STAMP_NS: i64 = 10_000_000;
 
-/// Epochs of one part.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::sensors) struct Partner {
-    /// Time of the newest epoch with the part, ns.
     newest_ns: Option<i64>,
-    /// Intervals between the three newest epochs with the part, ns. The smaller interval is the period, because a part
-    /// may be lost.
+    /// Intervals between the three newest epochs with the part, ns; the smaller counts, as one may be lost.
     apart_ns: [Option<i64>; 2],
-    /// Number of consecutive epochs in which the part was due but did not arrive.
+    /// Consecutive epochs without the due part.
     without: u8,
 }
 
 impl Default for Partner {
-    /// State of a part that has never arrived and is not awaited.
+    /// State of a part that has not arrived yet, and is not awaited.
     fn default() -> Self {
         Partner {
             newest_ns: None,
@@ -40,10 +37,9 @@ impl Partner {
             return true;
         };
         let since = at_ns.saturating_sub(newest);
-        // An earlier time means that the clock was set back.
+        // At an earlier time, the clock was set back.
         since <= 0 || since.saturating_add(STAMP_NS) >= period
     }
-    /// Records a complete epoch at `at_ns`, with or without the part.
     pub(in crate::sensors) fn end_epoch(&mut self, at_ns: i64, has_it: bool) {
         if !has_it {
             self.without += u8::from(self.is_due(at_ns));
@@ -78,8 +74,7 @@ mod tests {
             due.push(p.is_due(k * S));
             p.end_epoch(k * S, k % 2 == 0 && k != 10);
         }
-        // The part is awaited until its period is known, then in the epochs in which it is due, and again once it has
-        // returned.
+        // The part is awaited until its period is known, then when it is due, and again after its return.
         let expected = |k: usize| k > 0 && (k <= 2 || k.is_multiple_of(2) || k == 11);
         assert_eq!(due, (0..20).map(expected).collect::<Vec<_>>());
     }
@@ -93,7 +88,7 @@ mod tests {
         assert!(!p.is_due(8 * S));
     }
 
-    /// Fixes, each with the sentence that completed it, from sentences with times (hundredths of a second).
+    /// Fixes from sentences with times (hundredths of a second), each with the sentence that completed it.
     fn fixes_by_sentence(sentences: &[(i64, String)]) -> Vec<(usize, i64, GnssFix)> {
         let mut d = NmeaDecoder::new(&Mounting::new(&Mount::default()));
         let mut all = Vec::new();

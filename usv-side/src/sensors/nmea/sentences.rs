@@ -11,9 +11,9 @@ use super::{HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasuremen
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;
 /// Standard deviation of a velocity with a resolution of 0.1 kn, m/s (ours).
 pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
-/// Standard deviation of a position by the quality in GGA, m at a dilution of 1. Our choice: the error that changes
-/// within a minute; the slow error is in the filter's height bias. NovAtel sends quality 9 for SBAS, for which the
-/// standard has 2.
+/// Standard deviation of a position by GGA's quality, m at a dilution of 1 (our choice): the part that
+/// changes within a minute; the rest is the filter's height bias. NovAtel sends 9 for SBAS instead of the
+/// standard's 2.
 const POSITION_SD: [(u8, f64); 6] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1), (9, 0.3)];
 /// Standard deviation of a position by dead reckoning, m.
 const DEAD_RECKONING_SD: f64 = 5.0;
@@ -25,8 +25,7 @@ const SIMULATED: u8 = 8;
 const MINUTE_M: f64 = 1852.0;
 /// Standard deviation of a magnetic compass, rad: deviation on a boat (2 deg, ours).
 pub(in crate::sensors) const MAGNETIC_SD: f64 = 0.035;
-/// Quality as in GGA from the mode letters of GNS, RMC, GLL and VTG: the best of several constellations, unless one is
-/// simulated.
+/// Quality as in GGA from mode letters of GNS, RMC, GLL and VTG: the best, unless one is simulated.
 fn quality_of(modes: &str) -> u8 {
     let has = |letter: char| modes.contains(letter);
     for (letter, quality) in [
@@ -45,7 +44,7 @@ fn quality_of(modes: &str) -> u8 {
     }
     0
 }
-/// Quality of a sentence that has a status and, since version 2.3 of the standard, a mode.
+/// Quality from a status and, since version 2.3 of the standard, a mode.
 fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
     let by_mode = mode.map_or(1, |m| quality_of(m.encode_utf8(&mut [0; 4])));
     match status {
@@ -53,7 +52,7 @@ fn quality_with_status(status: Option<char>, mode: Option<char>) -> u8 {
         Some(_) | None => by_mode,
     }
 }
-/// Standard deviation at a dilution of 1, m, or the reason why the position is not a fix.
+/// Standard deviation at a dilution of 1, m, or why the position is not a fix.
 pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
     match quality {
         0 => Err(Why::NoFix),
@@ -73,7 +72,7 @@ pub(super) fn mode_of_ths(mode: Option<char>) -> Result<(), Why> {
         Some(_) | None => Err(Why::Invalid),
     }
 }
-/// Half a resolution step of a coordinate with this many decimals of a minute, as a standard deviation, m.
+/// Standard deviation of half a step of a coordinate with this many decimals of a minute, m.
 fn resolution(coordinate: Option<&&str>) -> f64 {
     let decimals = coordinate
         .and_then(|c| c.split_once('.'))
@@ -83,7 +82,7 @@ fn resolution(coordinate: Option<&&str>) -> f64 {
 fn rad(degrees: Option<f32>) -> Option<f64> {
     degrees.map(|d| f64::from(d).to_radians())
 }
-/// Heading, rad, or the reason why it is missing.
+/// Heading, rad, or why it is missing.
 fn in_turn(degrees: Option<f32>) -> Result<f64, Why> {
     let degrees = degrees.ok_or(Why::Empty)?;
     match (0.0..=360.0).contains(&degrees) {
@@ -115,14 +114,13 @@ impl NmeaDecoder {
             self.with_height(address, place, sd, height, out);
         }
     }
-    /// Standard deviation, m, adjusted for the navigational status. Only status U marks a position whose integrity is
-    /// below the required level.
+    /// Standard deviation for the navigational status, m: only status U marks an unsafe position.
     fn by_status(&mut self, sd: Result<f64, Why>, status: Option<char>) -> Result<f64, Why> {
         let is_unsafe = status == Some('U');
         self.account.unsafe_positions += u64::from(is_unsafe && sd.is_ok());
         sd.map(|sd| if is_unsafe { sd.max(UNSAFE_SD) } else { sd })
     }
-    /// Adds a position with a height above the sea and, if stated, the height of the sea above the ellipsoid.
+    /// Adds a position with a height above the sea and, if stated, the sea's height above the ellipsoid.
     fn with_height(
         &mut self,
         address: &str,
@@ -131,7 +129,7 @@ impl NmeaDecoder {
         (altitude, separation): (Option<f32>, Option<f32>),
         out: &mut Vec<SourceMeasurement>,
     ) {
-        // An empty or invalid height is not waited for any longer.
+        // Without a valid height, do not wait for one any longer.
         if let Some(e) = self.epoch.as_mut() {
             e.levelled = true;
         }
@@ -156,7 +154,7 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
-    /// Position of a sentence and its standard deviation, m; an error if another device is selected.
+    /// Position of a sentence with its standard deviation, m; an error if another device is selected.
     fn usable(
         &mut self,
         address: &str,
@@ -216,7 +214,7 @@ impl NmeaDecoder {
             self.flat(address, place, sd, out);
         }
     }
-    /// Adds a position without a height, used if no sentence of the epoch has one.
+    /// Adds a position without a height, for epochs without a better sentence.
     fn flat(
         &mut self,
         address: &str,
@@ -244,7 +242,7 @@ impl NmeaDecoder {
         match (verdict, velocity(knots, s.course_true)) {
             (Err(why), _) => self.leave_out(address, why),
             (Ok(_), None) => self.leave_out(address, Why::Empty),
-            // An RMC of this epoch has given the velocity already; if VTG leads, it belongs to the next epoch.
+            // RMC has already given the epoch's velocity; a leading VTG belongs to the next epoch.
             (Ok(_), Some(_))
                 if !self.attribution.leads(0)
                     && self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) =>
@@ -277,7 +275,7 @@ impl NmeaDecoder {
         let deviation = variation(s.deviation, s.deviation_ew);
         self.magnetic(address, s.heading_mag, deviation, out);
     }
-    /// `true = magnetic + deviation + variation`, east positive. Used if no true heading is available.
+    /// `true = magnetic + deviation + variation`, east positive; used without a true heading.
     pub(super) fn magnetic(
         &mut self,
         address: &str,
@@ -307,7 +305,7 @@ impl NmeaDecoder {
         self.untimed(Untimed::Heading(heading, sd), out);
     }
     pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {
-        // Degrees per minute, to starboard positive.
+        // Degrees per minute to starboard.
         match (rad(s.rate_of_turn), s.valid) {
             (Some(r), Some('A')) => match self.is_used(TURNS, address, ([r / 60.0, 0.0], 1.0), false) {
                 true => self.untimed(Untimed::Rate(r / 60.0), out),
@@ -333,7 +331,7 @@ impl NmeaDecoder {
             return;
         };
         let at_ns = e.at_ns;
-        // The fix quality is ignored, since a gyrocompass needs no fix.
+        // A gyrocompass needs no fix, so its quality is ignored.
         if s.imu_alignment == Some(0) {
             return self.left_out(address, Why::Invalid);
         }
@@ -342,7 +340,7 @@ impl NmeaDecoder {
             Some((roll, pitch)) if !self.is_used(TILTS, address, ([roll, pitch], sd), false) => {
                 self.left_out(address, Why::Spare);
             }
-            // A second attitude with the same time is counted when measurements are admitted.
+            // A second attitude with one time is counted on admission.
             Some((roll, pitch)) => {
                 let fix = self.tilt([roll, pitch], s.heave.map(f64::from), sd);
                 out.push(SourceMeasurement::new(at_ns, fix));
@@ -357,7 +355,7 @@ impl NmeaDecoder {
             _ => self.leave_out(address, Why::Empty),
         }
     }
-    /// Seatex: 20, quality of the place, of the height, of the heading, of roll and pitch: 0 normal, 1 reduced, 2 invalid.
+    /// Seatex: 20, quality of place, height, heading, roll and pitch: 0 normal, 1 reduced, 2 invalid.
     pub(super) fn psxn_quality(&mut self, fields: &[&str]) {
         self.decoded.good += 1;
         self.seatex_invalid = [3, 4].map(|k| fields.get(k) == Some(&"2"));
@@ -386,7 +384,7 @@ impl NmeaDecoder {
             None => self.leave_out(address, Why::Empty),
         }
     }
-    /// True North Technologies: heading (magnetic), pitch, roll, deg, each followed by its state; N is normal.
+    /// True North Technologies: magnetic heading, pitch, roll, deg, each followed by its state (N: normal).
     pub(super) fn ptnthpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let normal = |k: usize| fields.get(k) == Some(&"N");
         match number(fields, 4).zip(number(fields, 2)) {
@@ -397,8 +395,8 @@ impl NmeaDecoder {
             None => self.leave_out(address, Why::Empty),
         }
     }
-    /// Sentence of a receiver with two antennas: time, heading, pitch, roll, deg, quality as in GGA. Two antennas
-    /// measure either pitch or roll. The other angle is sent as zero and is not a measurement.
+    /// Receiver with two antennas: time, heading, pitch, roll, deg, quality as in GGA. It measures pitch or
+    /// roll and sends zero for the other.
     pub(super) fn hpr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let [heading, pitch, roll] = [1, 2, 3].map(|k| number(fields, k));
         let quality = number(fields, 4);
@@ -417,8 +415,8 @@ impl NmeaDecoder {
         }
         self.emit(false, out);
     }
-    /// Trimble: AVR, time, yaw, its name, tilt, its name, roll, its name, range, quality: 2 float, 3 fixed. The tilt is
-    /// not used, since it is pitch or roll depending on the mounting.
+    /// Trimble: AVR, time, yaw, its name, tilt, its name, roll, its name, range, quality: 2 float, 3 fixed.
+    /// The tilt is not used: the mounting decides whether it is pitch or roll.
     pub(super) fn avr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let (yaw, quality) = (number(fields, 2), number(fields, 9));
         if self.open(address, fields.get(1).copied(), out).is_none() {
@@ -427,7 +425,7 @@ impl NmeaDecoder {
         self.two_antennas(address, yaw, [quality == Some(3.0), quality == Some(2.0)]);
         self.emit(false, out);
     }
-    /// Adds a two-antenna heading, deg, with its carrier solution. Returns whether it is used.
+    /// Adds a two-antenna heading, deg, of this solution. Returns whether it is used.
     fn two_antennas(&mut self, address: &str, degrees: Option<f64>, [is_fixed, is_float]: [bool; 2]) -> bool {
         match degrees.filter(|d| (0.0..=360.0).contains(d)) {
             Some(_) if is_float => {
@@ -445,7 +443,7 @@ impl NmeaDecoder {
         }
         false
     }
-    /// Angles by name, deg: PTCH, PITCH or TRIM (bow up), and ROLL or HEEL (starboard down), in one sentence or two.
+    /// Angles by name, deg: PTCH, PITCH, TRIM (bow up), ROLL, HEEL (starboard down); 1 or 2 sentences.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
         let mut any = false;
         let device = Some(self.device(address));
@@ -486,7 +484,7 @@ fn without_height(place: Datum, sd: f64) -> Position {
     }
 }
 
-/// Standard deviation of a position, m, from quality, dilution and the resolution of its decimals.
+/// Standard deviation of a position, m, from quality, dilution and number of decimals.
 fn sd_at(quality: u8, sd: f64, hdop: Option<f32>, latitude: Option<&&str>) -> f64 {
     let dilution = match quality {
         DEAD_RECKONING => 1.0,
@@ -516,7 +514,7 @@ fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<cha
     ))
 }
 
-/// North and east, m/s.
+/// Velocity north and east, m/s.
 fn velocity(knots: Option<f32>, course: Option<f32>) -> Option<[f64; 2]> {
     let speed = f64::from(knots?) * KNOT_MPS;
     let course = match course {

@@ -21,7 +21,7 @@ const FIELDS: [(&str, usize, usize); 14] = [
     ("PRDID", 0, 3),
     ("HPR", 0, 8),
 ];
-/// First field and number of fields of Seatex's sentence, and fields of an XDR group.
+/// First field and number of fields of Seatex's sentence.
 const PSXN: (&str, usize) = ("23", 5);
 const XDR: usize = 4;
 /// Unsupported kinds with an attitude or a heading: Hemisphere, Furuno, Septentrio, ComNav, Kongsberg, Unicore.
@@ -39,16 +39,15 @@ const ANGLES: [&str; 11] = [
     "INSPVAXA",
 ];
 
-/// Whether an unsupported kind has an attitude or a heading.
 pub(super) fn has_angles(name: &str) -> bool {
     ANGLES.iter().any(|known| known.eq_ignore_ascii_case(name))
 }
-/// Whether a sentence without a checksum has all its fields, if their number is known for the kind.
+/// Whether a sentence without a checksum has all fields, if their number is known.
 pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
     let known = FIELDS.iter().find(|(kind, ..)| *kind == frame.sentence_type);
     known.is_none_or(|(_, min, _)| frame.fields.len() >= *min)
 }
-/// Checks that a sentence has no more fields than known for its kind, not counting empty ones at the end.
+/// Checks that a sentence has no more fields than its kind, except empty ones at the end.
 pub(super) fn is_shifted(frame: &NmeaFrame<'_>) -> Result<(), Why> {
     let (kind, fields) = (frame.sentence_type, &frame.fields);
     let count = fields.iter().rposition(|f| !f.is_empty()).map_or(0, |k| k + 1);

@@ -150,8 +150,7 @@ fn nmea_sentence_with_the_time_of_its_epoch() {
 fn nmea_sentences_after_damage() {
     let good = stream(1);
     let zda = sentence("GPZDA,120001.00,20,05,2026,00,00");
-    // A wrong character, a sentence interrupted by another, a sentence without a checksum, and one without a
-    // terminator.
+    // A wrong character, an interrupted sentence, one without a checksum, and one without a terminator.
     let bad = [
         zda.replace("2026", "2025"),
         zda[..20].to_owned(),
@@ -165,7 +164,7 @@ fn nmea_sentences_after_damage() {
     assert_eq!(count(&all, 3), 1);
 }
 
-/// Ten epochs at 1 Hz of these sentences, where `T` is replaced by the time. Returns the measurements and the decoder.
+/// Measurements and decoder after ten epochs at 1 Hz of these sentences, with `T` for the time.
 fn epochs(sentences: &[&str]) -> (Vec<SourceMeasurement>, NmeaDecoder) {
     let mut d = decoder(Mount::default());
     let mut out = Vec::new();
@@ -197,7 +196,7 @@ fn nmea_height_without_a_separation() {
         );
     }
     assert!(remark(&d, "by EGM96 45.2 m").remedy.is_some());
-    // A separation of exactly zero where the geoid is 45 m from the ellipsoid is a default value.
+    // A default value: exactly zero where the geoid is 45 m from the ellipsoid.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,0.0,M,,")]);
     let heights = crate::fixtures::fixes(&all);
     assert!(
@@ -207,20 +206,19 @@ fn nmea_height_without_a_separation() {
     assert!(
         remark(
             &d,
-            "10 of 10 fixes give no height of the sea above the ellipsoid, or (10) exactly 0"
+            "10 of 10 fixes state no height of the sea above the ellipsoid, or (10) exactly 0"
         )
         .remedy
         .is_some()
     );
-    // Two receivers alternate.
     let gga = |separation: f64| format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,{separation},M,,");
     let (_, d) = epochs(&[&gga(45.0), &gga(37.5)]);
     assert!(
-        remark(&d, "is stated as 45.0 m and as 37.5 m in turn")
+        remark(&d, "alternates between 45.0 m and 37.5 m")
             .remedy
             .is_some()
     );
-    // A stated separation is the receiver's own. The receiver's table may differ from the model.
+    // The receiver's own table may differ from the model.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,47.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -228,8 +226,7 @@ fn nmea_height_without_a_separation() {
             .all(|g| g.datum.height_m == 50.0 && g.height_spread == 0.0)
     );
     assert!(remark(&d, "by the receiver").remedy.is_none());
-    // A separation of zero is stated where the geoid is 45 m from the ellipsoid. It is used with an uncertainty of 45
-    // m.
+    // A separation of zero where the geoid is 45 m from the ellipsoid has an uncertainty of 45 m.
     let (all, d) = epochs(&[&format!("GPGGA,T,{PLACE},1,12,0.8,48.0,M,0.0,M,,")]);
     assert!(
         self::fixes(&all)
@@ -257,7 +254,7 @@ fn nmea_position_of_each_sentence() {
     ] {
         let (all, d) = epochs(&[&body]);
         let fixes = fixes(&all);
-        // A position without a height waits for an epoch in which a better one may arrive.
+        // A position without a height waits for a better one in its epoch.
         assert_eq!(fixes.len(), if height.is_some() { 10 } else { 9 }, "{body}");
         for g in fixes {
             assert!(
@@ -273,7 +270,7 @@ fn nmea_position_of_each_sentence() {
             assert!(remark(&d, "height: none of 9 fixes has one").remedy.is_some());
         }
     }
-    // If GGA provides the height, RMC and GLL produce no separate fix, in any order.
+    // If GGA provides the height, RMC and GLL add no fix, in any order.
     let (gga, rmc) = (
         format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
         format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,,A"),
@@ -322,7 +319,7 @@ fn nmea_among_ais_and_unread_kinds() {
     let n = d.decoded();
     assert_eq!((n.good, n.corrupted, n.ignored), (10, 0, 30));
     assert!(
-        remark(&d, "20 AIVDM, 10 WIMWV (a kind that is not read)")
+        remark(&d, "20 AIVDM, 10 WIMWV (an unsupported kind)")
             .remedy
             .is_none()
     );
@@ -338,7 +335,6 @@ fn nmea_stream_without_checksums() {
             &mut out,
         );
     }
-    // The sentence is truncated.
     d.push(b"$GPGGA,120030,5000.0\r\n", &mut out);
     let n = d.decoded();
     assert!(fixes(&out).len() >= 23 && n.corrupted == 10, "{n:?}");
@@ -356,7 +352,7 @@ fn nmea_whole_seconds_at_ten_hertz() {
     d.finish(&mut out);
     assert_eq!(fixes(&out).len(), 10);
     assert!(
-        remark(&d, "90 of 100 GPGGA carry the time of the one before")
+        remark(&d, "90 of 100 GPGGA repeat the previous time")
             .remedy
             .is_some()
     );
@@ -385,7 +381,7 @@ fn nmea_attitudes_of_each_sentence() {
             assert_eq!(a.heave, body.starts_with("PSXN").then_some(-0.25), "{body}");
         }
     }
-    // Two antennas measure one angle. The zero of the other angle is not a measurement.
+    // Zero for the other angle is not a measurement.
     let (all, _) = epochs(&["GNHPR,T,210.00,-1.00,000.00,4,30,0.0,0999"]);
     assert!(all.iter().all(|m| m.measurement.kind() == 2) && all.len() == 10);
 }
@@ -438,7 +434,6 @@ fn nmea_heading_from_magnetic_north() {
     );
     let (all, d) = of(&[zda, "HCHDG,100.0,,,,"]);
     assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
-    // With a true heading available, the magnetic heading is ignored.
     let (all, _) = of(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),
@@ -446,11 +441,10 @@ fn nmea_heading_from_magnetic_north() {
     );
 }
 
-/// Measurements with their times, s.
 type Timed = Vec<(f64, Measurement)>;
 
-/// Decodes sentences in bursts: time of arrival (s) and body. Returns measurements with their time (s) after noon,
-/// those dated by arrival, and the decoder.
+/// Sentences in bursts (time of arrival (s), body): measurements with times (s after noon), those dated by
+/// arrival, and the decoder.
 fn live(bursts: &[(f64, String)]) -> (Timed, Timed, NmeaDecoder) {
     let mut d = decoder(Mount::default());
     let (mut all, mut timeless) = (Vec::new(), Vec::new());
@@ -470,7 +464,7 @@ fn live(bursts: &[(f64, String)]) -> (Timed, Timed, NmeaDecoder) {
 
 #[test]
 fn nmea_heading_before_and_velocity_after_the_time() {
-    // A compass at 2 Hz on a slow line: HDT, GGA, VTG 60 ms apart. Heading and speed are ten times the time.
+    // A compass on a slow line at 2 Hz: HDT, GGA, VTG 60 ms apart; heading and speed are ten times the time.
     let mut bursts = Vec::new();
     for k in 0..40 {
         let t = 0.5 * f64::from(k);
@@ -558,7 +552,7 @@ proptest! {
         prop_assert_eq!(counts.good + counts.corrupted + counts.ignored, 3);
         for m in all {
             prop_assert!(m.at_ns.abs() < 2 * DAY_NS);
-            // Implausible numbers are rejected on admission; the decoder never outputs NaN.
+            // The decoder never outputs NaN; implausible numbers are rejected on admission.
             if let Measurement::Gnss(g) = m.measurement {
                 prop_assert!(g.datum.latitude_deg.abs() <= 90.0 && g.velocity.iter().all(|v| v.is_finite()));
             }

@@ -37,7 +37,7 @@ fn sensor_node_with_two_sources() {
     let mut n = node(2);
     let (mut imu, mut times) = (0, Vec::new());
     for k in 0..50 {
-        // The second sentence arrives 30 ms later, sometimes with a longer delay.
+        // The second sentence is 30 ms late or more.
         let late = Span::from_millis(30 + 20 * (k % 3));
         let first = step(&mut n, at(k), &[messages(k).as_bytes(), &[]]);
         let second = step(&mut n, at(k) + late, &[&[], messages(k).as_bytes()]);
@@ -82,7 +82,7 @@ fn sensor_node_byte_limit() {
 
 #[test]
 fn sensor_node_across_a_leap_second() {
-    // The receiver's UTC steps back by 1 s at 60 s. The new offset is found within a second and reported.
+    // The receiver's UTC steps back by 1 s at 60 s; the new offset is found within a second and reported.
     let mut n = node(1);
     let mut late = Vec::new();
     for k in 0..900 {
@@ -128,7 +128,7 @@ fn sensor_node_with_fixes_that_come_late() {
     }
     let remark = &n.remarks()[0][0];
     assert!(
-        remark.text.starts_with("gnss: 29 of 60 came more than 0.6 s") && remark.remedy.is_some(),
+        remark.text.starts_with("gnss: 29 of 60 arrived more than 0.6 s") && remark.remedy.is_some(),
         "{remark:?}"
     );
 }
@@ -219,7 +219,6 @@ fn sensor_node_with_a_heave_that_stands_too_high() {
     );
 }
 
-/// A node with one source of this format, which is a moving base.
 fn base_node(format: Format) -> SensorNode {
     let mount = Mount {
         antenna_m: Some([1.0, 2.0, -3.0]),
@@ -234,7 +233,6 @@ fn base_node(format: Format) -> SensorNode {
     let sources = vec![source];
     SensorNode::new(&SourcesConfig { sources }, 1, 9).with_deck([-4.0, 0.0, -1.0])
 }
-/// Output for these bytes.
 fn pushed(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[u8]) -> SensorsOut {
     let input = SensorsIn {
         bytes: vec![bytes.to_vec()],
@@ -256,7 +254,7 @@ fn frames_of_a_base_among_sentences() {
     let mut n = base_node(Format::Nmea);
     let (mut attitudes, mut frames, mut before) = (0, Vec::new(), Vec::new());
     for k in 0..100_i64 {
-        // No line end separates a frame from a sentence; the last bytes of a step arrive in the next step.
+        // Without a line end between frame and sentence; a step's last bytes arrive in the next step.
         let mut bytes = [before, epoch(k).concat(), messages(k).into_bytes()].concat();
         before = bytes.split_off(bytes.len() - (k % 7) as usize);
         let out = pushed(&mut n, at(k), &bytes);
@@ -270,7 +268,6 @@ fn frames_of_a_base_among_sentences() {
             .map(|f| &*f.bytes)
             .eq(whole.iter().map(Vec::as_slice))
     );
-    // A damaged frame does not affect any sentence.
     assert_eq!(attitudes, 100);
     let (first, last) = (frames[0].header, frames[299].header);
     assert_eq!(
@@ -282,7 +279,7 @@ fn frames_of_a_base_among_sentences() {
     assert!(
         remarks[0]
             .text
-            .starts_with("RTCM of 3.5 kB/s: 3.0 kB/s of it go by radio")
+            .starts_with("RTCM of 3.5 kB/s, of which 3.0 kB/s go by radio")
             && remarks[0].remedy.is_some(),
         "{remarks:?}"
     );
@@ -313,7 +310,6 @@ fn frames_of_a_base_that_lacks_its_place() {
         "{texts:?}"
     );
     assert_eq!(texts[2..], ["RTCM: 1087 1.0 Hz"]);
-    // The position was received once and was not repeated.
     pushed(&mut n, at(50), &rtcm_frame(4072, 40));
     assert_eq!(n.remarks()[0][1].text, "RTCM: 1087 1.0 Hz, 4072.0 once");
     for k in 6..40 {
@@ -327,7 +323,6 @@ fn frames_of_one_step_are_bounded() {
     let mut n = base_node(Format::Ubx);
     let out = pushed(&mut n, at(0), &rtcm_frame(1077, 94).repeat(50));
     assert_eq!((out.rtcm.len(), n.status()[0].lost_bytes), (32, 1800));
-    // Without the key nothing is forwarded.
     assert!(pushed(&mut node(1), at(0), &rtcm_frame(1077, 94)).rtcm.is_empty());
 }
 
@@ -444,7 +439,7 @@ fn base_at(station: i64, [x, y, z]: [f64; 3]) -> Vec<u8> {
 
 #[test]
 fn bases_that_are_not_on_the_vessel() {
-    // ECEF position of 50 N 14.5 E, 255 m, as in the vessel's sentences. The vessel moves north at 2 m/s.
+    // ECEF position of 50 N 14.5 E, 255 m, as in the vessel's sentences, moving north at 2 m/s.
     let here = [3_977_177.6, 1_028_568.1, 4_862_984.4];
     let observations =
         |station: i64| alight_shared::rtcm::frame(&bits(&[(1077, 12), (station, 12), (0, 600)]));
@@ -515,7 +510,7 @@ fn bases_that_are_not_on_the_vessel() {
 
 #[test]
 fn frozen_attitude_next_to_another_sources_heights() {
-    // From 20 s on, the driver of the first source repeats its last attitude; the RTK height of the second one changes.
+    // From 20 s on, the first source's driver repeats its last attitude; the second one's RTK height changes.
     let mut n = node(2);
     let mut newest = 0;
     for k in 0..600 {

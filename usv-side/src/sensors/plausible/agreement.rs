@@ -1,19 +1,16 @@
-//! Agreement of a rate with its quantity. The integral of the rate over an interval is compared with the change of the
-//! quantity.
+//! Agreement of the integral of a rate over an interval with the change of its quantity.
 //!
-//! Single values are not sufficient, because over a short step the noise of the quantity exceeds its change. An
-//! interval averages the noise. The channel is rejected only if most intervals of a window disagree, so that a jump of
-//! the quantity does not count against its rate.
+//! Over a short step, noise exceeds the change of the quantity; an interval averages the noise. The rate is
+//! rejected only if most intervals of a window disagree, so a jump of the quantity does not count against it.
 
 use alight_shared::time::{Time, VesselClock};
 
 use super::verdict::{ChannelState, Doubt, Taken};
 
-/// Fraction of disagreeing intervals of a window above which the rate is rejected. If a sensor lags by a tenth of the
-/// motion's period, its rate disagrees in half of the intervals.
+/// Fraction of disagreeing intervals above which the rate is rejected; with a lag of a tenth of the motion's
+/// period, half of them disagree.
 const MAX_DISAGREEING: f64 = 0.6;
 
-/// Interval, step and window of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
     /// Length of an interval, s.
@@ -29,11 +26,10 @@ pub(super) struct Lengths {
 pub(super) struct Agreement<P> {
     pub(super) verdict: ChannelState,
     lengths: Lengths,
-    /// Start of the interval.
     begin: Option<(Time<VesselClock>, P)>,
     last: Option<(Time<VesselClock>, [f64; 2])>,
     integral: [f64; 2],
-    /// Number of intervals in the window, number of disagreeing ones, and sum of their squared differences.
+    /// Intervals in the window, disagreeing ones, and sum of their squared differences.
     intervals: u32,
     disagreeing: u32,
     squares: f64,
@@ -54,8 +50,8 @@ impl<P: Copy> Agreement<P> {
             since: None,
         }
     }
-    /// Adds a quantity and its rate, or the reason why the rate is impossible. `compare` returns the integral minus the
-    /// change of the quantity, and whether it is too large. None if the interval gives no information.
+    /// Adds a quantity and its rate, or why the rate is impossible. `compare` returns integral minus change,
+    /// and whether it is too large; None without information.
     pub(super) fn take(
         &mut self,
         at: Time<VesselClock>,

@@ -262,7 +262,7 @@ mod tests {
     /// Boat with an antenna, on a course of 0.7 rad at 3 m/s.
     #[derive(Clone, Copy, Debug)]
     struct Boat {
-        arm: [f64; 3],
+        antenna_m: [f64; 3],
         /// Amplitude, rad, and period, s, of roll and pitch.
         waves: [[f64; 2]; 2],
         /// Fraction of the water's acceleration along the slope that reaches the hull.
@@ -296,7 +296,7 @@ mod tests {
                     [both[0][0] + both[1][0], both[0][1] + both[1][1]]
                 });
                 let heading = 0.7 + 0.05 * (TAU * t / 9.0).sin();
-                let [ahead, right, down] = self.arm;
+                let [ahead, right, down] = self.antenna_m;
                 let random = f64::from((k.wrapping_mul(2_654_435_761) >> 16) % 1000) / 500.0 - 1.0;
                 let body = Rotation2::new(heading - 0.7) * Vector2::new(ahead, right)
                     + Vector2::new(pitch * down - surge, -roll * down + sway)
@@ -318,7 +318,7 @@ mod tests {
                     let fix = GnssFix {
                         header,
                         position: [place.x, place.y, 0.0],
-                        lever_arm: Some(self.arm),
+                        lever_arm: Some(self.antenna_m),
                         ..GnssFix::default()
                     };
                     antenna.fix(0, &fix);
@@ -330,7 +330,7 @@ mod tests {
 
     /// Antenna of a mast in waves of 3.5 s.
     const MAST: Boat = Boat {
-        arm: [-1.0, 0.3, -3.5],
+        antenna_m: [-1.0, 0.3, -3.5],
         waves: [[0.1, 3.5], [0.05, 3.0]],
         slope: 0.3,
         natural_s: 2.5,
@@ -355,7 +355,7 @@ mod tests {
         }
         // An antenna at the height of the origin shows nothing.
         let low = Boat {
-            arm: [0.0; 3],
+            antenna_m: [0.0; 3],
             waves: [[0.1, 6.0], [0.0, 5.0]],
             slope: 0.0,
             shown: [-1.0, 1.0],
@@ -372,7 +372,7 @@ mod tests {
             slope in 0.0..1.0, natural_s in 1.5..8.0, noise in 0.0..1.5, every in 1_u32..=10,
         ) {
             let boat = Boat {
-                arm: [ahead, right, down],
+                antenna_m: [ahead, right, down],
                 waves: [[roll, periods[0]], [pitch, periods[1]]],
                 slope,
                 natural_s,

@@ -1,39 +1,35 @@
-//! Plausibility of heave: physical bounds of waves, and mean and trend of a zero-mean motion.
+//! Plausibility of heave: physical bounds of waves, and mean and trend.
 //!
-//! A heave sensor integrates its acceleration twice and removes slow components, so in waves its mean over many periods
-//! is zero. Over a window of length L, a wave of amplitude a and period T has a trend of up to `6 a T / (pi L)`
-//! (regression of a sine): 0.95 a for a 20 s swell in the shortest window, less than twice its standard deviation. The
-//! slow error of a good sensor adds as much. An unfiltered integral, a sensor of another quantity, or a constant offset
-//! exceeds the limit.
+//! A heave sensor removes slow components, so its mean over many waves is zero. In a window of length L, a
+//! wave of amplitude a and period T has a trend of up to `6 a T / (pi L)` (regression of a sine): 0.95 a for
+//! a 20 s swell in the shortest window, less than two standard deviations; the slow error of a good sensor
+//! adds as much. An unfiltered integral, another quantity, or a constant offset exceeds this.
 
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 
-/// Maximum heave of a hull, m: half the height of the highest measured waves (29 m, RRS Discovery 2000, Holliday and
-/// others 2006).
+/// Maximum heave, m: half the highest measured waves (29 m, RRS Discovery 2000, Holliday and others 2006).
 const MAX_HEAVE_M: f64 = 15.0;
-/// Maximum heave rate, m/s: a deep-water wave of the limiting steepness 1/7 moves the water at `g T / 14`, 8 m/s at
-/// 11.4 s.
+/// Maximum heave rate, m/s: water in a deep wave of limiting steepness 1/7, `g T / 14`, 8 m/s at 11.4 s.
 const MAX_RATE_MPS: f64 = 8.0;
 /// Change explained by a coarse clock or a late message, m.
 const JUMP_M: f64 = 1.0;
 /// Number of blocks of a window, and their length, s. Sums are kept per block.
 const BLOCKS: usize = 6;
 const BLOCK_S: f64 = WINDOW_S / BLOCKS as f64;
-/// Number of blocks of the shortest window that is tested while the heave is used: two periods of a 20 s swell.
+/// Blocks of the shortest window tested while the heave is used: two periods of a 20 s swell.
 const MIN_BLOCKS: usize = 4;
-/// Minimum number of values in a window that is tested.
+/// Minimum number of values in a tested window.
 const MIN_VALUES: f64 = 20.0;
 /// Maximum gap within a window, s.
 const MAX_GAP_S: f64 = 5.0;
-/// Permitted mean, and permitted change of the mean within a window, m. They cover the slow error of a good sensor, and
-/// a reference point that sinks with load, speed or heel.
+/// Permitted mean, and change of it within a window, m: slow error of a good sensor, and a reference point
+/// that sinks with load, speed or heel.
 const DRIFT_M: f64 = 0.5;
 const MEAN_M: f64 = 1.0;
-/// Additional permitted mean and change, in standard deviations of the motion about its trend, and in the sensor's
-/// stated standard deviation. A slow error of a seventh of the significant height with a memory of 40 s is accepted for
-/// hours.
+/// Additional permitted mean and change, in standard deviations about the trend and of the sensor. A slow
+/// error of 1/7 of the significant height with a memory of 40 s then passes for hours.
 const DRIFT_SPREADS: f64 = 4.0;
 const MEAN_SPREADS: f64 = 2.0;
 const STATED: f64 = 4.0;
@@ -90,12 +86,11 @@ impl Sums {
     }
 }
 
-/// Heave over the newest window.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Heave {
     pub(super) verdict: ChannelState,
     last: Option<(Time<VesselClock>, f64)>,
-    /// Start of the window's first block, and time of the newest value.
+    /// Start of the first block, and time of the newest value.
     window: Option<(Time<VesselClock>, Time<VesselClock>)>,
     block: Sums,
     ring: [Sums; BLOCKS],
@@ -104,7 +99,7 @@ pub(super) struct Heave {
 }
 
 impl Heave {
-    /// Adds a heave (m) with its stated standard deviation (m).
+    /// Adds a heave and its stated standard deviation, m.
     pub(super) fn take(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> Taken {
         let oldest = at - Span::from_secs(WINDOW_S + BLOCK_S);
         let since = self.window.map_or(at, |(begin, _)| begin.max(oldest));
@@ -121,7 +116,7 @@ impl Heave {
             since: loses.then_some(since),
         }
     }
-    /// Reason why a single value is physically impossible; None for a possible value.
+    /// Reason why a single value is physically impossible.
     fn doubt(&mut self, at: Time<VesselClock>, heave: f64) -> Option<Doubt> {
         let last = self.last.take();
         if !(-MAX_HEAVE_M..=MAX_HEAVE_M).contains(&heave) {
@@ -133,7 +128,7 @@ impl Heave {
         let most = JUMP_M + MAX_RATE_MPS * (at - then).abs().secs();
         (change.abs() > most).then_some(Doubt::Jump(change))
     }
-    /// Adds a value that passed the single-value checks. Returns true if the channel is rejected from now on.
+    /// Adds a possible value. Returns true if the channel is rejected from now on.
     fn add(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
         let begin = match self.window {
             Some((begin, newest)) if (at - newest).secs() > -1.0 && (at - newest).secs() <= MAX_GAP_S => {

@@ -1,4 +1,4 @@
-//! Parts of a measurement that can be removed separately, and the texts about them.
+//! Separately removable parts of a measurement, and texts about them.
 
 use alight_shared::msg::NOT_MEASURED_SD;
 
@@ -6,7 +6,6 @@ use super::standstill::Channel;
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
-/// Channels that can be removed separately.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Part {
     /// Heave of an attitude.
@@ -29,7 +28,7 @@ pub(super) enum Part {
     Force,
 }
 
-/// Texts about a part: name, unit, its size in SI, quantity of comparison, channels that remain in use, remedy.
+/// Texts about a part: name, unit, unit in SI, compared quantity, remaining channels, remedy.
 pub(super) struct Texts {
     pub(super) name: &'static str,
     pub(super) unit: &'static str,
@@ -40,7 +39,7 @@ pub(super) struct Texts {
 }
 
 impl Part {
-    /// Removes the channel from a measurement. Returns false if the measurement does not have it.
+    /// Removes the part. Returns false if the measurement does not have it.
     pub(super) fn leave_out(self, m: &mut Measurement) -> bool {
         match (self, m) {
             (Part::Heave, Measurement::Attitude(m)) => m.heave.take().is_some(),
@@ -77,7 +76,6 @@ impl Part {
             ) => false,
         }
     }
-    /// Whether the whole measurement is unusable without this part.
     pub(super) const fn is_whole(self) -> bool {
         matches!(self, Part::Tilt | Part::Heading | Part::Force)
     }
@@ -150,7 +148,7 @@ impl Part {
                 "deg",
                 degrees,
                 "heave",
-                "nothing of it is used",
+                "no part of it is used",
                 "check the sensor and its mount.mounting_deg",
             ),
             Part::Place => (
@@ -166,7 +164,7 @@ impl Part {
                 "deg",
                 degrees,
                 "course",
-                "nothing of it is used",
+                "no part of it is used",
                 "check that the instrument is aligned, its set-up and its cable",
             ),
             Part::Force => (
@@ -175,7 +173,7 @@ impl Part {
                 degrees,
                 "",
                 "the sensor is not used",
-                "set mount.mounting_deg of this source to how the sensor lies in the vessel",
+                "set mount.mounting_deg of this source to the sensor's orientation in the vessel",
             ),
         };
         Texts {

@@ -1,12 +1,11 @@
-//! Detection of channels that repeat the same number while the boat moves: a driver that repeats its last sentence, an
-//! instrument that is aligning, a field without a sensor.
+//! Detection of channels that repeat a number while the boat moves: a driver repeats its last sentence, an
+//! instrument is aligning, a field has no sensor.
 //!
-//! Evidence of motion comes from swings of any channel of any sensor: a value that reverses twice by more than its
-//! noise. A manoeuvre does not reverse; waves do, twice per period. Each swing implies a minimum movement of the other
-//! channels. A channel stands still if its numbers do not change during several swings, each of which implies clearly
-//! more than the channel's resolution. The resolution is the smallest recent change. A channel that never changed is
-//! assumed to be coarse; a heading of exactly zero from the start is a placeholder, for which a tenth of that
-//! resolution is assumed.
+//! Evidence of motion is a swing of any channel of any sensor: a value that reverses twice by more than its
+//! noise. Waves do so twice per period, a manoeuvre does not. Each swing implies a minimum movement of other
+//! channels. A channel stands still if it does not change during several swings that imply clearly more than
+//! its resolution: the smallest recent change. One that never changed is assumed to be coarse; a heading of
+//! exactly zero from the start is a placeholder, assumed ten times finer.
 
 use core::f64::consts::PI;
 
@@ -18,7 +17,7 @@ use super::antenna::{Antenna, Inverted};
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
-/// Channels that may stand still, in order of their evidence.
+/// Channels that may stand still.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Channel {
     Tilt,
@@ -31,27 +30,26 @@ pub(super) enum Channel {
 }
 const CHANNELS: usize = 7;
 
-/// Minimum time, number of equal values and number of swings before a channel stands still. A gateway that repeats a 1
-/// Hz sensor is below the time.
+/// Minimum time, equal values and swings of a standstill; repetitions of a 1 Hz sensor are shorter.
 const STILL_S: f64 = 4.0;
 const STILL_VALUES: u32 = 5;
 const STILL_SWINGS: u32 = 3;
-/// Minimum movement implied by a swing, in resolutions of the affected channel.
+/// Minimum movement implied by a swing, in resolutions of the channel.
 const CLEARLY: f64 = 2.0;
-/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s. A tenth of it is
-/// the finest resolution considered.
+/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s; the
+/// finest considered is a tenth.
 const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
 /// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations.
 const SAME: f64 = 1e-9;
-/// Factor on the smallest change at each later change, because old changes may have been made with another setting.
+/// Factor on the smallest change at each later change: old ones may be from another setting.
 const FORGETTING: f64 = 1.005;
-/// Minimum distance travelled according to the velocity of the same fix for an unchanged position to stand still, m.
-/// Positions are truncated to thousandths of a minute at most.
+/// Minimum distance by the fix's velocity at which an unchanged position stands still, m; its resolution
+/// is a thousandth of a minute or better.
 const WAY_M: f64 = 10.0;
 
-/// Witnesses: names, and minimum peak-to-peak swing above noise, SI. Rates are first integrated over some seconds,
-/// because their own reversals are noise.
+/// Witnesses: name, and minimum peak-to-peak swing above noise, SI. Rates are integrated first, because their
+/// own reversals are noise.
 const WITNESSES: [(&str, f64); 7] = [
     ("roll", 0.005),
     ("pitch", 0.005),
@@ -66,16 +64,16 @@ const RATE_S: f64 = 3.0;
 const MAX_STEP_S: f64 = 0.35;
 /// Additional minimum swing of a height, in its standard deviations.
 const HEIGHT_SDS: f64 = 6.0;
-/// Maximum duration of a swing or of a gap in it, s; beyond it, the motion is not a wave.
+/// Maximum duration of a swing or a gap in it, s: longer motion is not a wave.
 const MAX_SWING_S: f64 = 15.0;
-/// Fractions of a movement that couple into another, conservatively small: a hull follows the wave slope, rolls while
-/// it yaws, yaws while it rolls, and heaves with the wave that makes it roll.
+/// Fractions of a movement that couple into another, conservatively small: a hull follows the slope, rolls
+/// while it yaws, yaws while it rolls, and heaves with a wave that makes it roll.
 const OF_SLOPE: f64 = 0.5;
 const OF_TILT: f64 = 0.5;
 const TILT_OF_YAW: f64 = 0.1;
 const YAW_OF_TILT: f64 = 0.05;
 const HEAVE_OF_TILT: f64 = 0.1;
-/// Maximum wave slope, rad. A witness that implies more is noise.
+/// Maximum wave slope, rad; a witness that implies more is noise.
 const MAX_SLOPE: f64 = 0.4;
 /// Maximum half period of roll, s; a slower one is heel in a turn.
 const MAX_ROLL_S: f64 = 4.0;
@@ -87,11 +85,10 @@ pub(super) struct Standstill {
     pub(super) since: Time<VesselClock>,
     pub(super) value: f64,
     pub(super) by: &'static str,
-    /// This is the first value of the standstill.
     pub(super) is_new: bool,
 }
 
-/// What the other sensors of the boat contradict: channels of a measurement that stand still, and a sign of its attitude.
+/// Contradictions with the boat's other sensors: channels that stand still, and a sign of the attitude.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Contradicted {
     still: [Option<Standstill>; CHANNELS],
@@ -104,7 +101,7 @@ impl Contradicted {
     }
 }
 
-/// Newest numbers of a channel, and the movement of other channels while the numbers stayed the same.
+/// Newest number of a channel, and the movement of others while it stayed.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     numbers: [f64; 4],
@@ -169,7 +166,6 @@ impl Repetition {
     }
 }
 
-/// Reversals of a witness.
 #[derive(Clone, Copy, Debug, Default)]
 struct Turns {
     newest: Option<(Time<VesselClock>, f64)>,
@@ -188,7 +184,7 @@ struct Swing {
 }
 
 impl Turns {
-    /// Adds a value. Once the value has moved back by `noise`, returns the swing that ended at the last extreme.
+    /// Adds a value. When it has moved back by `noise`, returns the swing that ended at the last extreme.
     fn take(&mut self, at: Time<VesselClock>, x: f64, noise: f64) -> Option<Swing> {
         let gap_s = self.newest.map_or(0.0, |(then, _)| (at - then).secs());
         if !(0.0..MAX_SWING_S).contains(&gap_s) || !x.is_finite() {
@@ -223,7 +219,7 @@ impl Turns {
 }
 
 impl Swing {
-    /// Minimum movement of each channel implied by this swing of a witness, SI.
+    /// Minimum movement of each channel implied by a swing of `witness`, SI.
     fn implied(&self, witness: usize) -> [f64; CHANNELS] {
         let (a, w) = (self.amplitude, PI / self.half_s);
         let slope = a * w * w / G;
@@ -242,7 +238,6 @@ impl Swing {
     }
 }
 
-/// Channels and witnesses of one sensor.
 #[derive(Clone, Debug, Default)]
 struct Sensor {
     channels: [Option<Repetition>; CHANNELS],
@@ -256,14 +251,13 @@ struct Sensor {
     antenna: Antenna,
 }
 
-/// Channels of all sensors of a boat.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Movement {
     sensors: Vec<Sensor>,
 }
 
 impl Movement {
-    /// Adds a measurement of the sensor with this number. Returns what contradicts it.
+    /// Adds a measurement of this sensor. Returns its contradictions with the others.
     pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Contradicted {
         let k = usize::from(number);
         if self.sensors.len() <= k {
@@ -336,7 +330,7 @@ impl Sensor {
         self.integrals = core::array::from_fn(|k| finite(kept * (self.integrals[k] + rates[k] * dt)));
         self.integrals
     }
-    /// Adds a measurement. Returns the swings that it completes, each with its witness.
+    /// Adds a measurement. Returns the completed swings by witness.
     fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 5] {
         let at = m.at();
         let mut found = [None; 5];

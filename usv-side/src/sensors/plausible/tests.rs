@@ -26,7 +26,6 @@ fn rocking(t: f64) -> AttitudeFix {
         ..AttitudeFix::default()
     }
 }
-/// Measurements at 10 Hz over this many seconds.
 fn series<M: Into<Measurement>>(seconds: u32, of: impl Fn(f64) -> M) -> Vec<Measurement> {
     let at = (0..10 * seconds).map(|k| 0.1 * f64::from(k));
     at.map(|t| of(t).into()).collect()
@@ -209,7 +208,7 @@ fn yaw_rate_against_the_heading() {
     );
 }
 
-/// Fix of a boat moving north at 3 m/s, whose receiver measures this velocity and this height.
+/// Fix of a boat moving north at 3 m/s, with this measured velocity and height.
 fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
     GnssFix {
         header: header(t),
@@ -225,7 +224,7 @@ fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
 fn velocity_that_is_not_that_of_the_position() {
     let north = [3.0, 0.0, 0.0];
     is_inert(&series(200, |t| sailing(t, north, 2.0)), "velocity");
-    // A repeated position is removed, and gives no information on the velocity.
+    // A repeated position is removed, and does not test the velocity.
     let stuck = |t: f64| GnssFix {
         position: [0.0; 3],
         ..sailing(t, north, 2.0)

@@ -1,30 +1,29 @@
-//! Verdict on a sensor channel, with hysteresis, and counts of the rejected values.
+//! Verdict on a sensor channel, with hysteresis, and counts of rejected values.
 
 use alight_shared::time::{Time, VesselClock};
 
 use super::antenna::Inverted;
 use super::standstill::Standstill;
 
-/// Length of the window in which a channel is rejected or accepted again, s: six waves of 10 s.
+/// Length of the window for rejection or acceptance, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;
-/// Number of individually impossible values within a window after which the channel is rejected. A single impossible
-/// value is a damaged message.
+/// Individually impossible values in a window that reject the channel; one is a damaged message.
 const MAX_IMPOSSIBLE: u32 = 5;
 
-/// Reason for rejecting values of a channel, in the channel's SI unit.
+/// Reason for rejecting values, in the channel's SI unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Doubt {
-    /// The value is beyond its bound.
+    /// Value beyond its bound.
     Beyond(f64),
-    /// The change between two values is beyond its bound.
+    /// Change between two values beyond its bound.
     Jump(f64),
-    /// A drift of the mean, per minute.
+    /// Drift of the mean, per minute.
     Drift(f64),
-    /// A non-zero mean of a quantity that has zero mean in waves.
+    /// Mean of a quantity that has none in waves.
     Mean(f64),
     /// Root mean square difference from the rate of change of another channel.
     Disagreement(f64),
-    /// The channel repeated the same number until the given time, while another channel moved.
+    /// Repetition of one number until this time, while another channel moved.
     Standstill(Standstill, Time<VesselClock>),
     /// Angle between gravity and down.
     Axes(f64),
@@ -32,12 +31,10 @@ pub(super) enum Doubt {
     Inverted(Inverted),
 }
 
-/// Result for one value.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taken {
-    /// The value is used.
     pub(super) believed: bool,
-    /// The channel is rejected, starting with values from this time on.
+    /// Start of the rejection that begins with this value.
     pub(super) since: Option<Time<VesselClock>>,
 }
 
@@ -45,7 +42,7 @@ pub(super) struct Taken {
 pub(super) struct ChannelState {
     out: bool,
     doubt: Option<Doubt>,
-    /// Number of impossible values in the current window, and times of the first and the newest of them.
+    /// Impossible values in the window, and times of the first and the newest.
     impossible: u32,
     first: Option<Time<VesselClock>>,
     newest: Option<Time<VesselClock>>,
@@ -54,11 +51,10 @@ pub(super) struct ChannelState {
 }
 
 impl ChannelState {
-    /// Whether the channel is rejected at present.
     pub(super) fn is_out(&self) -> bool {
         self.out
     }
-    /// Newest reason, number of rejected values, and number of all values.
+    /// Newest reason, number of rejected values, and of all.
     pub(super) fn account(&self) -> Option<(Doubt, u64, u64)> {
         let doubt = self.doubt.filter(|_| self.left_out > 0)?;
         Some((doubt, self.left_out, self.taken))
@@ -74,9 +70,8 @@ impl ChannelState {
         self.out |= loses;
         loses
     }
-    /// Adds the result of a test over a window. Returns true if the channel is rejected from now on. A rejected channel
-    /// that passes the test is accepted again, provided that no single value has been impossible for the length of a
-    /// window.
+    /// Adds the result of a test over a window. Returns true if the channel is rejected from now on. A passed
+    /// test ends a rejection if no single value was impossible for a window.
     pub(super) fn judge(&mut self, at: Time<VesselClock>, doubt: Option<Doubt>) -> bool {
         let was_out = self.out;
         match doubt {
@@ -89,7 +84,7 @@ impl ChannelState {
         self.taken += 1;
         self.left_out += u64::from(!believed);
     }
-    /// Counts earlier values that are rejected in retrospect.
+    /// Counts earlier values, rejected in retrospect.
     pub(super) fn retract(&mut self, count: u64) {
         self.left_out += count;
     }

@@ -1,20 +1,19 @@
-//! Messages of a Signal K server, and interpretation of an update's values. Paths, units (SI, radians) and signs are
-//! from the Signal K specification 1.7.
+//! Messages of a Signal K server, and an update's values. Paths, units and signs: specification 1.7.
 
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::sensors::bus::{Content, GnssReport};
 
-/// Message: the server's greeting, or a delta.
+/// The server's greeting, or a delta.
 #[derive(Debug, Deserialize)]
 pub(super) struct DeltaMessage {
     /// Own vessel of the server, in its greeting.
     #[serde(rename = "self")]
     pub(super) own: Option<String>,
-    /// Vessel of the values; missing for the server's own vessel.
+    /// Vessel of the values; None: the server's own.
     pub(super) context: Option<String>,
-    /// Each update is parsed separately ([`DeltaUpdate::read`]), so that a malformed one does not affect the others.
+    /// Each update is parsed by itself ([`DeltaUpdate::read`]), so that a malformed one affects no other.
     #[serde(default)]
     pub(super) updates: Vec<Value>,
 }
@@ -24,11 +23,11 @@ pub(super) struct DeltaMessage {
 pub(super) struct DeltaUpdate {
     #[serde(rename = "$source")]
     source: Option<String>,
-    /// Source in parts, as written before sources had names.
+    /// Source in parts, from before sources had names.
     #[serde(rename = "source")]
     parts: Option<Parts>,
     pub(super) timestamp: Option<String>,
-    /// None if the update only describes paths.
+    /// None if the update only describes paths (metadata).
     #[serde(default)]
     pub(super) values: Vec<PathValue>,
 }
@@ -49,18 +48,17 @@ pub(super) struct PathValue {
 }
 
 impl PathValue {
-    /// Whether the device currently reports a null value.
+    /// Whether the device reports a null value now.
     pub(super) fn is_missing(&self) -> bool {
         READ.contains(&self.path.as_str()) && self.value.is_null()
     }
 }
 
 impl DeltaUpdate {
-    /// Parses an update of a message. None if the update is malformed.
+    /// Parses an update; None if malformed.
     pub(super) fn read(update: &Value) -> Option<DeltaUpdate> {
         DeltaUpdate::deserialize(update).ok()
     }
-    /// Name of the source; empty if the source has no name.
     pub(super) fn source(&self) -> String {
         let parts = || {
             let parts = self.parts.as_ref()?;
@@ -84,9 +82,9 @@ impl DeltaUpdate {
         let speed = self.number("navigation.speedOverGround");
         (speed, of_north.or_else(of_magnetic))
     }
-    /// Other contents of the delta, each with its name for remarks.
+    /// Contents of the delta with names for remarks, without the velocity.
     pub(super) fn contents(&self) -> Vec<(&'static str, Content)> {
-        // Contents on which others depend come first.
+        // Contents needed by others come first.
         let all = [
             (
                 "magneticVariation",
@@ -147,7 +145,7 @@ impl DeltaUpdate {
     }
 }
 
-/// Paths read in addition to those of `navigation.gnss`.
+/// Paths read besides those of `navigation.gnss`.
 const READ: [&str; 11] = [
     "navigation.position",
     "navigation.speedOverGround",

@@ -1,9 +1,9 @@
 //! Deltas of a Signal K server, one per line ([`delta`]), converted to measurements by [`SensorBus`].
 //!
-//! The time of an update is either the time at which the server received the values, or the time in the receiver's
-//! sentence. Devices therefore have clocks of their own, one per kind of measurement. Live, related values are matched
-//! by their arrival; in a recording, by these times. A repeated time (the server truncates GGA's to whole seconds) is
-//! ignored: the time of arrival is used, unless the update was delayed ([`lag`]).
+//! An update has the time of its arrival at the server, or of the receiver's sentence, so each kind of
+//! measurement has its own clock. Related values are matched by arrival; in a recording, by these times. A
+//! repeated time (the server truncates GGA's to seconds) is replaced by the arrival, unless the update was
+//! delayed ([`lag`]).
 
 mod delta;
 mod lag;
@@ -21,11 +21,10 @@ use lag::Lag;
 
 /// Maximum message length, bytes.
 pub const MAX_MESSAGE: usize = 256 << 10;
-/// Maximum number of sources that are distinguished; further ones are treated as one.
+/// Maximum number of sources distinguished; the rest count as one.
 const MAX_SOURCES: usize = 64;
 
-/// Difference between two times, ns, above which they are from different clocks, and number of consecutive times after
-/// which the other clock is used.
+/// Difference between times of different clocks, ns, and consecutive times that change the clock.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
 const MAX_OTHERS: u8 = 10;
 /// Period of a receiver's week number, 1024 weeks, s.
@@ -34,9 +33,9 @@ const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
 /// Time of an update.
 #[derive(Clone, Copy, Debug)]
 struct When {
-    /// Time used for comparison with other updates, ns.
+    /// Time for comparison with other updates, ns.
     at_ns: i64,
-    /// Time stamp of the update, on the clock that gave it, ns.
+    /// Time stamp on its own clock, ns.
     stamp_ns: Option<i64>,
 }
 
@@ -51,19 +50,18 @@ pub struct SignalKDecoder {
     /// Own vessel of the server.
     own: Option<String>,
     sources: Vec<String>,
-    /// Groups and sources received since the server's greeting; None before the greeting.
+    /// Groups and sources since the server's greeting; None before it.
     begun: Option<Vec<(usize, u32)>>,
     /// Newest speed over ground, m/s, its source, and its time, ns.
     speed: Option<(f64, u32, i64)>,
     /// Newest time of each kind, ns.
     newest_ns: [Option<i64>; KINDS.len()],
-    /// Newest time of each kind on the clock in use, and number of consecutive times of another clock.
+    /// Newest time of each kind on the clock in use, and consecutive times of another clock.
     clocks: [Option<(i64, u8)>; KINDS.len()],
     /// A source with two clocks, and their difference, s.
     two_clocks: Option<(u32, f64)>,
-    /// Lag of each kind.
     lags: [Lag; KINDS.len()],
-    /// At most one per kind.
+    /// Measurements dated by arrival, at most one per kind.
     timeless: Vec<Measurement>,
 }
 
@@ -130,13 +128,12 @@ impl SignalKDecoder {
         self.decoded.ignored += 1;
         self.account.leave_out(name, Why::NotRead);
     }
-    /// Whether values of this context belong to the server's own vessel.
+    /// Whether this is the server's own vessel.
     fn is_own(&self, context: Option<&str>) -> bool {
         let Some(context) = context else { return true };
         let vessel = context.strip_prefix("vessels.");
         vessel.is_some_and(|v| v == "self" || self.own.as_deref() == Some(v))
     }
-    /// Number of a source.
     fn number(&mut self, source: &str) -> u32 {
         let known = self.sources.iter().position(|s| s == source);
         let number = known.unwrap_or(self.sources.len());
@@ -156,7 +153,7 @@ impl SignalKDecoder {
             self.decoded.undated += contents.len() as u64;
             return;
         };
-        // The velocity is processed before the position to which it belongs.
+        // The velocity belongs to the position that follows.
         let velocity = self.velocity(update, source, at_ns);
         drop(contents.splice(0..0, velocity.map(|v| ("velocity", v))));
         for (name, content) in contents {
@@ -203,7 +200,7 @@ impl SignalKDecoder {
             None => self.decoded.undated += 1,
         }
     }
-    /// Whether a time is from another clock than the earlier times of its kind: a receiver's date among the server's.
+    /// Whether a time is from another clock than its kind's: a receiver's date among the server's.
     fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
         let Some(clock) = self.clocks.get_mut(kind) else {
             return false;
@@ -218,8 +215,8 @@ impl SignalKDecoder {
         self.two_clocks = Some((source, apart_ns.saturating_abs() as f64 * 1e-9));
         true
     }
-    /// Dates a measurement by arrival. Of several measurements of a kind that arrive together, only the newest is kept;
-    /// the others are counted as delayed.
+    /// Dates a measurement by arrival. Of several of a kind at once, only the newest is kept; the others
+    /// count as delayed.
     fn by_arrival(&mut self, name: &str, m: Measurement) {
         match self.timeless.iter_mut().find(|of| of.kind() == m.kind()) {
             Some(older) => {
@@ -236,8 +233,7 @@ impl SignalKDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// Whether this is a cached value: after its greeting a server sends the last value of each path and source,
-    /// however old.
+    /// Whether this is a cached value: after its greeting, a server sends the last value of each path.
     fn is_cached(&mut self, group: usize, source: u32) -> bool {
         let key = (group, source);
         let begun = self.begun.as_mut().filter(|b| !b.contains(&key));
@@ -266,7 +262,7 @@ impl SensorDecoder for SignalKDecoder {
         }
     }
     fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
-        // The last line of a file may lack its terminator.
+        // A file's last line may lack its terminator.
         if let Some(line) = self.lines.last(&mut self.decoded.corrupted) {
             self.take(&line, out);
         }

@@ -29,7 +29,6 @@ const PLACE: (&str, &str) = ("navigation.position", r#"{"latitude":50.0,"longitu
 fn signalk_greeting_cached_values_and_other_vessels() {
     let other = delta(2.0, "ais", &[PLACE]).replace("230099999", "211000001");
     let place = |at_s| delta(at_s, "gps.GP", &[PLACE]);
-    // Before the greeting, the server's own vessel is unknown.
     let before = place(0.5) + HELLO + &place(1.0) + &other + &place(2.0);
     let text = before + HELLO + &place(3.0) + &place(4.0);
     let (all, d) = decode(&text);
@@ -58,7 +57,7 @@ fn signalk_position_with_velocity_and_height() {
     let text = [
         delta(1.0, "gps.GP", &[speed, course]),
         delta(1.1, "gps.GP", &receiver),
-        // Speed and course in separate updates, with another device's speed in between.
+        // Speed and course in separate updates, another device's speed in between.
         delta(2.0, "gps.GP", &[speed]),
         delta(2.05, "gps.GP", &[course]),
         delta(2.1, "gps.GP", &[PLACE]),
@@ -134,7 +133,7 @@ fn signalk_heading_attitude_and_what_is_null() {
     assert!(
         matches!(second.measurement, Measurement::Attitude(a) if (a.tilt[0] + 0.1).abs() < 1e-9 && (a.tilt[1] - 0.1).abs() < 1e-9 && a.heave == Some(-0.5))
     );
-    // A magnetic heading before the variation was known, the second device, and a heading that is null.
+    // A magnetic heading before a known variation, the second device, and a null heading.
     let counts = d.decoded();
     assert_eq!(
         (counts.left_out, counts.ignored, counts.corrupted),
@@ -211,7 +210,6 @@ fn signalk_burst_after_the_network_stood_still() {
         "{newest:?}"
     );
     assert!(d.remarks().iter().any(|r| r.text.contains("held up")));
-    // A single late update.
     d.arrive(Time::from_secs(111.0));
     d.push((place(45) + &place(46)).as_bytes(), &mut out);
     assert_eq!((out.len(), d.timeless().len()), (6, 0));
@@ -247,7 +245,6 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
         turned(1.2, "can0.5", "1.0"),
         own(delta(1.3, "gps.GP", &cautious)),
         own(delta(1.4, "gps.GP", &[("navigation.position", "null")])),
-        // The selected device is silent.
         turned(8.0, "can0.5", "1.0"),
     ]
     .concat();
@@ -256,7 +253,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
     assert!((fixes(&all)[0].position_sd[0] - 1.5).abs() < 1e-9);
     let remarks: String = d.remarks().into_iter().map(|r| r.text + "\n").collect();
     for expected in [
-        "heading: the chosen device can0.9 gives nothing valid for 7 s; given by can0.5",
+        "heading: the chosen device can0.9 has sent nothing valid for 7 s; sent by can0.5",
         "1 of 1 whole fixes are marked with caution",
         "1 position (empty)",
     ] {
@@ -266,7 +263,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
 
 #[test]
 fn signalk_receiver_whose_week_number_rolled_over() {
-    // GGA is dated by the server. RMC is dated by the receiver, whose date is 1024 weeks in the past.
+    // GGA is dated by the server, RMC by the receiver, 1024 weeks ago.
     let height = ("navigation.gnss.antennaAltitude", "2.5");
     let mut text = String::new();
     let mut d = SignalKDecoder::new(&Mounting::new(&Mount::default()));
@@ -316,7 +313,7 @@ proptest! {
     }
 }
 
-/// The server echoes what `alight signalk` publishes: it is neither used as a sensor value nor counted as unused.
+/// Values that `alight signalk` publishes come back: they are neither used nor counted as unused.
 #[test]
 fn signalk_values_of_this_program() {
     let own = [

@@ -1,5 +1,5 @@
-//! Fix from separate messages of a receiver without NAV-PVT: NAV-POSLLH or NAV-HPPOSLLH for the position, NAV-VELNED
-//! for the velocity, NAV-SOL or NAV-STATUS for the fix state. Messages with the same time of week form one fix.
+//! Fix from separate messages with one time of week: position (NAV-POSLLH, NAV-HPPOSLLH), velocity
+//! (NAV-VELNED) and state (NAV-SOL, NAV-STATUS).
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
@@ -8,10 +8,9 @@ use super::sd;
 use crate::sensors::nmea::partner::Partner;
 use crate::sensors::{Mounting, SourceMeasurement};
 
-/// Silence of whole fixes after which the parts are used, ns.
+/// Time without a NAV-PVT fix after which the parts are used, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// Maximum stated error of a position, m: the receivers' default mask (CFG-NAV5). Without a fix, receivers state
-/// kilometres.
+/// Maximum stated error of a position, m: the default mask (CFG-NAV5). Without a fix, receivers state km.
 const NO_FIX_M: f64 = 100.0;
 
 /// Position and its stated errors, m.
@@ -23,17 +22,16 @@ pub(super) struct FixPlace {
     pub(super) grade: Grade,
 }
 
-/// Kind of position message; the best one in an epoch is used.
+/// Kind of position message; the best of an epoch is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Grade {
     /// Earth-centred, with one error for all axes.
     Ecef,
     Geodetic,
-    /// With a resolution better than a centimetre.
+    /// With a resolution below a centimetre.
     Fine,
 }
 
-/// Fix state reported by the receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FixState {
     NoFix,
@@ -52,7 +50,6 @@ pub(super) enum FixPart {
     Solution(FixState, FixPlace),
 }
 
-/// Parts with the same time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Epoch {
     at_ns: i64,
@@ -62,7 +59,7 @@ struct Epoch {
     given: bool,
 }
 
-/// Received parts, and which of them arrive for each time.
+/// Received parts, and those that arrive for each time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FixParts {
     epoch: Option<Epoch>,
@@ -70,7 +67,7 @@ pub(super) struct FixParts {
     geodetic: Partner,
     fine: Partner,
     state: Partner,
-    /// One epoch has been completed, so it is known which parts arrive in each epoch.
+    /// After the first complete epoch, it is known which parts arrive in each.
     is_known: bool,
     /// Time of the newest whole fix, ns.
     whole_ns: Option<i64>,
@@ -85,12 +82,10 @@ impl FixParts {
         self.whole_ns = Some(at_ns);
         self.epoch = None;
     }
-    /// Whether parts are ignored because whole fixes arrive.
     pub(super) fn are_spare(&self, at_ns: i64) -> bool {
         self.whole_ns
             .is_some_and(|whole| at_ns.abs_diff(whole) <= SILENT_NS.unsigned_abs())
     }
-    /// Processes a part that is not ignored.
     pub(super) fn take(
         &mut self,
         at_ns: i64,
@@ -128,7 +123,6 @@ impl FixParts {
         }
         self.give(false, mounting, out);
     }
-    /// Ends the epoch.
     pub(super) fn finish(&mut self, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
         self.give(true, mounting, out);
         let Some(e) = self.epoch.take() else { return };
@@ -140,7 +134,7 @@ impl FixParts {
             self.state.end_epoch(e.at_ns, e.state.is_some());
         }
     }
-    /// Emits the fix once, when all expected parts have arrived, or at the end of the epoch.
+    /// Emits the fix once, with all expected parts or at the end of the epoch.
     fn give(&mut self, last: bool, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut().filter(|e| !e.given) else {
             return;

@@ -98,14 +98,14 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
         .collect();
     let (all, d) = decode(&bytes, 64);
     assert_eq!((all.len(), d.remarks()[0].remedy.is_none()), (37, true));
-    // No fix, no relative position, no heading, no carrier solution, both of its bits set; a base ashore.
+    // No fix, position, heading or carrier solution; both solution bits; a base ashore.
     for (flag, why) in [
         (1, "marked as invalid"),
         (1 << 2, "marked as invalid"),
         (1 << 8, "marked as invalid"),
         (1 << 4, "marked as invalid"),
         (1 << 3, "marked as invalid"),
-        (1 << 5, "of a base that does not move"),
+        (1 << 5, "of a fixed base"),
     ] {
         let (all, d) = decode(&relative_with(200, FIXED ^ flag), 64);
         assert!(all.is_empty() && d.decoded().left_out == 1, "{flag:b}: {all:?}");
@@ -115,7 +115,7 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
 
 #[test]
 fn ubx_fix_by_each_of_its_flags() {
-    // Kind, flags, and flags3 with invalidLlh first.
+    // Kind, flags, and flags3 beginning with invalidLlh.
     for (kind, flags, flags3, is_one) in [
         (3, 1, 0, true),
         (4, 1, 0, true),
@@ -204,7 +204,6 @@ fn ubx_receiver_without_whole_fixes() {
     for fine in [false, true] {
         let bytes: Vec<u8> = (0..20).flat_map(|k| parts(200 * k, 3, fine)).collect();
         let (all, d) = decode(&bytes, 7);
-        // The first epoch shows which parts arrive in each epoch.
         assert_eq!(all.len(), 19, "{fine}: {:?}", d.decoded());
         for (k, m) in (1..).zip(&all) {
             assert_eq!(m.at_ns, 200_000_000 * k);
@@ -236,8 +235,7 @@ fn ubx_parts_without_a_fix_and_with_a_whole_one() {
     assert!(all.is_empty());
     let reports = |d: &UbxDecoder, part: &str| d.remarks().iter().any(|r| r.text.contains(part));
     assert!(reports(&d, "20 NAV-STATUS (no fix)"), "{:?}", d.remarks());
-    // NAV-PVT is complete; once it is silent for 2 s, the parts are used. The first epoch of parts shows which parts
-    // arrive in each epoch.
+    // NAV-PVT is complete. When it is silent for 2 s, the parts are used from their second epoch on.
     let part = |k: u32| {
         [
             parts(200 * k, 3, false),
@@ -250,7 +248,7 @@ fn ubx_parts_without_a_fix_and_with_a_whole_one() {
     let times: Vec<i64> = all.iter().map(|m| m.at_ns / 200_000_000).collect();
     let expected: Vec<i64> = (0..20).chain(31..40).collect();
     assert_eq!(times, expected, "{:?}", d.remarks());
-    assert!(reports(&d, "NAV-POSLLH") && reports(&d, "a better one is there"));
+    assert!(reports(&d, "NAV-POSLLH") && reports(&d, "a better one is used"));
 }
 
 #[test]
@@ -272,8 +270,8 @@ fn ubx_messages_that_are_not_read() {
         "2 NAV-DOP",
         "1 NAV-SAT",
         "1 UBX-0A-77",
-        "and not its place",
-        "of another length",
+        "but no position",
+        "of an unexpected length",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
@@ -284,8 +282,7 @@ fn ubx_messages_that_are_not_read() {
 #[test]
 fn ubx_pulse_of_another_time_base() {
     let before_any_fix = pulse(77_000);
-    // Pulses announced for the next second, for the second that just passed (late), for the next second in UTC (18 s
-    // behind), and for a new week.
+    // Pulses announced for the next second, the last one, the next in UTC (18 s behind), and a new week.
     let bytes = [
         before_any_fix,
         pvt(20_200),
@@ -381,7 +378,7 @@ fn ubx_place_in_earth_centred_coordinates() {
         let apart_m = g.datum.distance_m(&Datum::new(50.0, 14.5, 255.0));
         assert!(apart_m < 0.02 && (g.position_sd[0] - 0.9).abs() < 1e-9, "{g:?}");
     }
-    // A message in degrees for the same time takes precedence.
+    // A message in degrees with the same time takes precedence.
     let bytes: Vec<u8> = (0..20)
         .flat_map(|k| [sol(k), parts(200 * k, 3, false)].concat())
         .collect();

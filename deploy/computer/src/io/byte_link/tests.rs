@@ -96,15 +96,15 @@ fn terminal() -> (std::os::fd::OwnedFd, String) {
 async fn serial_port_open_in_another_program() {
     let (_line, path) = terminal();
     let first = serial(Path::new(&path), 115_200).unwrap();
-    // A lock belongs to the open file, so this program opens it like another one.
+    // The lock belongs to the open file, so a second open from the same program is locked out as well.
     let url: LinkUrl = format!("serial://{path}:115200").parse().unwrap();
     let mut second = ByteLink::new(url).await.unwrap();
     second.read(|_| {}).await;
     let why = second.last_error().unwrap();
     assert!(why.contains("another program has this port open"), "{why}");
     assert_eq!(second.opened(), 0);
-    // The second link opens the port once it is free; a pseudo-terminal, unlike a port, stays exclusive for all but
-    // root.
+    // The second link opens the port once it is free. For all but root, a pseudo-terminal stays exclusive,
+    // unlike a port.
     drop(first);
     if !rustix::process::geteuid().is_root() {
         return;
@@ -120,7 +120,7 @@ async fn messages_through_a_full_line_are_whole() {
     let mut link = ByteLink::new(url).await.unwrap();
     link.read(|_| {}).await;
     assert_eq!(link.opened(), 1, "{:?}", link.last_error());
-    // More than the line holds: some messages are lost whole, one waits with its rest.
+    // More than the line holds: some messages are dropped whole, one is sent in two parts.
     const MESSAGE: usize = 250;
     let messages: Vec<Vec<u8>> = (0..200_u8).map(|k| vec![k; MESSAGE]).collect();
     for message in &messages {
@@ -211,12 +211,10 @@ async fn signalk_server_that_is_restarted() {
         assert_eq!(read_at_least(&mut link, 12).await, b"{\"a\": 1}\n{}\n");
         assert_eq!(link.opened(), round);
         link.write(b"nothing is sent to it");
-        // The reason of its end is reported.
         let why = if round == 1 {
             server.close(None).await.unwrap();
             "the server closed the connection"
         } else {
-            // The message is not read to its end.
             let _sent = server
                 .send(Message::text("x".repeat(MAX_SIGNALK_MESSAGE + 1)))
                 .await;
@@ -238,7 +236,6 @@ async fn link_backoff_doubles_up_to_a_bound() {
     let mut link = ByteLink::new(absent).await.unwrap();
     let (mut tries, mut waited) = (Vec::new(), Duration::ZERO);
     while waited < Duration::from_secs(20) {
-        // Makes the next attempt due at once.
         link.next_try = Instant::now();
         link.read(|_| {}).await;
         assert!(link.last_error().is_some());
@@ -258,7 +255,6 @@ async fn link_that_opens_and_breaks_at_once() {
     for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
-        // The last connection sends something before it is dropped.
         if round == 3 {
             other.try_write(b"hello").unwrap();
             assert_eq!(read_at_least(&mut link, 5).await, b"hello");
@@ -277,7 +273,7 @@ async fn link_that_opens_and_breaks_at_once() {
 async fn name_without_an_address_next_to_another_source() {
     use crate::io::byte_links::ByteLinks;
 
-    // No label of a name may be that long, so no server has to be asked.
+    // A label of this length is invalid, so no server is asked.
     let host = "x".repeat(64);
     for kind in ["ws", "tcpout", "udpout"] {
         let absent = format!("{kind}://{host}:3000");

@@ -1,4 +1,4 @@
-//! Repair of a part that a kill or a power cut left without an end: with an index, so that viewers open it.
+//! Repair of a part without an end, after a kill or a power cut: adds an index, so that viewers open it.
 
 use std::fs::File;
 use std::path::Path;
@@ -15,13 +15,11 @@ use crate::record::sink::why;
 pub struct Repair {
     /// Repaired parts.
     pub parts: usize,
-    /// Steps in the repaired parts.
     pub steps: usize,
-    /// Parts that were cut off before their first step and are removed.
+    /// Removed parts, which were cut off before their first step.
     pub empty: usize,
 }
 
-/// Repairs every part of a flight that does not run.
 pub fn mend(directory: &Path) -> Result<Repair, CliError> {
     let mut repaired = Repair::default();
     for path in parts(directory)?.iter().filter(|p| !is_whole(p)) {
@@ -39,7 +37,7 @@ pub fn mend(directory: &Path) -> Result<Repair, CliError> {
     Ok(repaired)
 }
 
-/// Rewrites the part to a file next to it, then replaces it; returns the number of steps.
+/// Rewrites the part to a new file, which replaces it; returns the number of steps.
 fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let doing = format_args!("mending {}", path.display());
     let part = LogFile::open(path)?;
@@ -47,7 +45,7 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
     if copied.is_err() {
-        // A file that a full disk has cut off is not a part.
+        // The new file may be cut off by a full disk.
         let _none = std::fs::remove_file(&new);
     }
     copied?;

@@ -1,4 +1,4 @@
-//! The flight recorder: each process always writes the steps of its node to its own MCAP files.
+//! The flight recorder: each process writes the steps of its node to its own MCAP files, always.
 //!
 //! A flight is the record of one start of a computer's processes: a directory, named by date and time (UTC) and the
 //! computer's flight number:
@@ -8,9 +8,9 @@
 //! | `pilot-0123abcd-001.mcap` | a part: steps of one start (boot id) of a process, its configuration attached |
 //! | `flight.json` | the summary: phases, outcome, figures ([`summary`]) |
 //!
-//! A step holds the time, the whole input and a hash of the output of a node ([`super::entry::Entry`]); its MCAP
-//! sequence number counts the steps of the start. The parts of a start are replayed one after the other, without those
-//! of other processes.
+//! A step holds a node's time, its whole input and a hash of its output ([`super::entry::Entry`]); its MCAP
+//! sequence number counts the steps of the start. The parts of a start are replayed in sequence, without
+//! other processes.
 //!
 //! A process holds a [`recorder`], which never waits for the disk. [`parts`] writes on a separate thread, chunk by
 //! chunk, and synchronises every second, so that a power cut costs less than 2 s. [`recording`] writes the summary and
@@ -24,7 +24,7 @@ pub mod recording;
 pub mod store;
 pub mod summary;
 
-/// Disk space that recording leaves free for the rest of the computer, bytes: the deck's state lies on the same disk.
+/// Disk space that recording leaves free, bytes: the deck's state lies on the same disk.
 const MIN_FREE_BYTES: u64 = 256 << 20;
 
 /// Bytes that users other than root may still write below `directory`; None if the system does not report it.
@@ -33,10 +33,8 @@ fn free_bytes(directory: &std::path::Path) -> Option<u64> {
     Some(found.f_bavail.saturating_mul(found.f_frsize))
 }
 
-/// Lowers the priority of the calling thread, and of those that it starts later, below all that flies.
+/// Lowers the priority of this thread and its later children below the processes of flight.
 fn yield_to_flight() {
-    /// Above the default niceness.
     const NICENESS: i32 = 5;
-    // A lower priority is always permitted.
     let _unchanged = rustix::process::setpriority_process(None, NICENESS);
 }

@@ -1,5 +1,5 @@
-//! Parts of one start of a process: rotated by size and time, synchronised every second, retried when the disk rejects
-//! writes.
+//! Parts of one start of a process: rotated by size and time, synchronised every second, retried when the
+//! disk rejects writes.
 
 use std::fs::File;
 use std::io;
@@ -21,19 +21,18 @@ const S: i64 = 1_000_000_000;
 /// Size of a part, bytes of steps: a part of this size or of the maximum age is finished, and the next begins.
 const PART_BYTES: u64 = 64 << 20;
 const PART_NS: i64 = 600 * S;
-/// Delay after which steps are on the disk, ns: together with the age of a batch, half of the loss that a power cut may
-/// cause.
+/// Delay after which steps are on the disk, ns. It is half of the loss that a power cut may cause; the age of
+/// a batch is the other.
 const SYNC_PERIOD_NS: i64 = S;
 /// Delay before a retry after the disk rejected a write, ns.
 const RETRY_PERIOD_NS: i64 = 10 * S;
-/// Period of warnings about steps for which the disk was too slow, ns.
+/// Period of warnings about a disk that is too slow, ns.
 const WARNING_PERIOD_NS: i64 = 10 * S;
 
 #[derive(Default)]
 pub struct Batch {
-    /// Entries of the steps, concatenated.
     pub bytes: Vec<u8>,
-    /// Number of each step, reading of the steady clock after it (ns), and end of its entry in `bytes`.
+    /// Number of each step, steady time after it (ns), and end of its entry in `bytes`.
     pub marks: Vec<(u64, i64, usize)>,
 }
 
@@ -57,16 +56,15 @@ impl Batch {
     }
 }
 
-/// A part that is being written.
 pub struct PartWriter {
     sink: Sink,
-    /// A second handle of the file, to synchronise it.
+    /// Second handle of the file, for synchronisation.
     file: File,
     channel: ChannelId,
     path: PathBuf,
     began_ns: i64,
     bytes: u64,
-    /// Steps that are not on the disk yet, and the time of the first.
+    /// Number of steps that are not on the disk yet, and time of the first.
     unsynced: u64,
     unsynced_ns: i64,
 }
@@ -79,7 +77,7 @@ impl PartWriter {
         }
         let file = File::create_new(path)?;
         let begun = PartWriter::on(file, path, header, steady_ns).and_then(|mut part| {
-            // A full disk is detected now, and the file's name survives a power cut.
+            // Detects a full disk now, and makes the file's name survive a power cut.
             part.sync()?;
             let directory = path.parent().unwrap_or(Path::new("."));
             File::open(directory)?.sync_all()?;
@@ -91,10 +89,9 @@ impl PartWriter {
         }
         begun
     }
-    /// Begins a part in this file.
     fn on(file: File, path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
-        // Compression halves a vessel's bytes, which are recorded day and night, for 2 ms of the thread's time a
-        // second. Forecasts, most of a drone's bytes, do not become smaller.
+        // Compression halves a vessel's bytes, which are recorded day and night, for 2 ms of processor time
+        // per second. Forecasts, most of a drone's bytes, do not become smaller.
         let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
         let channel = sink.process(header, std::iter::empty())?;
         Ok(PartWriter {
@@ -113,7 +110,7 @@ impl PartWriter {
         if self.unsynced == 0 {
             self.unsynced_ns = at_ns;
         }
-        // Counted before the write: a step whose write fails half way is not on the disk either.
+        // Counted before the write: a step whose write fails is not on the disk either.
         self.unsynced += 1;
         self.bytes += bytes.len() as u64;
         // The reader knows the part's first step.
@@ -129,7 +126,6 @@ impl PartWriter {
     fn is_due(&self, steady_ns: i64) -> bool {
         self.unsynced > 0 && steady_ns >= self.unsynced_ns.saturating_add(SYNC_PERIOD_NS)
     }
-    /// Writes the end of the file.
     pub fn finish(self) -> Result<(), McapError> {
         self.sink.finish()?;
         self.file.sync_data()?;
@@ -137,29 +133,29 @@ impl PartWriter {
     }
 }
 
-/// The parts of one start of a process, one after the other. If the disk is full or read-only, the process continues
-/// without recording; that is reported, and every 10 s a new part is tried.
+/// Successive parts of one start of a process. If the disk is full or read-only, the process continues
+/// without recording; this is reported, and every 10 s a new part is tried.
 pub struct Parts {
     directory: PathBuf,
     header: PartHeader,
     part: Option<PartWriter>,
-    /// Parts tried.
+    /// Number of attempts to begin a part.
     tried: u32,
     next: u64,
-    /// Steps that are not on the disk and will not be written.
+    /// Number of steps that are not on the disk and will not be written.
     missing: u64,
     /// The disk rejected a write, which has been reported.
     failed: bool,
     retry_ns: i64,
-    /// Steps that came too fast since the last warning, and the time from which the next warning is allowed.
+    /// Steps that came too fast since the last warning, and the earliest time of the next warning.
     dropped: u64,
     warning_ns: i64,
-    /// UTC minus the steady clock, ns: keeps UTC even while a receiver sets the system clock.
+    /// UTC minus the steady clock, ns: keeps UTC steady while a receiver sets the system clock.
     utc_ahead_ns: i128,
 }
 
 impl Parts {
-    /// The parts of a start; the first part begins with the first step.
+    /// Parts of a start whose first part begins with the first step.
     pub fn new(directory: &Path, header: PartHeader, steady_ns: i64) -> Parts {
         survive_size_limit();
         Parts {
@@ -200,7 +196,6 @@ impl Parts {
             }
         }
     }
-    /// Synchronises when it is due.
     pub fn poll(&mut self, steady_ns: i64) {
         if self.dropped > 0 && steady_ns >= self.warning_ns {
             warn!(
@@ -219,7 +214,6 @@ impl Parts {
             self.fail(steady_ns, &e);
         }
     }
-    /// Finishes the last part.
     pub fn finish(&mut self, steady_ns: i64) {
         if let Some(Err(e)) = self.part.as_mut().map(PartWriter::sync) {
             return self.fail(steady_ns, &e);
@@ -237,14 +231,13 @@ impl Parts {
             self.finish(steady_ns);
         }
     }
-    /// Begins a part with this step.
     fn open(&mut self, steady_ns: i64, step: u64) {
         self.tried = self.tried.saturating_add(1);
         self.header.first_step = step;
         let PartHeader { process, boot, .. } = &self.header;
         let name = format!("{process}-{boot:08x}-{:03}.{EXTENSION}", self.tried);
         let path = self.directory.join(name);
-        // If the directory does not exist, creating the file reports the fault.
+        // If the directory does not exist, creating the file reports the error.
         let begun =
             enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
         match begun {
@@ -262,7 +255,7 @@ impl Parts {
             Err(e) => self.report_failure(steady_ns, &path, &e),
         }
     }
-    /// The open part cannot be written: its steps that are not on the disk are lost.
+    /// Ends an open part that cannot be written; its steps that are not on the disk are lost.
     fn fail(&mut self, steady_ns: i64, error: &McapError) {
         let Some(part) = self.part.take() else { return };
         self.missing += part.unsynced;
@@ -275,7 +268,7 @@ impl Parts {
         // Reported once per outage, not at each retry.
         if !self.failed {
             warn!(
-                "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
+                "{} continues without its recorder: writing {}: {}; free space, or make the directory writable: it \
                  is tried again every {} s",
                 self.header.process,
                 path.display(),
@@ -288,7 +281,7 @@ impl Parts {
     }
 }
 
-/// An error if less space is free than must be left to the rest of the computer.
+/// An error if less space is free than recording must leave.
 fn enough_room(directory: &Path) -> Result<(), McapError> {
     match free_bytes(directory) {
         Some(free) if free < MIN_FREE_BYTES => Err(McapError::Io(io::Error::other(format!(
@@ -300,12 +293,11 @@ fn enough_room(directory: &Path) -> Result<(), McapError> {
     }
 }
 
-/// Turns a write beyond the limit on file sizes (setrlimit(2)) into an error, as on a full disk; by default a signal
-/// would end the process.
+/// Turns a write beyond the limit on file sizes (setrlimit(2)) into an error, as on a full disk; by default a
+/// signal would end the process.
 fn survive_size_limit() {
     static ONCE: Once = Once::new();
     static NOTHING: fn(FetchableSignal) = |_| {};
-    // If the signal is already handled, it does not end the process.
     ONCE.call_once(|| {
         if let Ok(guard) = SignalHandler::register(FetchableSignal::FileSizeLimitExceeded, &NOTHING) {
             std::mem::forget(guard);
@@ -323,7 +315,6 @@ mod tests {
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;
 
-    /// An empty directory for one test.
     fn directory(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("alight-parts-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&path);
@@ -338,7 +329,7 @@ mod tests {
         };
         Parts::new(directory, header, 0)
     }
-    /// A batch of one step with its number in twelve bytes of input.
+    /// A batch with one step, whose number is in twelve bytes of input.
     fn batch(step: u64, ns: i64) -> Batch {
         let entry = Entry {
             now_ns: ns,
@@ -403,7 +394,6 @@ mod tests {
             written.write(ns, &batch(k as u64, ns));
             written.poll(ns);
         }
-        // Without an end, as after a kill.
         let file = parts(&directory).unwrap().remove(0);
         assert!(!is_whole(&file) && LogFile::open(&file).unwrap().cut.is_some());
         assert_eq!(numbers(&directory), [0, 1, 2]);
@@ -418,7 +408,7 @@ mod tests {
     #[test]
     fn parts_on_a_blocked_disk() {
         let directory = directory("blocked");
-        // A file replaces the directory: not even root can write below it.
+        // A file in place of the directory: not even root can write below it.
         std::fs::write(&directory, "").unwrap();
         let mut written = begin(&directory);
         written.write(S, &batch(0, S));
@@ -437,7 +427,6 @@ mod tests {
         let mut written = begin(&directory);
         written.write(0, &batch(0, 0));
         written.poll(S);
-        // A file that cannot grow after its beginning.
         let full = File::from(memfd_create("full", MemfdFlags::ALLOW_SEALING).unwrap());
         let sealed = full.try_clone().unwrap();
         let mut part = PartWriter::on(full, &directory.join("full"), &written.header, S).unwrap();
@@ -467,7 +456,7 @@ mod tests {
         std::fs::remove_dir_all(&directory).unwrap();
     }
 
-    /// A part: its header and bytes, and after each chunk the length and the number of steps so far.
+    /// Header and bytes of a part, and after each chunk the length and the number of steps so far.
     type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
 
     /// A part of four chunks with 1 to 4 steps.

@@ -1,5 +1,5 @@
-//! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the queue full
-//! are counted and left out.
+//! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the
+//! queue full are counted and left out.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,29 +25,27 @@ const BATCH_NS: i64 = 200_000_000;
 const BATCHES: usize = 64;
 /// Maximum number of bytes in the queue, mainly images: 3 s at 9 MB/s.
 const MAX_WAITING_BYTES: usize = 32 << 20;
-/// Period at which the thread looks for batches. It is not woken, because a process in flight must not take a lock that
-/// a thread of lower priority may hold.
+/// Period at which the thread polls the queue. It is not woken, because a process in flight must not take a
+/// lock that a thread of lower priority may hold.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-/// Records the steps of a node.
 pub struct NodeRecorder {
     batch: Batch,
     /// Time of the batch's first step on the steady clock, ns.
     since_ns: i64,
     steps: u64,
-    /// Steps that never reached the thread and were not reported to it yet.
+    /// Steps that never reached the thread and that it does not count yet.
     dropped: u64,
     to: Option<SyncSender<Batch>>,
     free: Receiver<Batch>,
-    /// Bytes in the queue.
     waiting: Arc<AtomicUsize>,
     missing: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl NodeRecorder {
-    /// Starts recording to `directory`. Call it before the process sets its scheduling, because the thread must not
-    /// inherit that.
+    /// Starts recording to `directory`. Call this before the process sets its scheduling, which the thread
+    /// must not inherit.
     pub fn begin(directory: &Path, header: PartHeader) -> NodeRecorder {
         let (to, batches) = sync_channel(BATCHES);
         let (give_back, free) = sync_channel(BATCHES);
@@ -63,7 +61,7 @@ impl NodeRecorder {
             write(parts, &batches, &give_back, (&counts.0, &counts.1));
         });
         let thread = thread
-            .map_err(|e| warn!("{name} goes on without its recorder: starting its thread: {e}"))
+            .map_err(|e| warn!("{name} continues without its recorder: starting its thread: {e}"))
             .ok();
         NodeRecorder {
             batch: Batch::default(),
@@ -113,13 +111,11 @@ impl Drop for NodeRecorder {
         self.to = None;
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // After a panic of the thread the file is still readable.
             let _ended = thread.join();
         }
     }
 }
 
-/// Writes batches until the sender is dropped.
 fn write(
     mut parts: Parts,
     batches: &Receiver<Batch>,
@@ -132,7 +128,7 @@ fn write(
                 parts.write(steady_ns(), &batch);
                 waiting.fetch_sub(batch.bytes.len(), Ordering::Relaxed);
                 batch.clear();
-                // If the queue for empty buffers is full, this buffer is not reused.
+                // If the queue of empty buffers is full, this buffer is not reused.
                 let _unused = give_back.try_send(batch);
             }
             Err(TryRecvError::Empty) => std::thread::park_timeout(POLL_PERIOD),
@@ -144,7 +140,7 @@ fn write(
     parts.finish(steady_ns());
 }
 
-/// Checks that `directory` can be recorded to, for a command that is useless otherwise.
+/// Checks that `directory` can be recorded to, for a command that would be useless otherwise.
 pub fn can_write(directory: &Path) -> Result<(), CliError> {
     let probe = directory.join(".alight");
     let done = std::fs::create_dir_all(directory).and_then(|()| std::fs::write(&probe, "recorder"));
@@ -192,7 +188,6 @@ mod tests {
 
     #[test]
     fn recorder_with_a_slow_thread() {
-        // No thread receives batches.
         let (to, batches) = sync_channel::<Batch>(BATCHES);
         let (_give_back, free) = sync_channel(BATCHES);
         let mut recorder = NodeRecorder {
@@ -214,7 +209,6 @@ mod tests {
         assert_eq!(batches.try_iter().count(), 15);
         (recorder.dropped, recorder.waiting) = (0, Arc::default());
         for k in 0..10 * BATCHES as i64 {
-            // Each step is half a batch.
             recorder.step(k, k, &vec![0_u8; BATCH_BYTES / 2], &());
         }
         let taken = 10 * BATCHES as u64 / 2;

@@ -1,4 +1,4 @@
-//! Management of a computer's flights, next to the processes that fly: begin, summary, retention.
+//! Management of a computer's flights, apart from the processes that fly: begin, summary, retention.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,11 +13,11 @@ use super::store::{self, Removed, Room};
 use super::summary::FlightSummary;
 use super::yield_to_flight;
 
-/// Maximum number of summaries in the queue.
+/// Capacity of the queue.
 const SUMMARIES: usize = 2;
-/// Period at which the thread looks for a summary.
+/// Period at which the thread polls the queue.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
-/// Period at which the free space on the disk is checked, ns: the processes write 20 MB meanwhile.
+/// Period of the check for free disk space, ns; the processes write 20 MB meanwhile.
 const ROOM_PERIOD_NS: i64 = 10_000_000_000;
 /// Period at which an unchanged summary is written, ns: after a power cut its length counts as the flight's.
 pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
@@ -39,7 +39,7 @@ impl FlightRecording {
         match &lock {
             Ok(_) => info!("this flight is recorded in {}", path.display()),
             Err(e) => warn!(
-                "nothing is recorded before {} can be written: {e}; make it writable for this user",
+                "nothing is recorded until {} can be written: {e}; make it writable for this user",
                 path.display()
             ),
         }
@@ -53,12 +53,11 @@ impl FlightRecording {
             path,
             to: Some(to),
             thread: thread
-                .map_err(|e| warn!("no flight is removed and none summed up: starting a thread: {e}"))
+                .map_err(|e| warn!("flights are neither removed nor summarised: starting a thread: {e}"))
                 .ok(),
             _lock: lock.ok(),
         }
     }
-    /// Directory in which the processes record.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -99,7 +98,7 @@ fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<FlightSummary>
             room_ns = steady_ns().saturating_add(ROOM_PERIOD_NS);
             match room.make(root, own) {
                 Ok(removed) => removed.iter().for_each(report),
-                // A directory that cannot be created was reported before.
+                // This failure was reported at the start.
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
                 Err(e) => warn!("{}: making room for this flight: {e}", root.display()),
             }

@@ -11,12 +11,10 @@ use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
 use crate::record::reading::{is_whole, parts};
 
-/// Maximum number of flights that are examined; a computer that starts every minute creates this number in a week.
+/// Maximum number of flights that are examined; a start every minute creates this number in a week.
 const MAX_FLIGHTS: usize = 10_000;
-/// Maximum number of names that are tried for a new flight.
 const MAX_TRIES: u32 = 100;
 
-/// A flight on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredFlight {
     pub path: PathBuf,
@@ -27,7 +25,7 @@ pub struct StoredFlight {
 }
 
 impl StoredFlight {
-    /// The flight at `path`, if its name is that of a flight.
+    /// The flight at `path`; None for another name.
     pub fn of(path: &Path) -> Option<StoredFlight> {
         let name = path.file_name()?.to_str()?;
         let (begun, number) = name.split_once('-')?;
@@ -44,12 +42,10 @@ impl StoredFlight {
             begun: begun.into(),
         })
     }
-    /// Size of its files, bytes.
     pub fn bytes(&self) -> u64 {
         let files = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
         files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum()
     }
-    /// Whether its processes run.
     pub fn is_running(&self) -> bool {
         File::open(&self.path).is_ok_and(|d| matches!(d.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
@@ -58,7 +54,7 @@ impl StoredFlight {
         let all = parts(&self.path).unwrap_or_default();
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
-    /// The summary; if the flight was cut off, its length comes from the times of its files.
+    /// The summary; the length of a flight that was cut off comes from the times of its files.
     pub fn summary(&self) -> Option<FlightSummary> {
         let mut summary = FlightSummary::read(&self.path)?;
         let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
@@ -72,11 +68,11 @@ impl StoredFlight {
     }
 }
 
-/// The flights below `root`, the oldest first.
+/// Flights below `root`, the oldest first.
 pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     let mut found: Vec<StoredFlight> = std::fs::read_dir(root)?
         .flatten()
-        // A link is not a flight: its target must not be removed.
+        // The target of a link must not be removed.
         .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
         .filter_map(|e| StoredFlight::of(&e.path()))
         .take(MAX_FLIGHTS)
@@ -85,14 +81,14 @@ pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     Ok(found)
 }
 
-/// Whether `directory` is that of one flight, judged by its files: the directory of `land --log` is not named as a
-/// flight.
+/// Whether `directory` is that of one flight, by its files, because the directory of `land --log` has another
+/// name.
 pub fn is_flight(directory: &Path) -> bool {
     directory.join(SUMMARY_FILE).is_file() || parts(directory).is_ok_and(|p| !p.is_empty())
 }
 
-/// Begins a flight below `root`: its directory, and the lock that shows that it runs. The path is returned even if the
-/// directory cannot be created: the processes retry.
+/// Begins a flight below `root`: its directory, and the lock that shows that it runs. Returns the path even
+/// if the directory cannot be created: the processes retry.
 pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     let stamp = stamp(OffsetDateTime::now_utc());
     let made = std::fs::create_dir_all(root);
@@ -105,7 +101,6 @@ pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     for number in (first..).take(MAX_TRIES as usize) {
         let path = path(number);
         match std::fs::create_dir(&path) {
-            // Another process took the name.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
             Err(e) => return (path, Err(e)),
             Ok(()) => {
@@ -118,7 +113,7 @@ pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
 }
 
 fn lock(root: &Path, path: &Path) -> io::Result<File> {
-    // Makes its name survive a power cut.
+    // Makes the name survive a power cut.
     File::open(root)?.sync_all()?;
     let directory = File::open(path)?;
     // Recording also works on a file system without locks.
@@ -126,7 +121,7 @@ fn lock(root: &Path, path: &Path) -> io::Result<File> {
     Ok(directory)
 }
 
-/// Text of a time (UTC), for example 20261125T181500Z.
+/// UTC, for example 20261125T181500Z.
 fn stamp(t: OffsetDateTime) -> String {
     let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
     let (hour, minute, second) = t.to_hms();
@@ -136,34 +131,31 @@ fn stamp(t: OffsetDateTime) -> String {
     )
 }
 
-/// A flight or part that was removed to free space.
+/// Flight or part that was removed to free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Removed {
     Flight(PathBuf),
-    /// The oldest part of the current flight, which can then no longer be replayed; removed only if nothing else is
-    /// left.
+    /// The oldest part of the current flight, which can then no longer be replayed; the last resort.
     Part(PathBuf),
 }
 
-/// Limits of disk use.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// Maximum number of bytes of all flights together.
     pub max_bytes: u64,
     /// Bytes that stay free.
     pub min_free_bytes: u64,
 }
 
 impl Room {
-    /// Limits with this size of all flights. The free space is larger than that at which recording stops.
+    /// Limits for this size of all flights; more space stays free than the minimum at which recording stops.
     pub fn of(max_bytes: u64) -> Room {
         Room {
             max_bytes,
             min_free_bytes: 2 * MIN_FREE_BYTES,
         }
     }
-    /// Removes the oldest flights below `root` that do not run until there is room; then, if `current` alone is too
-    /// large, its oldest parts.
+    /// Removes the oldest ended flights below `root` until there is room; if `current` alone is too large,
+    /// its oldest parts.
     pub fn make(&self, root: &Path, current: &Path) -> io::Result<Vec<Removed>> {
         let sized = |f: StoredFlight| {
             let bytes = f.bytes();
@@ -185,7 +177,7 @@ impl Room {
             total = total.saturating_sub(bytes);
             removed.push(Removed::Flight(flight.path));
         }
-        // If other files fill the disk, recording stops, but what this flight has recorded stays.
+        // If other files fill the disk, recording stops, but this flight keeps its parts.
         for (path, bytes) in closed_parts(current) {
             if fits(total) {
                 break;
@@ -198,8 +190,8 @@ impl Room {
     }
 }
 
-/// Parts of a running flight with their sizes, oldest first, without the newest part of each process, which is being
-/// written.
+/// Parts of a running flight with their sizes, oldest first, without the newest part of each process, which
+/// is being written.
 fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
     let mut all: Vec<_> = std::fs::read_dir(directory)
         .into_iter()
@@ -228,12 +220,12 @@ fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
 mod tests {
     use super::*;
 
-    /// A directory of flights, with a part of 1000 bytes for each process.
+    /// Directory of flights, with a part of 1000 bytes for each process.
     fn root(name: &str, numbers: &[u32]) -> PathBuf {
         let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&root);
         for number in numbers {
-            // The clock of a computer without a receiver starts again from an old time.
+            // Without a receiver, the computer's clock starts again from an old time.
             let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
             std::fs::create_dir_all(&path).unwrap();
             for process in ["pilot", "mission"] {
@@ -279,7 +271,7 @@ mod tests {
         let runs = File::open(&other.path).unwrap();
         runs.try_lock().unwrap();
         assert!(other.is_running() && !all[1].is_running());
-        // Two processes: the newest part of each is being written.
+        // The newest part of each of two processes is being written.
         for number in 2..5 {
             let part = current.join(format!("pilot-00000007-{number:03}.mcap"));
             std::fs::write(&part, [0; 1000]).unwrap();
@@ -313,7 +305,7 @@ mod tests {
         assert!(StoredFlight::of(Path::new("notes")).is_none());
         assert!(StoredFlight::of(Path::new("20261125X181500Z-0001")).is_none());
         std::fs::remove_dir_all(&root).unwrap();
-        // A file is in the place of the directory: the path is returned, with the reason why it cannot be created.
+        // With a file in its place the directory cannot be created: the path is returned with the reason.
         std::fs::write(&root, "").unwrap();
         let (path, lock) = begin(&root);
         assert!(path.starts_with(&root) && lock.is_err());

@@ -9,19 +9,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::io::store::replace;
 
-/// Name of the file in the flight's directory.
 pub const SUMMARY_FILE: &str = "flight.json";
-/// Maximum number of phases that are kept; the newest stay.
+/// Maximum number of phases; the newest are kept.
 const MAX_PHASES: usize = 200;
-/// Maximum size of the file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A state, and the time and reason of its entry.
+/// Entry of a state, with its reason.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PhaseEntry {
-    /// Time since the flight began, s.
     pub t_s: f64,
-    /// The state; on the vessel, after the drone's number.
+    /// State; on the vessel, after the drone's number.
     pub state: String,
     pub reason: String,
 }
@@ -29,26 +26,22 @@ pub struct PhaseEntry {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FlightSummary {
-    /// Computer of the flight: drone-1, vessel-1.
+    /// drone-1, vessel-1.
     pub computer: String,
-    /// Version of the program.
     pub program: String,
-    /// Duration of the flight, s.
     pub length_s: f64,
     /// True: the processes were asked to end; false: they run, or power was lost.
     pub ended: bool,
     pub outcome: String,
     pub reason: String,
-    /// States in order; at most the newest 200.
+    /// The newest 200 states, in order.
     pub phases: Vec<PhaseEntry>,
-    /// Time in each state, s.
     pub time_in_s: BTreeMap<String, f64>,
-    /// Metrics with their units in their names.
+    /// Metrics; each name ends in its unit.
     pub figures: BTreeMap<String, f64>,
 }
 
 impl FlightSummary {
-    /// Summary of a flight of this computer that begins.
     pub fn of(computer: &str) -> FlightSummary {
         FlightSummary {
             computer: computer.into(),
@@ -56,7 +49,6 @@ impl FlightSummary {
             ..FlightSummary::default()
         }
     }
-    /// Adds a state that was entered.
     pub fn enter(&mut self, t_s: f64, state: &str, reason: String) {
         if self.phases.len() >= MAX_PHASES {
             self.phases.remove(0);
@@ -74,7 +66,7 @@ impl FlightSummary {
         file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
         serde_json::from_str(&text).ok()
     }
-    /// Replaces the file on the disk atomically: a power cut leaves the old or the new one.
+    /// Replaces the file atomically: a power cut leaves the old or the new one.
     pub fn write(&self, directory: &Path) -> io::Result<()> {
         let path = directory.join(SUMMARY_FILE);
         replace(&path, &serde_json::to_vec_pretty(self)?, true)

@@ -1,5 +1,3 @@
-//! Flags of `alight rehearse`.
-
 use std::path::PathBuf;
 
 use alight_computer::quantity::seconds;
@@ -75,7 +73,7 @@ pub struct RehearseArgs {
 }
 
 impl RehearseArgs {
-    /// Time from the vehicles' first moment to the command, s.
+    /// Time from the start of the simulated vehicles to the command, s.
     pub fn warm_up_s(&self) -> f64 {
         let usual = if self.autopilot_at.is_some() { 180 } else { 40 };
         f64::from(self.warm_up.unwrap_or(usual))

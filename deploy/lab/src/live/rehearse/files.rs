@@ -1,5 +1,5 @@
-//! The installer's two files, and the few changes in a copy of them (device paths, addresses, keys, a mode in which a
-//! pilot flies); and the world that they describe.
+//! The installer's two files, changed in a copy (device paths, addresses, keys, a mode in which a pilot
+//! flies), and the world that they describe.
 
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -25,12 +25,11 @@ use crate::args::AutopilotArg;
 use crate::live::config::{AT_SEA, AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::live::serial_lines::assigned;
 
-/// The files as shipped.
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
 const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");
 /// Validity of a rehearsal's certificates, days: `alight check` warns of fewer than 30.
 const DAYS: u32 = 60;
-/// Shortest time until the vehicles start, at a full second of the steady clock, ns.
+/// Minimum time until the vehicles start, at a full second of the steady clock, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
 /// Serial line of the drone's own GNSS receiver.
@@ -38,14 +37,13 @@ const RECEIVER: &str = "tty-receiver";
 /// Address at which the computers reach each other.
 const HOST: &str = "127.0.0.1";
 
-/// The rehearsal's own directory; removed at the end unless it is kept.
+/// Directory of the rehearsal, removed at the end unless kept.
 pub struct Directory {
     path: PathBuf,
     kept: bool,
 }
 
 impl Directory {
-    /// Creates the directory.
     fn make(keep: Option<&Path>) -> Result<Directory, CliError> {
         // Not the instance's directory, which is alight-rehearse-NUMBER and is emptied when it starts.
         let own = || std::env::temp_dir().join(format!("alight-rehearsal-{}", std::process::id()));
@@ -64,7 +62,6 @@ impl Directory {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Path of a file in it.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
@@ -78,7 +75,6 @@ impl Drop for Directory {
     }
 }
 
-/// All that a rehearsal starts.
 pub struct RehearsalPlan {
     /// Configuration with which the vessel's computer starts.
     pub vessel: VesselComputerConfig,
@@ -86,7 +82,6 @@ pub struct RehearsalPlan {
     pub world: SimulatedWorld,
     /// Names of the certificates; empty if the files need none.
     pub certificates: Vec<String>,
-    /// Contradictions between the two files.
     pub contradictions: Vec<String>,
     pub directory: Directory,
 }
@@ -148,7 +143,6 @@ fn autopilot_link(args: &RehearseArgs) -> Result<String, CliError> {
     }
 }
 
-/// Changes inputs, recorder, sensors and instance in the vessel's file.
 fn change_vessel(
     file: &mut Table,
     vessel: &VesselComputerConfig,
@@ -172,7 +166,6 @@ fn change_vessel(
     Ok(())
 }
 
-/// Changes recorder, instance, autopilot, mission and cameras in the drone's file.
 fn change_drone(
     file: &mut Table,
     drone: &DroneComputerConfig,
@@ -235,7 +228,7 @@ where
     Ok(config::load(path)?)
 }
 
-/// Sets a key in nested tables; the file was parsed before, so that its other entries there are tables.
+/// Sets a key in nested tables, which the file has because it was parsed before.
 fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     let mut at = file;
     for name in within {
@@ -285,14 +278,13 @@ fn radio(
     Ok(names)
 }
 
-/// Name of a sensor's serial line in the rehearsal's directory.
 fn tty(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     format!("tty-{}", name.chars().map(plain).collect::<String>())
 }
 
-/// The installer's sensors, each on its own line; if the file has none yet, the receiver, compass and inertial sensor
-/// that it shows as examples.
+/// The installer's sensors, each on its own line; if the file has none yet, the receiver, compass and
+/// inertial sensor of its examples.
 fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceConfig> {
     let mut sources = vessel.sensor.sources.clone();
     if sources.is_empty() {
@@ -309,7 +301,6 @@ fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceCo
 /// Settings that must be equal on vessel and drone but are not.
 fn contradictions(vessel: &VesselComputerConfig, drone: &DroneComputerConfig) -> Vec<String> {
     let mut all = Vec::new();
-    // Only the drone has tags.
     let tags = drone.drone.tags();
     if vessel.vessel.deck.with_tags(&tags) != drone.drone.deck.with_tags(&tags) {
         all.push("[vessel.deck] and [drone.deck] differ".into());
@@ -321,7 +312,6 @@ fn contradictions(vessel: &VesselComputerConfig, drone: &DroneComputerConfig) ->
     all
 }
 
-/// The world that the files describe.
 fn world(
     args: &RehearseArgs,
     (vessel, drone): (&VesselComputerConfig, &DroneComputerConfig),
@@ -376,12 +366,12 @@ fn scenario(
     );
     s.place.among = vec![AT_SEA];
     s.start.warm_up_s = args.warm_up_s();
-    // The drone is there for `alight check`, before any service runs.
+    // `alight check` needs the drone before any service runs.
     s.start.hover_s = s.start.warm_up_s.min(60.0);
     if args.autopilot == Some(AutopilotArg::Ardupilot) {
         s.drone.autopilot.firmware = Firmware::ArduCopter;
     }
-    // Both computers are this one: their clock is the steady clock, and the vehicles' time stamps continue it.
+    // Both computers are this one: their clock is the steady clock, which the vehicles' time stamps follow.
     s.sensors.clocks.epoch_s = epoch_ns as f64 * 1e-9;
     (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);
     for (source, carries) in sources.iter().zip(assigned(sources)?) {

@@ -1,5 +1,3 @@
-//! Flights of a rehearsal in the recorders of both computers.
-
 use std::path::Path;
 
 use alight_computer::record::flight::store;
@@ -7,7 +5,7 @@ use alight_computer::record::flight::store;
 use super::files::RehearsalPlan;
 use super::list::{self, CheckList};
 
-/// Adds the recordings of each computer whose file names a directory.
+/// Adds the newest flight of each computer whose file names a directory.
 pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {
     for (what, recorder) in [
         ("vessel's flight recorder", &plan.vessel.recorder),

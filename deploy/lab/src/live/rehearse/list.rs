@@ -3,7 +3,6 @@
 use alight_computer::terminal::note;
 use serde::Serialize;
 
-/// Steps of deploy/docs/install.md.
 pub const CERTIFICATES: u8 = 3;
 pub const CONFIGURATIONS: u8 = 5;
 pub const CHECK: u8 = 6;
@@ -47,7 +46,6 @@ impl CheckList {
         self.print(line(&row));
         self.rows.push(row);
     }
-    /// Shows a line between the checks.
     pub fn print(&self, text: impl std::fmt::Display) {
         note(self.alone, text);
     }

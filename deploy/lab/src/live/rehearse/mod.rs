@@ -1,9 +1,9 @@
-//! `alight rehearse`: runs the contents of the two packages against the simulated world in real time, and prints the
-//! check list of deploy/docs/install.md with results.
+//! `alight rehearse`: runs the contents of the two packages against the simulated world in real time, and
+//! prints the check list of deploy/docs/install.md with results.
 //!
-//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
-//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only the vehicles are
-//! simulated.
+//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of
+//! receiver, compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only the
+//! vehicles are simulated.
 
 pub mod args;
 mod checked;
@@ -43,14 +43,14 @@ use crate::live::service::{READY_S, Service, command};
 use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 
 const POLL: Duration = Duration::from_millis(20);
-/// Limit for the simulated sensors' first data after their world's start, s.
+/// Time limit after the world's start for the simulated sensors' first data, s.
 const WORLD_S: f64 = 20.0;
 /// Time limit after the warm-up for link, clocks and sensors to meet install.md's conditions, s.
 const KNOWN_S: f64 = 30.0;
 /// Conditions of install.md before a landing: age of the link, s, and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
-/// Limit for the world's verdict after the landing's time limit, s: the world waits for the drone to come to rest.
+/// Further time for the world's verdict, s: the world waits for the drone to come to rest.
 const VERDICT_S: f64 = 5.0;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -58,7 +58,6 @@ enum Waited {
     Met,
     TooLong,
     Stopped,
-    /// This computer did not keep up with the simulated world.
     TooSlow,
 }
 
@@ -76,7 +75,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // An external firmware flies in another session, which has to keep up.
+    // An external firmware flies in another session, which also has to run in real time.
     let _session = args.autopilot_at.is_none().then(scheduling::raise_session);
     let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
@@ -130,9 +129,7 @@ struct Rehearsal<'a> {
     drone: Option<Service>,
     vessel: Option<Service>,
     world: Service,
-    /// Observer of the vessel's processes.
     aboard: InstanceFollower,
-    /// The simulated sensors send data.
     sensing: bool,
     stop: Arc<AtomicBool>,
     state: State,
@@ -143,7 +140,6 @@ struct Rehearsal<'a> {
     landed: Option<Landed>,
     too_slow: Option<TooSlow>,
     fault: Option<LiveFault>,
-    /// The drone has touched something.
     contact: bool,
     plan: RehearsalPlan,
 }
@@ -446,7 +442,6 @@ impl<'a> Rehearsal<'a> {
         Some(ObservedSituation::of(snapshot, steady_ns())).filter(|s| s.vessel().is_some())
     }
 
-    /// Commands the landing and waits for the world's verdict.
     fn land(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.commanded_ns = steady_ns();
         let config = self.file("drone.toml");
@@ -477,7 +472,6 @@ impl<'a> Rehearsal<'a> {
         Ok(Waited::Met)
     }
 
-    /// Shows the newest output of the services.
     fn complain(&self, list: &CheckList) {
         let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
         for printed in services.into_iter().flatten().map(Service::complaints) {
@@ -490,7 +484,7 @@ impl<'a> Rehearsal<'a> {
 
 impl Drop for Rehearsal<'_> {
     fn drop(&mut self) {
-        // No observer remains when the drone's memory is removed; all services are asked to end before one is awaited.
+        // The observer ends before the drone's memory. Every service is asked to end before one is awaited.
         self.observer = None;
         self.aboard.leave();
         for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {

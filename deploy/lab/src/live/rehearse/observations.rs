@@ -93,7 +93,6 @@ impl Rehearsal<'_> {
         let what = format!("alight-vessel, {happened}");
         list.add(list::VESSEL, what, recovered && back == all, figure);
     }
-    /// Shows the drone's status on the vessel, and the vessel's own identity.
     pub(super) fn show_contact(&mut self, list: &mut CheckList) {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
@@ -144,7 +143,6 @@ impl Rehearsal<'_> {
         );
         list.add(list::DRONE, "vision measurement", tags > 0, figure);
     }
-    /// Shows the world's verdict on the landing, and the recorded flights.
     pub(super) fn show_verdict(&self, list: &mut CheckList) {
         let Some(landed) = &self.landed else {
             list.add(

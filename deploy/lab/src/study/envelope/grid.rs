@@ -10,17 +10,15 @@ use crate::args::EnvelopeArgs;
 const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
 const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
 
-/// Conditions to fly: relative winds (10 m above the water, m/s) from directions all round, in sea states, with
-/// `trials` landings per cell.
+/// Conditions to fly: relative winds (10 m above the water, m/s) from directions all round, in sea states,
+/// with `trials` landings per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvelopeGrid {
-    /// Sea states, WMO code table 3700.
+    /// WMO code table 3700.
     pub states: Vec<u8>,
-    /// Relative winds, ascending, m/s.
     pub winds: Vec<f64>,
     /// Number of evenly spaced directions, the first from ahead.
     pub directions: u16,
-    /// Landings tried in each cell.
     pub trials: u32,
     /// Landing rate required up to the limit.
     pub rate: f64,
@@ -67,7 +65,6 @@ impl EnvelopeCell {
     pub fn unsafe_count(&self) -> usize {
         self.unsafe_seeds.len()
     }
-    /// Class of the cell by the required landing rate.
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
@@ -94,7 +91,6 @@ impl EnvelopeCell {
 }
 
 impl EnvelopeGrid {
-    /// Grid by the flags.
     pub fn of(args: &EnvelopeArgs) -> EnvelopeGrid {
         let quick = args.quick;
         let mut winds = args.winds.clone();
@@ -162,8 +158,8 @@ impl EnvelopeGrid {
         here.map(|c| c.hold_n)
             .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
-    /// Fastest wind up to which every wind from this direction is within the limit, m/s; None if not even the lightest
-    /// is.
+    /// Fastest wind, m/s, up to which every wind from this direction is within the limit; None if the
+    /// lightest is not.
     pub fn limit(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()

@@ -1,5 +1,5 @@
-//! Force with which the deck has to hold a landed drone (`hold_n`), from the boat's motion in the sea of a cell and the
-//! wind over the deck, with the probability of staying that the mission requires.
+//! Force with which the deck has to hold a landed drone (`hold_n`), from the boat's motion in a cell's sea
+//! and wind, with the probability of staying that the mission requires.
 
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use super::super::rows::StudyRow;
 use crate::trials::{in_parallel, seeds};
 
-/// Number of draws of the sea, each of which needs a force of its own.
+/// Number of draws of the sea, each of which needs its own force.
 const DRAWS: u32 = 3;
 
 /// Force for each scene, N, that suffices in every draw; None if 1 kN does not suffice.

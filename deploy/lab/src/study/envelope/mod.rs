@@ -1,5 +1,5 @@
-//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a polar
-//! diagram (navies call it ship-helicopter operating limits).
+//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a
+//! polar diagram (navies call it ship-helicopter operating limits).
 
 mod grid;
 mod hold;
@@ -100,7 +100,6 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
     Ok(base)
 }
 
-/// Flies the missing cells of the envelope and draws it.
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let (grid, base) = (EnvelopeGrid::of(args), base(args)?);
     let scenes: Vec<StudyRow> = grid.conditions().map(|c| scene(&base, c)).collect();
@@ -108,7 +107,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     note(
         args.form.alone(),
         format_args!(
-            "envelope: {} landings on {boat}, {} in each of {} cells; a run that is cut off goes on where it stopped",
+            "envelope: {} landings on {boat}, {} in each of {} cells; an interrupted run continues where it stopped",
             scenes.len() * grid.trials as usize,
             grid.trials,
             scenes.len()
@@ -178,7 +177,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds, so only the landings of one
+/// Bound on unsafe landings over the whole grid. All cells use the same seeds, so only the landings of one
 /// cell are independent of each other.
 fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();

@@ -12,9 +12,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::grid::{Class, EnvelopeCell, EnvelopeGrid};
 
-/// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing.
-/// Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision. Black text on these
-/// colours has a contrast of at least 5.
+/// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every
+/// landing. Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision.
+/// Black text on these colours has a contrast of at least 5.
 const NONE_LANDED: RGBColor = RGBColor(222, 235, 247);
 const ALL_LANDED: RGBColor = RGBColor(49, 130, 189);
 const UNSAFE: RGBColor = RGBColor(213, 94, 0);
@@ -39,11 +39,11 @@ fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f6
     let steps = (((to - from) / MAX_STEP).ceil() as u32).max(1);
     (0..=steps).map(move |k| at(radius, from + (to - from) * f64::from(k) / f64::from(steps)))
 }
-/// Part of a ring between two radii and two angles.
+/// Part of a ring between two radii and two angles, rad.
 fn wedge([inner, outer]: [f64; 2], angles: [f64; 2]) -> Vec<(f64, f64)> {
     arc(outer, angles).chain(arc(inner, angles).rev()).collect()
 }
-/// Colour of a class in which this fraction landed, 0 to 1.
+/// Colour of a class of which this fraction landed, 0 to 1.
 pub fn colour(class: Class, landed: f64) -> RGBColor {
     let fraction = landed.clamp(0.0, 1.0);
     let between =
@@ -151,7 +151,7 @@ fn legend(
     Ok(())
 }
 
-/// Fraction that landed in fifths, none to all.
+/// Colour scale of the fraction that landed in fifths, none to all.
 fn scale(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> Drawn {
     let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
     root.draw(&Text::new("fraction that landed: 0 %", (12, y), style.clone()))?;
@@ -201,7 +201,7 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell],
         plane.draw_series([PathElement::new(closed, LINE.stroke_width(3))])?;
     }
     for (label, place, back) in labels {
-        // A plain ground under the count, so that the pattern does not cross it.
+        // A plain ground under the count keeps the pattern from crossing it.
         let half_px = (3 * label.len() as i32 + 2, 7);
         let ground = Rectangle::new([(-half_px.0, -half_px.1), (half_px.0, half_px.1)], back.filled());
         let count = Text::new(label, (0, 0), text(11));

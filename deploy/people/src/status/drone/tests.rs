@@ -25,7 +25,6 @@ fn mission(state: State, waiting: ReasonCode) -> MissionState {
         ..MissionState::default()
     }
 }
-/// Wraps a value as received just now.
 fn came<T: Plain>(value: T) -> Newest<T> {
     let mut newest = Newest::default();
     newest.set(NOW_NS, Some(value));
@@ -169,7 +168,7 @@ fn silent_vessel_with_its_tags_in_sight() {
         let link = all.iter().find(|f| f.topic == "link");
         assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
     }
-    // A beacon leads to the vessel, if the mission permits it.
+    // A beacon locates the vessel, if the mission permits it.
     s.forecast = came(DeckForecast {
         radio_age_s: f64::INFINITY,
         vision_age_s: f64::INFINITY,
@@ -187,7 +186,6 @@ fn silent_vessel_with_its_tags_in_sight() {
     }
 }
 
-/// After a restart of the service only one process has reported so far.
 #[test]
 fn processes_that_have_just_started() {
     let mut snapshot = flying();
@@ -321,7 +319,7 @@ fn go_of_a_drone_by_what_is_known() {
         ..mission(State::Landed, ReasonCode::NotCommanded)
     });
     assert_eq!(go(&landed), (Some(false), "Landed: touchdown".into()));
-    // The quality of the forecast matters unless the drone can land without the vessel's computer.
+    // The forecast's quality matters unless the drone can land without the vessel's computer.
     let mut snapshot = ready();
     snapshot.wave = came(wave(0.001));
     let (shown, why) = go(&snapshot);

@@ -118,7 +118,7 @@ fn vessel_speed_while_it_is_known() {
     assert_eq!(speed(&estimator, true).value, None);
 }
 
-/// Changes of a vessel, each with the level and topic of the resulting finding.
+/// Changes of a vessel, with the level and topic of the resulting finding.
 const FAULTS: [(Change<'static>, FindingLevel, &str); 26] = [
     (
         &|w| w.status.deck.closed = Some(Closure::Crew),
@@ -311,7 +311,6 @@ fn vessel_text_with_each_fault() {
     assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
 }
 
-/// A truncated list of endpoints is judged as the worst case.
 #[test]
 fn vessel_with_more_endpoints_than_reported() {
     let reported = |left_out| {
@@ -331,8 +330,8 @@ fn vessel_with_more_endpoints_than_reported() {
     );
 }
 
-/// Before the vessel's first report, the certificate is judged by its topic alone; other topics that need the report
-/// are not judged.
+/// Before the vessel's first report, the certificate is judged by its topic alone; topics that need the
+/// report are not judged.
 #[test]
 fn vessel_certificate_by_its_topic_alone() {
     let mut v = vessel();

@@ -1,5 +1,5 @@
-//! Reads the autopilot's parameters, origin and heights as the link does before a landing. Only heartbeats and requests
-//! are sent.
+//! Reads the autopilot's parameters, origin and heights as the link does before a landing. Sends only
+//! heartbeats and requests.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -31,7 +31,7 @@ const ROUNDS_WITHOUT: u32 = 300;
 const ROUNDS_FOR_OTHERS: u32 = 150;
 const HEARTBEAT: Span = Span::from_millis(1000);
 
-/// Report on the autopilot; None if no autopilot sent a heartbeat. `signatures` counts the frames by their signatures.
+/// Report on the autopilot; None without its heartbeat. `signatures` counts the frames by signature.
 pub fn report(
     computer: &DroneComputerConfig,
     url: &LinkUrl,
@@ -81,7 +81,7 @@ struct Inquiry<'a> {
     computer: &'a DroneComputerConfig,
     heartbeat: Periodic<DroneClock>,
     origin_due: Periodic<DroneClock>,
-    /// Address and parameters of the autopilot, known after its first heartbeat.
+    /// Address and parameters of the autopilot, after its first heartbeat.
     found: Option<(Address, Parameters)>,
     report: AutopilotReport,
 }

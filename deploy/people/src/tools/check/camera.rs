@@ -1,4 +1,4 @@
-//! Image of a camera: taken in the same way as by the camera's process, or reported by that process.
+//! Image of a camera, taken as by the camera's process or reported by that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -18,7 +18,7 @@ use crate::tools::check::facts::CameraImages;
 
 /// Time during which images are examined, ns; long enough for the metering to converge.
 const LOOK_NS: i64 = 2_000_000_000;
-/// Images per search for tags that are not the deck's: the search takes longer than an image period.
+/// Images per search for tags that are not the deck's; the search takes longer than an image period.
 const FINDER_PERIOD: u64 = 10;
 
 /// Examines images of `size` (width, height), px, from a device or from files for 2 s, and searches them for `tags`.

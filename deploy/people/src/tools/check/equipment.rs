@@ -16,24 +16,24 @@ use crate::tools::check::received::{KindStatistics, SensorStatistics};
 
 /// Rate below which a receiver counts as a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of receivers for autopilots.
 const SLOW_HZ: f64 = 2.5;
-/// Rate of the inertial sensor and of the inertial navigation system in the measured landings, Hz.
+/// Rate of inertial sensor and inertial navigation system in the measured landings, Hz.
 const MOTION_HZ: f64 = 20.0;
-/// Minimum rate of an attitude without inertial samples, Hz. Chosen: ten samples in a roll period of 2 s, the shortest
-/// of a small boat; compass sentences come once or twice a second.
+/// Minimum rate of an attitude without inertial samples, Hz. Chosen: ten samples in a roll period of 2 s, the
+/// shortest of a small boat; compass sentences come once or twice a second.
 pub const MIN_ATTITUDE_HZ: f64 = 5.0;
 /// Rate, Hz, and maximum age, s, of the slowest receiver in the measured landings.
 const RECEIVER_HZ: f64 = 1.0;
 const RECEIVER_AGE_S: f64 = 0.6;
-/// Fraction of a rate that suffices: a rate over a short time is uncertain by one measurement.
+/// Sufficient fraction of a rate, because a rate over a short time is uncertain by one measurement.
 const NEARLY: f64 = 0.8;
-/// Heading errors in the measured landings, deg: a compass with an inertial sensor; two antennas of an inertial
-/// navigation system, by its maker's data sheet.
+/// Heading errors in the measured landings, deg: a compass with an inertial sensor; two antennas of an
+/// inertial navigation system, by its maker's data sheet.
 const COMPASS_DEG: f64 = 3.0;
 const ANTENNAS_DEG: f64 = 1.0;
 /// Tilt error of an inertial navigation system, deg. Chosen: that of a small one; landings were measured with less.
 const TILT_DEG: f64 = 0.5;
-/// Distance of a principal point from the image's middle, as a fraction of a side, that indicates a calibration for
-/// another image size. Chosen: makers keep it within some per cent; for images twice as wide it is half of the width.
+/// Offset of a principal point from the image's middle, as a fraction of a side, that indicates another image
+/// size. Chosen: makers keep it within some per cent; it is 0.5 for images twice as wide.
 const OFF_MIDDLE: f64 = 0.2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,9 +74,9 @@ impl VesselClass {
 enum Gap {
     /// Quantity without which the estimator does not start.
     Missing(&'static str),
-    /// Quantity that comes more slowly than the deck moves; its rate, Hz, and the required one.
+    /// Quantity that is slower than the deck's motion: its rate, Hz, and the required one.
     TooSlow(&'static str, f64, &'static str),
-    /// Closest class, and the respects in which its sensors were better in the measured landings.
+    /// Closest class, and the respects in which the sensors of the measured landings were better.
     Unmeasured(VesselClass, Vec<String>),
 }
 
@@ -154,8 +154,8 @@ fn worse(alone: Option<KindStatistics>, gnss: &KindStatistics, heading: &KindSta
     all
 }
 
-/// Class of a vessel by the measurements of all its sources. None while a source gives nothing, which is a separate
-/// finding.
+/// Class of a vessel by the measurements of all its sources; None while a source gives nothing, which is a
+/// separate finding.
 pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Finding> {
     const TOPIC: FindingTopic = FindingTopic("class");
     let gave_some = |source: &SourceCheck| {
@@ -190,8 +190,8 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
     })
 }
 
-/// Whether the deck's dimensions match those that the vessel states, and whether 99 of 100 landings have all feet on
-/// the deck on a vessel of the class with the largest errors.
+/// Whether the deck's dimensions match those that the vessel states, and whether 99 of 100 landings have all
+/// feet on the deck on a vessel of the class with the largest errors.
 pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimensions>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("deck");
     if let Some(why) = vessel.and_then(|vessel| deck.dimensions().differs_from(&vessel)) {
@@ -270,7 +270,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     )
 }
 
-/// Finding on the endurance that limits trust in the battery's gauge.
+/// Finding on an endurance that limits trust in the battery's gauge.
 pub fn battery(mission: &MissionConfig) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("battery");
     let full_s = mission.battery_endurance_s;
@@ -286,7 +286,7 @@ pub fn battery(mission: &MissionConfig) -> Finding {
     )
 }
 
-/// Findings on camera calibrations that look as if they belong to another image size.
+/// Findings on camera calibrations that appear to be of another image size.
 pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     let (tag, markers) = (&drone.drone.camera.lens, &drone.drone.camera.uvdar.lens);
     let belly = || {
@@ -354,8 +354,7 @@ mod tests {
             ..KindStatistics::default()
         }
     }
-    /// Sensors with these rates, Hz; a rate of zero means that the sensor is absent. The attitude includes every
-    /// optional quantity.
+    /// Sensors with these rates, Hz, or absent for zero. The attitude includes every optional quantity.
     fn given([imu, gnss, heading, attitude]: [f64; 4]) -> SensorStatistics {
         let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
         SensorStatistics {

@@ -1,4 +1,4 @@
-//! Facts that `alight check` judges: plain data, so that the rules can be tested on any computer.
+//! Facts that `alight check` judges, as plain data, so that the rules can be tested on any computer.
 
 use std::path::PathBuf;
 
@@ -17,16 +17,14 @@ use crate::tools::check::received::SensorStatistics;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identity {
-    /// Certificate of the trusted authority, or the error of reading it.
     pub authority: Result<Certificate, String>,
-    /// Own certificate, or the error of reading it.
     pub own: Result<Certificate, String>,
     pub key: Result<(), String>,
-    /// Permission bits of the key; None if it is missing.
+    /// Permission bits; None if the key is missing.
     pub key_mode: Option<u32>,
     /// The key belongs to the certificate; None if one of them cannot be read.
     pub key_fits: Option<bool>,
-    /// The authority made the certificate, by the key identifiers in both; None if one lacks it.
+    /// The authority made the certificate, by the key identifiers in both; None if one has none.
     pub of_authority: Option<bool>,
 }
 
@@ -53,7 +51,6 @@ pub enum PortState {
     Untried,
 }
 
-/// Whether the other end of a connection answers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reach {
     Answers,
@@ -62,12 +59,11 @@ pub enum Reach {
     Routed,
 }
 
-/// Real sensor and the data received from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceCheck {
     pub name: String,
     pub connect: String,
-    /// Number of bytes received and their decoding status, or the reason why none can be received.
+    /// Number of bytes received and their decoding status, or the reason why nothing can be received.
     pub received: Result<(usize, SourceStatus), String>,
     pub remarks: Vec<Remark>,
 }
@@ -76,11 +72,10 @@ pub struct SourceCheck {
 pub struct DeckInputCheck {
     pub key: &'static str,
     pub path: String,
-    /// Whether the input is active, or the error of reading it.
     pub level: Result<bool, String>,
 }
 
-/// The drone's own GNSS receiver, whose moving base is the vessel's receiver.
+/// The drone's own GNSS receiver; the vessel's receiver is its moving base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReceiverCheck {
     pub connect: String,
@@ -105,7 +100,7 @@ pub enum ReceiverReport {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
-    /// Parameters that a landing relies on and that are unsuitable or were not reported, with the reason.
+    /// Parameters that a landing needs and that are unsuitable or unreported, with the reason.
     pub parameters: Vec<(&'static Parameter, Reason)>,
     /// Origin of its NED frame, with the height above the sea.
     pub origin: Option<Datum>,
@@ -118,7 +113,7 @@ pub struct AutopilotReport {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SigningCheck {
     pub path: String,
-    /// Permissions of that file, or the reason why it holds no key.
+    /// Permissions of that file, or the reason why it contains no key.
     pub key: Result<u32, String>,
     pub received: Signatures,
     pub admitted: bool,
@@ -128,7 +123,6 @@ pub struct SigningCheck {
 pub struct SharedMemory {
     /// Free space, bytes; None if the system does not report it.
     pub free_bytes: Option<u64>,
-    /// Error of creating a file there.
     pub writable: Result<(), String>,
     /// The instance's directory, or the reason why this user cannot use it.
     pub directory: Result<PathBuf, String>,
@@ -137,7 +131,7 @@ pub struct SharedMemory {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraImages {
     pub images: u64,
-    /// Exposure setting, or the reason why the device's automatic exposure is in use; None if the exposure is not
+    /// Exposure setting, or the reason for the device's automatic exposure; None if the exposure is not
     /// controlled.
     pub exposure: Option<Result<Setting, String>>,
     /// Contrast and saturation of the tag, 0 to 1; None if no tag was detected.
@@ -155,7 +149,7 @@ pub struct CameraCheck {
     pub source: String,
     pub there: Result<(), String>,
     pub calibrated: bool,
-    /// Image statistics, or the error of taking them; None if the camera cannot be examined.
+    /// None if the camera cannot be examined.
     pub view: Option<Result<CameraImages, String>>,
 }
 
@@ -167,27 +161,27 @@ pub struct CheckFacts {
     pub identity: Option<Identity>,
     pub zenoh: Option<String>,
     pub clock_s: i64,
-    /// Clock synchronisation; None if no program reports it.
+    /// None if no program reports the synchronisation.
     pub sync: Option<ClockSync>,
     pub memory: Option<SharedMemory>,
     pub ports: Vec<Port>,
     /// Addresses to dial, and whether they answer.
     pub dialled: Vec<(String, Reach)>,
-    /// Address of the autopilot's link as configured, and whether it can be opened; None if not configured.
+    /// Configured address of the autopilot's link, and whether it can be opened; None if not configured.
     pub autopilot: Option<(String, Result<Reach, String>)>,
     pub signing: Option<SigningCheck>,
-    /// Report of the autopilot, None without its heartbeat; outer None if another program holds the link or it cannot
-    /// be opened.
+    /// Report of the autopilot, None without its heartbeat; outer None if another program holds the link or
+    /// it cannot be opened.
     pub reported: Option<Option<AutopilotReport>>,
     pub receiver: Option<ReceiverCheck>,
     /// Origin of a running drone's frame and distance of the deck, m; None while nothing runs or is known.
     pub frame: Option<(Datum, Option<f64>)>,
-    /// Dead time and time constant of the attitude, s, identified in the newest flight with a response; None without
-    /// one.
+    /// Dead time and time constant of the attitude, s, from the newest flight that identified them; None
+    /// without one.
     pub flown: Option<[f64; 2]>,
     pub vessel_deck: Option<DeckDimensions>,
     pub cameras: Vec<CameraCheck>,
-    /// Real sensors of the vessel that were received by this command.
+    /// Real sensors of the vessel that this command received.
     pub sources: Vec<SourceCheck>,
     pub measured: SensorStatistics,
     /// Sensors held by the running process, as it reports them.
@@ -195,7 +189,7 @@ pub struct CheckFacts {
     pub deck_inputs: Vec<DeckInputCheck>,
     /// Frequency governor of each processor; empty without frequency scaling.
     pub governors: Vec<String>,
-    /// This user may ask for real-time priority.
+    /// This user may request real-time priority.
     pub realtime: bool,
     pub processors: usize,
 }

@@ -1,5 +1,3 @@
-//! Collects the facts about this computer without judging them.
-
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
@@ -42,7 +40,7 @@ const TIMEOUT: Duration = Duration::from_secs(2);
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 const MAX_PROCESSORS: usize = 1024;
 
-/// Facts about this computer that concern the configuration in `path`, whose processes may run under another name.
+/// Facts about this computer and the configuration at `path`, whose processes may run as another `instance`.
 pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
     let computer = configured(path).map(|c| c.named(instance));
     let computer = computer.map_err(|e| e.to_string());
@@ -89,9 +87,9 @@ fn configured(path: &Path) -> Result<Computer, CliError> {
     Ok(computer)
 }
 
-/// Dead time and time constant of the attitude, s, by the newest recorded flight that identified them.
+/// Dead time and time constant of the attitude, s, from the newest recorded flight that identified them.
 fn flown(directory: &str) -> Option<[f64; 2]> {
-    // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
+    // Without a recorder no flight is recorded; `alight flights` reports a directory that cannot be read.
     let flights = store::flights(Path::new(directory)).unwrap_or_default();
     flights.iter().rev().find_map(|f| {
         let metrics = f.summary()?.figures;
@@ -174,7 +172,7 @@ fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraChe
     found.into_iter().flatten().collect()
 }
 
-/// Whether `name` is a named pipe. Opening one blocks without a writer, and reading takes bytes of its images.
+/// Whether `name` is a named pipe: without a writer it blocks, and reading takes bytes of its images.
 fn is_pipe(name: &str) -> bool {
     fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
 }
@@ -347,12 +345,12 @@ fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Whether a QUIC server answers. It answers an unknown version with the versions that it supports (RFC 9000, section
-/// 6.1), without a handshake and without counting a rejected peer. The query is sent three times because a radio loses
-/// packets.
+/// Whether a QUIC server answers. It answers an unknown version with the versions that it supports (RFC 9000,
+/// section 6.1), without a handshake and without counting a rejected peer. The query is sent three times,
+/// because a radio loses packets.
 fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
-    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes. Servers ignore
-    // datagrams below 1200 bytes.
+    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes. Servers
+    // ignore datagrams below 1200 bytes.
     let mut hello = vec![0u8; 1200];
     let header = [
         &[0xc0, 0x0a, 0x0a, 0x0a, 0x0a, 8][..],
@@ -391,7 +389,7 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
             Ok(_) => Reach::Answers,
             Err(e) => Reach::Unreachable(e.to_string()),
         },
-        LinkUrl::Can(_) | LinkUrl::SignalK(..) => Reach::Unreachable("no autopilot's link".into()),
+        LinkUrl::Can(_) | LinkUrl::SignalK(..) => Reach::Unreachable("not an autopilot's link".into()),
     }
 }
 
@@ -447,8 +445,8 @@ fn sync() -> Option<ClockSync> {
     })
 }
 
-/// Result of `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last offsets,
-/// s, field 14 the leap status (Not synchronised).
+/// Result of `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the
+/// last offsets, s, field 14 the leap status (Not synchronised).
 fn chrony(text: &str) -> Option<ClockSync> {
     let fields: Vec<&str> = text.trim().split(',').collect();
     let stratum: u32 = fields.get(2)?.parse().ok()?;

@@ -1,5 +1,5 @@
-//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts and [`rules`]
-//! judges them. The command changes nothing except a camera's exposure, which it leaves as the service would set it.
+//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts,
+//! [`rules`] judges them. Only a camera's exposure changes, to the setting that the service would use.
 
 mod autopilot;
 mod camera;
@@ -63,7 +63,6 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     Ok(worst.exit())
 }
 
-/// Checks the computer of the configuration at `path`, prints the findings and returns the worst level.
 pub fn print(path: &Path, instance: Option<&str>) -> FindingLevel {
     let findings = rules::judge(&gather::gather(path, instance));
     findings

@@ -1,5 +1,5 @@
-//! Rate, age and noise of the vessel's sensors by kind, measured during a reception. They determine the vessel's class;
-//! the configured fields do not.
+//! Rate, age and noise of the vessel's sensors by kind, measured during a reception. They determine the
+//! vessel's class; the configuration does not.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use alight_shared::time::{Time, VesselClock};
 /// Silence at the end after which a sensor has stopped, s; longer than the period of a sensor of 1 Hz.
 const SILENT_S: f64 = 1.5;
 
-/// Measurements of one kind, by the sensor that gave most of them.
+/// Measurements of one kind, from the sensor with the most.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KindStatistics {
     pub rate_hz: f64,
@@ -41,7 +41,6 @@ struct Sample {
     has_heave: bool,
 }
 
-/// Measurements of one kind by sensor number.
 type Series = BTreeMap<u8, Vec<Sample>>;
 
 #[derive(Debug, Default)]
@@ -110,7 +109,7 @@ impl KindStatistics {
         let span_s = last.at_s - first.at_s + if silent_s > SILENT_S { silent_s } else { 0.0 };
         let most = |has: fn(&Sample) -> bool| 2 * all.iter().filter(|s| has(s)).count() > all.len();
         Some(KindStatistics {
-            // A single measurement shows only that the next one did not come.
+            // A single measurement only bounds the rate from above.
             rate_hz: if steps > 0.0 {
                 steps / span_s.max(1e-3)
             } else {
@@ -129,8 +128,8 @@ mod tests {
     use super::*;
     use alight_shared::msg::{AttitudeFix, Header, Seq};
 
-    /// Statistics of a sensor of this rate that sends from 0 s to `end_s`, each attitude 0.1 s late, received for 2.5
-    /// s.
+    /// Statistics of a sensor of this rate that sends from 0 s to `end_s`, each attitude 0.1 s late, received
+    /// for 2.5 s.
     fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> KindStatistics {
         let mut received = MeasurementSeries::default();
         for k in 0..(rate_hz * end_s) as u32 {
@@ -164,7 +163,6 @@ mod tests {
             assert!((found.age_s - 0.1).abs() < 1e-6 && (found.sd - 0.01).abs() < 1e-12);
             assert!(found.with_rates && !found.with_heave);
         }
-        // A sensor that has stopped, and a single measurement.
         assert!(received(20.0, 0.5, fix).rate_hz < 5.0);
         assert!(received(1.0, 1.0, AttitudeFix::default()).rate_hz < 0.5);
     }

@@ -1,5 +1,5 @@
-//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as reported by a running process, or
-//! received here.
+//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as a running process reports
+//! it, or received here.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;

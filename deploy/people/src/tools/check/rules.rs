@@ -1,5 +1,3 @@
-//! Rules that turn facts into findings; pure functions.
-
 use alight_computer::certificates::common_name;
 use alight_computer::config::VesselComputerConfig;
 use alight_computer::subject::Computer;
@@ -19,15 +17,15 @@ use crate::tools::check::facts::{
 };
 use crate::tools::check::{equipment, receiver, view};
 
-/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the remains of a
-/// killed predecessor.
+/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the
+/// remains of a killed predecessor.
 const MEMORY_BYTES: u64 = 64 << 20;
-/// Earliest plausible time of the system's clock: 2025-01-01, s since 1970. An earlier clock was never set.
+/// Earliest plausible time of the system's clock, 2025-01-01, s since 1970; an earlier clock was never set.
 const PLAUSIBLE_S: i64 = 1_735_689_600;
-/// Error of a synchronised clock that is a warning, s; the logs of both computers are compared by it.
+/// Clock error above which a warning is given, s; the logs of both computers are compared by it.
 const CLOCK_ERROR_S: f64 = 0.1;
-/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a contrast of
-/// 16 %; motion and noise reduce it.
+/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a
+/// contrast of 16 %; motion and noise reduce it.
 const MIN_CONTRAST: f64 = 0.3;
 /// Maximum saturation of the tag without a warning: a third of its white.
 const MAX_SATURATION: f64 = 0.1;
@@ -131,8 +129,8 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
     all
 }
 
-/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the slowest
-/// autopilot flown, takes 0.3 s.
+/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the
+/// slowest autopilot flown, takes 0.3 s.
 const SLOW_RESPONSE_S: f64 = 0.45;
 /// Ratio of identified and configured time constants above which they differ.
 const LAG_RATIO: f64 = 1.5;
@@ -248,7 +246,6 @@ fn key(identity: &Identity) -> Vec<Finding> {
     all
 }
 
-/// Finding on access rules when the radio uses a router.
 fn router(radio: &RadioConfig) -> Option<Finding> {
     (radio.router && !radio.tls.authority.is_empty()).then(|| {
         FindingTopic("router").fine(format!(
@@ -347,7 +344,6 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
     }
 }
 
-/// Finding on two received autopilots when no vehicle is configured.
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),

@@ -107,7 +107,7 @@ fn vessel() -> CheckFacts {
     }
 }
 
-/// Makes the computer a drone's, with a usual configuration that `set` changes.
+/// A drone's computer with a usual configuration that `set` changes.
 fn configure(facts: &mut CheckFacts, set: fn(&mut DroneComputerConfig)) {
     let mut computer = DroneComputerConfig::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
@@ -153,7 +153,6 @@ fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
 fn unreported(name: &str, requests: u32) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameterUnknown, f64::from(requests))
 }
-/// Report with a reason against one parameter.
 fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotReport>> {
     let one = of_px4().filter(|(_, p)| p.name == name);
     Some(Some(AutopilotReport {
@@ -203,7 +202,6 @@ fn looked(view: Result<CameraImages, &str>) -> CameraCheck {
     }
 }
 
-/// Tag of this contrast and saturation, exposed for 1 ms.
 fn exposed(contrast: f64, saturation: f64) -> CameraImages {
     CameraImages {
         images: 60,
@@ -469,8 +467,8 @@ fn check_of_a_broken_configuration() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-/// Reads a simulated autopilot that signs with `key`, by a computer of this configuration: its report, the signatures,
-/// and the commands that it received.
+/// Reads a simulated autopilot that signs with `key`, from a computer of this configuration: its report, the
+/// signatures, and the commands that it received.
 fn found_of_autopilot(
     computer: &DroneComputerConfig,
     key: Option<Signing>,
@@ -495,7 +493,6 @@ fn found_of_autopilot(
             let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
             let received: Vec<Vec<u8>> = received.into_iter().collect();
             for sent in px4.step_bytes(&truth, &received).1 {
-                // The receiver may not exist yet.
                 let _lost = socket.send(&sent);
             }
         }
@@ -519,7 +516,7 @@ fn autopilot_check_over_a_signed_link() {
     let other = Some(Signing::new([7; 32]));
     let mut computer = DroneComputerConfig::default();
     let text = |s: Signatures, admitted| s.finding(admitted).map(|(text, _)| text).unwrap_or_default();
-    // Without configured signing, signatures are not checked; their presence is reported.
+    // Without a configured key, signatures are reported but not checked.
     let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
     assert!(
         found.is_some() && text(signatures, true).contains("neither checked"),

@@ -1,5 +1,3 @@
-//! Access to the viewers' page and to its abort button.
-
 use std::net::SocketAddr;
 
 use alight_computer::config::view::ViewConfig;

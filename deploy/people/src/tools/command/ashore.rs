@@ -25,16 +25,15 @@ use super::{CommandArgs, POLL_PERIOD};
 use crate::status::finding::FindingLevel;
 use crate::status::vessel::drone;
 
-/// Timeout of a command from ashore, which needs a session and passes over two radio links.
+/// Timeout of a command from ashore, which opens a session and passes over two radio links.
 const MAX_POLLS_ASHORE: u32 = 240;
 /// Polls after which an order is sent without contact: 3 s. A vessel that is not received may still receive.
 const MAX_POLLS_CONTACT: u32 = 60;
 /// Polls after the first contact within which each of the vessel's drones has reported: 1.5 s, three status periods.
 const POLLS_ALL_REPORT: u32 = 30;
-/// Polls by which the status with the reason of a rejection may follow the receipt: 2 s, with statuses at 2 Hz.
+/// Polls by which the status with a rejection's reason follows the receipt: 2 s, with statuses at 2 Hz.
 const POLLS_REASON: u32 = 40;
 
-/// Time of a poll since the first.
 fn time_of_poll(poll: u32) -> Time<SteadyClock> {
     Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
 }
@@ -42,14 +41,14 @@ fn time_of_poll(poll: u32) -> Time<SteadyClock> {
 struct Ashore {
     order: Retransmission<SteadyClock, OperatorCommand<VesselClock>>,
     asks_only: bool,
-    /// A message of the vessel was received: the session is open.
+    /// A message of the vessel was received, so the session is open.
     contact: bool,
     receipt: Option<CommandProgress>,
     receipt_looks: u32,
-    /// Number of the drone, once known: named by the operator, or the only one that the vessel knows.
+    /// Number of the drone: named by the operator, or the vessel's only one; None if unknown.
     number: Option<u32>,
     drones: BTreeMap<u32, DroneStatus>,
-    /// Drones for which the vessel reserves the deck or a place in the queue, silent or not.
+    /// Drones, silent or not, for which the vessel reserves the deck or a place in the queue.
     reserved: BTreeSet<u32>,
     looks: u32,
     sent: u32,
@@ -74,7 +73,7 @@ impl Ashore {
             sent: 0,
         }
     }
-    /// Takes a receipt of this order; receipts of other orders and of earlier ones are ignored.
+    /// Takes a receipt of this order; ignores receipts of other orders and of earlier ones.
     fn receive_receipt(&mut self, r: &CommandReceipt) {
         let h = &self.order.message.header;
         let own = r.operator == [h.boot, h.sequence]
@@ -108,8 +107,7 @@ impl Ashore {
     fn drone(&self) -> Option<&DroneStatus> {
         self.drones.get(&self.number?)
     }
-    /// Selects the drone if none was named: the only one that the vessel knows, after every drone has had time to
-    /// report.
+    /// Selects the vessel's only drone if none was named, after every drone has had time to report.
     fn choose(&mut self) -> Result<(), CliError> {
         self.looks += u32::from(self.contact);
         if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
@@ -138,7 +136,7 @@ impl Ashore {
         self.number = number;
         self.order.message.header.drone = number.unwrap_or_default();
     }
-    /// Order to send at this poll. The order waits for the session, because it would be lost before; the wait is
+    /// Order to send at this poll. It waits for the session, because it would be lost before; the wait is
     /// limited, because a vessel that is not received may still receive.
     fn due(&mut self, poll: u32) -> Option<OperatorCommand<VesselClock>> {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
@@ -164,7 +162,7 @@ impl Ashore {
             ) => true,
         }
     }
-    /// The drone's newest status contains the reason why it rejects the order.
+    /// Whether the drone's newest status contains the reason for rejecting the order.
     fn has_reason(&self) -> bool {
         match self.order.message.kind {
             CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
@@ -212,7 +210,7 @@ impl Ashore {
                  receiving it"
             }
             Some(CommandProgress::GivenUp) => {
-                "the drone did not take the command, and the vessel does not repeat it"
+                "the drone did not accept the command, and the vessel does not repeat it"
             }
             Some(CommandProgress::Forbidden) => {
                 "the vessel did not pass it on: an abort is pending or has just\nbeen given; look at the drone, then command again"
@@ -235,7 +233,6 @@ impl Ashore {
     }
 }
 
-/// Commands through the vessel, over the secured radio.
 pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
     let own = certificates::read_certificate(&keys.join("certificate.pem"))?
         .certificate
@@ -245,7 +242,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     config.check(&Keys::ROOT)?;
     let key = format!("alight/{own}/{}", topics::OPERATOR.name);
     let publications = vec![Publication::new(key, Urgency::Order).of(&topics::OPERATOR)];
-    // Deck messages arrive even when the vessel receives no drone.
+    // Deck messages arrive even if the vessel receives no drone.
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
     let mut radio = Radio::open(&config, publications, Vec::from(received))?;
@@ -261,7 +258,6 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
         if let Some(Ok(bytes)) = ashore.due(poll).map(|order| wire::encode(&order)) {
             radio.send(0, bytes);
         }
-        // Messages received so far and within the period.
         let mut next = radio.receive(POLL_PERIOD);
         while let Some(packet) = next {
             ashore.contact = true;
@@ -336,7 +332,7 @@ mod tests {
     #[test]
     fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
-        // The drone had aborted before; another abort leaves it in the same state.
+        // After an earlier abort of the drone, another one leaves its state unchanged.
         let given_up = DroneStatus {
             header: Header::new(1, 3, 7, 1, Time::EPOCH),
             state: State::GaveUp,
@@ -345,7 +341,7 @@ mod tests {
         };
         terminal.receive_status(given_up);
         assert!(!terminal.is_answered() && !terminal.is_taken());
-        // Receipts of other orders are not answers either.
+        // Receipts of other orders are not answers.
         for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
             terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
         }
@@ -397,7 +393,7 @@ mod tests {
         assert!(one.due(0).is_some_and(|order| order.header.drone == 2));
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
-        // With several drones, none is commanded, and the answer lists them.
+        // Several drones: none is commanded, and the answer lists them.
         let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
         let why = chosen.unwrap_err().0;
         assert!(
@@ -436,7 +432,6 @@ mod tests {
         );
     }
 
-    /// The receipt may come before the status with the reason.
     #[test]
     fn reason_of_a_rejected_order() {
         let rejected = || {

@@ -18,13 +18,13 @@ use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
-/// Speed uncertainty, m/s: of a drifting vessel without a stated speed; and of a stated speed, in addition to a tenth
-/// of that speed.
+/// Speed uncertainty, m/s, of a drifting vessel without a stated speed; a stated speed has a tenth of that
+/// speed in addition.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
 const LASTS_S: u32 = 300;
 
-/// Latitude and longitude, deg, of the arguments of `deck-at`.
+/// Latitude and longitude, deg, from the arguments of `deck-at`.
 fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     let wrong = || {
         CliError(format!(
@@ -43,7 +43,7 @@ fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     }
 }
 
-/// Velocity, north and east, m/s: unknown for a moving vessel without a stated course.
+/// Velocity, north and east, m/s; an error for a moving vessel without a course.
 fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliError> {
     let speed_mps = speed.unwrap_or_default();
     if speed_mps != 0.0 && course.is_none() {
@@ -55,7 +55,6 @@ fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliErro
     Ok([speed_mps * cos, speed_mps * sin])
 }
 
-/// Beacon with the position of these arguments.
 fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, CliError> {
     let [latitude_deg, longitude_deg] = place(&args.values)?;
     let beacon = DeckBeacon {
@@ -79,14 +78,14 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
 /// Rounding tolerance, s, within which a forecast's beacon has the time of the given one.
 const SAME_S: f64 = 1e-5;
 
-/// Standard deviation, m, and age, s, of the beacon in a forecast if it is the one given at this time.
+/// Standard deviation, m, and age, s, of a forecast's beacon if it is the one given at this time.
 fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
     let [_, age_s] = f.beacon?;
     let apart_s = (f.header.at - given).secs() - age_s;
     f.beacon.filter(|_| f.header.at > given && apart_s.abs() < SAME_S)
 }
 
-/// Sends the beacon to the predictor, and waits until a forecast reports this beacon.
+/// Sends the beacon to the predictor, and waits until a forecast reports it.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     place(&args.values)?;
     velocity(args.speed, args.course)?;
@@ -156,8 +155,8 @@ mod tests {
         assert_eq!(followed(&DeckForecast::default(), given), None);
     }
 
-    /// Impossible values, and values that would have to be guessed, are rejected: the most exact beacon replaces all
-    /// others.
+    /// Impossible values are rejected, and values that would have to be guessed, because the most exact
+    /// beacon replaces all others.
     #[test]
     fn beacons_that_are_rejected() {
         let given = |options: &str| {

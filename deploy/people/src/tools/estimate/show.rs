@@ -37,7 +37,6 @@ fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     table
 }
 
-/// Sensors: samples, and what the estimator did with them.
 fn sources(r: &Review) -> Table {
     let heads = [
         "source",
@@ -135,7 +134,7 @@ fn prediction_notes(r: &Review) -> Vec<String> {
                 "  rms against the later estimate, {} predictions; modes: as broadcast; ridge: regression on two",
                 p.count
             ),
-            "  minutes of estimates; held: the last estimate stands still".into(),
+            "  minutes of estimates; held: the last estimate, unchanged".into(),
         ],
         None => vec!["  too short for a prediction to be compared".into()],
     };
@@ -146,7 +145,7 @@ fn prediction_notes(r: &Review) -> Vec<String> {
     let worse: Vec<String> = worse.map(|p| p.what.to_string()).collect();
     if !worse.is_empty() {
         lines.push(format!(
-            "  worse than the last estimate held: {}",
+            "  worse than the last estimate, unchanged: {}",
             worse.join(", ")
         ));
     }

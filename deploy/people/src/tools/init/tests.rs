@@ -1,5 +1,3 @@
-//! Valid and invalid answers of an installer.
-
 use super::*;
 use alight_shared::msg::LandingMode;
 
@@ -81,7 +79,6 @@ fn init_of_a_boat() {
     assert_eq!(drone.radio.connect, ["quic/10.1.2.3:7447"]);
     assert_eq!(vessel.sensor.sources.len(), 2);
     assert!(vessel.view.knots && drone.view.knots);
-    // The comments of the shipped files stay.
     assert!(boat.drone.contains("# Take-off mass, battery in, kg"));
 }
 

@@ -47,7 +47,6 @@ fn autopilot(battery: f64) -> AutopilotState {
         ..AutopilotState::default()
     }
 }
-/// Shows messages that came at `t_s`.
 fn show(board: &mut Board, t_s: f64, messages: &[Message<'_>]) {
     messages.iter().for_each(|m| board.message(at(t_s), m));
 }
@@ -105,7 +104,6 @@ fn board_places_of_drone_and_plan() {
     assert_eq!((scene.contact, scene.flare_m), (None, None));
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
-    // A wind that blows to the south comes from the north.
     let wind = named(&picture, "wind");
     assert_eq!(
         (wind.value.as_deref(), wind.note.as_str()),
@@ -188,7 +186,7 @@ fn board_of_a_plan_under_way() {
         (contact.in_s, contact.tilt_deg, contact.rise_m),
         (1.1, Some([0.0, 1.1]), Some(0.22))
     );
-    // After the end of the forecast the deck stays at the origin, and old plans are not drawn.
+    // After the end of the forecast the deck remains at the origin, and old plans are not drawn.
     let later = board.picture(at(7.0)).scene.unwrap();
     assert_eq!((later.contact, later.plan.len()), (None, 0));
 }

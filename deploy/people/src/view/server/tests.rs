@@ -164,7 +164,6 @@ fn viewers_page_contrast_by_day_and_night() {
             assert!(contrast >= 4.5, "{selector}: {ink} on {back}: {contrast:.2}");
         }
     }
-    // No opacity fades a text towards its background.
     assert!(!css.contains("opacity"), "opacity changes the contrast");
 }
 
@@ -184,7 +183,7 @@ fn viewers_page_structure() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // A screen reader does not read out values that change each second, only two lines when their kind changes.
+    // A screen reader would read out each change, so only two lines may change, when their kind does.
     assert!(!html.contains("aria-live"));
     let live: Vec<&str> = html
         .lines()
@@ -236,7 +235,6 @@ fn viewers_order_next_to_120_slow_connections() {
         answer.starts_with("HTTP/1.1 200") && answer.ends_with("abort taken"),
         "{answer}"
     );
-    // The earlier viewer is still served.
     server.show(picture("Gave up"));
     read_until(&mut viewer, "\"name\":\"Gave up\"");
     drop(slow);
@@ -318,7 +316,6 @@ fn viewer_that_does_not_read() {
     }
     // Only the kernel's buffers of both ends held pictures.
     assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
-    // Another viewer gets the newest at once.
     assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
 }
 
@@ -332,7 +329,6 @@ fn foxglove(to: SocketAddr) -> Viewer {
     request.headers_mut().insert("Sec-WebSocket-Protocol", protocol);
     tungstenite::client(request, connect(to)).unwrap().0
 }
-/// Advertised topics, with their numbers.
 fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
     let mut all = Vec::new();
     while all.len() < 22 {
@@ -386,7 +382,7 @@ fn foxglove_viewer_topics_and_rates() {
     let received = |viewer: &mut Viewer| {
         let message = viewer.read().unwrap();
         let data = message.into_data();
-        // Opcode 1, the number of the subscription, the time.
+        // Opcode 1, number of the subscription, time.
         (data.first() == Some(&1)).then(|| u64::from_le_bytes(data[5..13].try_into().unwrap()))
     };
     viewer
@@ -406,7 +402,6 @@ fn foxglove_viewer_topics_and_rates() {
         .flatten()
         .take(48)
         .collect();
-    // Shown at 10 Hz.
     assert!(times.windows(2).all(|w| w[1] - w[0] == 100_000_000), "{times:?}");
 }
 

@@ -9,8 +9,8 @@ use crate::autopilots::simulated::estimator::Estimate;
 use crate::autopilots::simulated::reference::PositionReference;
 
 impl SimulatedFlight {
-    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust vector, attitude. In
-    /// the drone's NED, SI.
+    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust vector,
+    /// attitude. Drone's NED, SI.
     pub(super) fn follow(&mut self, track: &PositionReference, e: &Estimate, dt: f64) -> AttitudeSetPoint {
         let c = &self.config;
         let gains = Vector3::new(c.position_gain_hz, c.position_gain_hz, c.height_gain_hz);
@@ -42,7 +42,7 @@ impl SimulatedFlight {
         let collective = self.hover_thrust * lift / GRAVITY / down.z;
         let thrust = collective.clamp(c.min_thrust, 1.0);
 
-        // Integrators stop when the output is limited in their direction.
+        // Anti-windup.
         let vertical_limited =
             (thrust > collective && error.z > 0.0) || (thrust < collective && error.z < 0.0);
         if !limited {
@@ -61,7 +61,8 @@ impl SimulatedFlight {
     }
 }
 
-/// Rotation NED from body with the body's down axis along `down` and the heading `yaw` (PX4's `bodyzToAttitude`).
+/// Rotation NED from body with the body's down axis along `down` and the heading `yaw` (PX4's
+/// `bodyzToAttitude`).
 fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let Some(forward) = right.cross(down).try_normalize(1e-6) else {

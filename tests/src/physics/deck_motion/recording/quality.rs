@@ -1,10 +1,10 @@
-//! Quality of a recording's channels (resolution, noise, held values and clipped peaks), and smoothing to the remaining
-//! bandwidth.
+//! Quality of a recording's channels (resolution, noise, held values, clipped peaks), and smoothing to the
+//! remaining bandwidth.
 //!
-//! Two derivatives turn an error `e` of one sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm at 100
-//! Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within half a window to
-//! either side (Savitzky and Golay 1964, at any spacing); its bandwidth is 1.25 over the window (Schafer 2011, order
-//! 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
+//! Two derivatives turn an error `e` of a sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm
+//! at 100 Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within
+//! half a window to either side (Savitzky and Golay 1964, at any spacing); its bandwidth is 1.25 over the
+//! window (Schafer 2011, order 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
 
 use alight_shared::estimation::median;
 
@@ -15,8 +15,8 @@ const ACCELERATION_LIMIT: f64 = 0.5;
 /// Product of a window's bandwidth and length, Hz s.
 const BANDWIDTH: f64 = 1.25;
 const MAX_WINDOW_S: f64 = 1.5;
-/// Ratio of levels between successive orders of differences above which noise counts as white; for sampled motion the
-/// level decreases by half or more.
+/// Level ratio between successive orders of differences above which noise counts as white. Sampled motion has
+/// a ratio of 0.5 or less.
 const WHITE: f64 = 0.85;
 
 pub(super) struct Knots<'a> {
@@ -24,11 +24,11 @@ pub(super) struct Knots<'a> {
     pub(super) y: &'a mut [[f64; CHANNELS]],
     /// Typical time between rows, s.
     pub(super) step: f64,
-    /// Maximum time between rows that is not a gap, s.
+    /// Maximum time between rows, s; more is a gap.
     pub(super) longest: f64,
 }
 
-/// Smooths the channels that need it, and returns remarks.
+/// Smooths channels that need it; returns remarks.
 pub(super) fn smooth(mut knots: Knots<'_>, has: &[bool; CHANNELS]) -> Vec<String> {
     let channels = (0..CHANNELS).filter(|c| has[*c]);
     channels.filter_map(|c| smooth_channel(&mut knots, c)).collect()
@@ -50,7 +50,6 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
             limits.join(" and ")
         ));
     }
-    // Window required by the errors, s.
     let mut window = 0.0_f64;
     let held = steps.changed < 0.4 && steps.typical > 2.5 * steps.size;
     if held {
@@ -86,19 +85,19 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     Some(text)
 }
 
-/// Shortest window for the permitted error of the second derivative, s. White noise `sd` at the interval `dt` causes
-/// `sd sqrt(720 dt / W^5)`; steps of `size`, whose error lasts, cause at worst `12 size / W²`.
+/// Shortest window for the permitted error of the second derivative, s. White noise `sd` at the interval `dt`
+/// causes `sd sqrt(720 dt / W^5)`; steps of `size`, whose error lasts, cause at most `12 size / W²`.
 fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     let white = (720.0 * dt * (sd / ACCELERATION_LIMIT).powi(2)).powf(0.2);
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
 }
 
 struct Steps {
-    /// Resolution, of which all changes are multiples; 0 without one.
+    /// Divisor of all changes; 0 without one.
     size: f64,
     /// Median change; 0 without changes.
     typical: f64,
-    /// Fraction of rows whose value differs from the previous row's.
+    /// Fraction of rows that differ from the row before.
     changed: f64,
 }
 
@@ -134,8 +133,8 @@ impl Steps {
     }
 }
 
-/// Standard deviation of the white noise on a motion that is slow relative to the sampling; None if the motion itself
-/// dominates the differences. For white noise `sd(D^k) = sigma sqrt(binomial(2k, k))`.
+/// Standard deviation of white noise on a slow motion, by `sd(D^k) = sigma sqrt(binomial(2k, k))`; None if
+/// the motion itself dominates the differences.
 fn white_noise(values: &[f64]) -> Option<f64> {
     let mut differences = values.to_vec();
     let mut levels = Vec::new();
@@ -151,7 +150,7 @@ fn white_noise(values: &[f64]) -> Option<f64> {
     (a > 0.0 && b > WHITE * a && c > WHITE * b).then_some(c)
 }
 
-/// Values with extrapolated peaks, the number of clipped places, and the limits at which they were clipped.
+/// Values with extrapolated peaks, number of clipped places, and clipping limits.
 fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, Vec<f64>) {
     let mut out = values.to_vec();
     let (mut places, mut limits) = (0, Vec::new());
@@ -162,7 +161,7 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
         let runs = runs(values, limit);
         let mut here = 0;
         for (first, last) in runs {
-            // Flank slopes extend over at least two rows and 0.1 s.
+            // Flank slopes span at least two rows and 0.1 s.
             let reach = ((0.1 / knots.step).ceil() as usize).max(2);
             let (Some(before), after) = (first.checked_sub(reach), last + reach) else {
                 continue;
@@ -197,7 +196,7 @@ fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, 
     (out, places, limits)
 }
 
-/// First and last row of every stretch of at least three rows at `limit`.
+/// First and last row of each stretch of three or more rows at `limit`.
 fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
     let mut runs = Vec::new();
     let mut begin = None;
@@ -214,7 +213,7 @@ fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
     runs
 }
 
-/// Cubic fits about each row to the samples within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
+/// Cubic fits about each row within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
 fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
     let (t, half) = (knots.t, 0.6 * window);
     let mut from = 0;
@@ -235,7 +234,7 @@ fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
                 normal += row * row.transpose() * weight;
                 right += row * (weight * (values[j] - values[i]));
             }
-            // Rows with fewer than four samples in the window, next to a gap, are not smoothed.
+            // With fewer than four samples in the window, as next to a gap, a row is not smoothed.
             let fit = normal.cholesky().map_or(0.0, |l| l.solve(&right)[0]);
             values[i] + fit
         })
@@ -247,7 +246,7 @@ mod tests {
     use crate::physics::deck_motion::recording::{HEAVE, Recording};
     use crate::physics::streams::Streams;
 
-    /// A recording of roll, pitch and heave, whose heave column is written by `f`.
+    /// A recording of roll, pitch and heave; `f` writes the heave.
     fn heave(hz: f64, seconds: f64, mut f: impl FnMut(f64) -> f64) -> Recording {
         let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m\n");
         for k in 0..(hz * seconds) as u32 {
@@ -264,7 +263,7 @@ mod tests {
     fn swell(t: f64) -> f64 {
         0.7 * (1.05 * t).sin() + 0.3 * (1.7 * t + 1.0).sin()
     }
-    /// Maximum errors of the heave, and of its slope over three rows, relative to the swell.
+    /// Maximum errors of heave, and of its slope over three rows, relative to the swell.
     fn errors(r: &Recording) -> [f64; 2] {
         let mut worst = [0.0_f64; 2];
         for k in 200..r.t.len() - 200 {

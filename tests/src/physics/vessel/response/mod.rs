@@ -1,14 +1,14 @@
-//! Linear seakeeping by a response table, as an alternative to the hull of [`crate::physics::vessel::Vessel`].
+//! Linear seakeeping by a response table, instead of [`crate::physics::vessel::Vessel`].
 //!
-//! Motion about the mean path, which moves amidships at the still-water line with the mean heading: `xi_d(t) = sum_j
-//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, over the components
-//! of the water's surface, whose phase at the mean position is `theta_j` (St. Denis and Pierson 1953; Fossen 2011,
-//! section 8.2.5). Under way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U cos(beta)`,
-//! whatever its sign. The table is valid for zero speed and is evaluated at the wave's own frequency, so that the
-//! wave's length and slope are correct.
+//! Motion about the mean path (amidships at the still-water line, with the mean heading): `xi_d(t) = sum_j
+//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, where
+//! `theta_j` is the phase of wave component j at the mean position (St. Denis and Pierson 1953; Fossen 2011,
+//! section 8.2.5). Under way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U
+//! cos(beta)`, of either sign. The table is valid at zero speed, and evaluated at the wave's own frequency,
+//! so that length and slope are correct.
 //!
-//! Surge and sway are in the axes of the mean heading; trim, roll, pitch and yaw add as Euler angles. The table's axes
-//! (x forward, y to port, z up) are used only here: the state is in NED and forward, right, down, as everywhere else.
+//! Surge and sway refer to the mean heading; trim, roll, pitch and yaw add as Euler angles. Only here are the
+//! axes x forward, y to port, z up; the state is in NED and forward, right, down.
 
 pub mod places;
 pub mod table;
@@ -32,8 +32,8 @@ use crate::physics::sea::{Sea, SeaComponent, sin_cos};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
-/// Built-in hulls: name, table, places. Computed for Alight by linear potential flow (panel method), with viscous roll
-/// damping of 6 to 12 % of critical added by hand.
+/// Built-in hulls: name, table, places. Computed by linear potential flow (panel method); 6 to 12 % of
+/// critical roll damping was added for viscosity.
 const SUPPLIED: [(&str, &str, &str); 3] = [
     (
         "twin-5m",
@@ -54,10 +54,9 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
 
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
-/// Step of the numerical derivatives in a turn: the world's tick, so that two of the three poses are already known.
+/// Step of the numerical derivatives in a turn: the world's tick, at which two of three poses are known.
 const TURN_STEP: Span = Span::from_millis(10);
 
-/// Error of a hull that was rejected.
 #[derive(Debug, Error)]
 pub enum HullError {
     #[error(
@@ -72,13 +71,12 @@ pub enum HullError {
         line: usize,
         message: String,
     },
-    /// The file of the equipment's places is invalid.
     #[error("places of a hull, {origin}: {message}")]
     Places { origin: String, message: String },
 }
 
 config! {
-    /// A vessel moved by a response table. Course, speed and heading are those of `vessel`.
+    /// A vessel moved by a response table; `vessel` has its course, speed and heading.
     pub struct HullConfig {
         /// Built-in hull twin-5m, mono-5m or work-12m, or the path of a response table (CSV).
         pub table: String = String::new();
@@ -99,7 +97,7 @@ config! {
     }
 }
 
-/// A response table, with the places of the equipment on the hull.
+/// A response table, and the places of equipment on the hull.
 #[derive(Clone, Debug)]
 pub struct HullFiles {
     pub table: ResponseTable,
@@ -107,7 +105,7 @@ pub struct HullFiles {
 }
 
 impl HullFiles {
-    /// Loads a built-in hull, or the table of that path with the .toml next to it.
+    /// A built-in hull, or a table with the .toml next to it.
     pub fn load(name: &str) -> Result<HullFiles, HullError> {
         if let Some((name, table, places)) = SUPPLIED.iter().find(|s| s.0 == name) {
             return Ok(HullFiles {
@@ -136,9 +134,7 @@ impl HullFiles {
 struct Wave {
     /// Amplitude, m.
     amplitude: f64,
-    /// Angular frequency, rad/s.
     omega: f64,
-    /// Wave vector, rad/m.
     k: Vector2<f64>,
     /// Phase at the origin at time zero, rad.
     phase: f64,
@@ -147,25 +143,24 @@ struct Wave {
     responses: ResponseAtFrequency,
 }
 
-/// Pose about the mean path (surge, sway, heave, roll, pitch, yaw in NED and FRD) with derivatives.
+/// Pose about the mean path (surge, sway, heave, roll, pitch, yaw in NED and FRD).
 type Motion = [Jet; DOFS];
 
 #[derive(Clone)]
 pub struct ResponseVessel {
     waves: Vec<Wave>,
     path: MeanPath,
-    /// Roll and pitch at rest, rad.
+    /// Roll and pitch, rad.
     trim: [f64; 2],
-    /// A mean heading, rad, and the products of amplitude and response of each wave at it.
+    /// Mean heading, rad, and amplitude times response of each wave.
     straight: (f64, Vec<Response>),
-    /// Poses during a turn, the oldest first.
+    /// Poses during a turn, oldest first.
     turning: [(Time<TrueTime>, Motion); 3],
     state: RigidState<VesselBody>,
 }
 
 impl ResponseVessel {
-    /// The vessel of `hull` in `sea`, at the origin at time zero, at a heading drawn from `vessel/heading` unless it is
-    /// configured.
+    /// The vessel of `hull` at the origin at time zero; `vessel/heading` draws its heading unless configured.
     pub fn new(
         hull: &HullFiles,
         config: &HullConfig,
@@ -202,7 +197,7 @@ impl ResponseVessel {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    /// Starts the course's turn or speed change a random time after `t`.
+    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
@@ -210,10 +205,10 @@ impl ResponseVessel {
         self.state
     }
 
-    /// Product of amplitude and response of every wave at a mean heading, rad.
+    /// Amplitude times response of every wave at a mean heading, rad.
     fn responses(&self, heading: f64) -> impl Iterator<Item = Response> + '_ {
         self.waves.iter().map(move |w| {
-            // Compass angles are clockwise, those of the table counter-clockwise.
+            // Compass angles are clockwise, the table's counter-clockwise.
             let r = w.responses.towards(heading - w.towards);
             Response {
                 re: r.re.map(|v| w.amplitude * v),
@@ -258,21 +253,21 @@ impl ResponseVessel {
         }
     }
 
-    /// Pose at a time during a turn; its derivatives are not valid.
+    /// Pose during a turn; its derivatives are not valid.
     fn turning_pose(&self, t: Time<TrueTime>) -> Motion {
         let there = self.path.at(t.secs());
         let responses: Vec<Response> = self.responses(there.heading).collect();
         pose(&there, &self.motion(t.secs(), &responses))
     }
 
-    /// Motion about the mean path at `t` (s): forward, right, down, roll, pitch, yaw, with derivatives at a constant
-    /// mean heading.
+    /// Motion about the mean path at `t` (s), forward, right, down, roll, pitch, yaw; derivatives at a
+    /// constant mean heading.
     fn motion(&self, t: f64, responses: &[Response]) -> Motion {
         let here = self.path.at(t);
         let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
         for (w, r) in self.waves.iter().zip(responses) {
             let (sin, cos) = sin_cos(w.k.dot(&here.position) - w.omega * t + w.phase);
-            // Derivative of the phase: minus the frequency of encounter.
+            // Minus the frequency of encounter.
             let rate = w.k.dot(&here.velocity) - w.omega;
             for i in 0..DOFS {
                 let value = r.re[i] * cos - r.im[i] * sin;
@@ -291,8 +286,8 @@ impl ResponseVessel {
     }
 }
 
-/// North, east, down, roll, pitch and yaw, from the mean path and the motion about it; derivatives at a constant mean
-/// heading.
+/// North, east, down, roll, pitch, yaw, from the mean path and the motion about it; derivatives at a constant
+/// mean heading.
 fn pose(mean: &PathPoint, m: &Motion) -> Motion {
     let (s, c) = mean.heading.sin_cos();
     let mut out = *m;

@@ -1,5 +1,4 @@
-//! Places on a vessel as an installer measures them: deck, sensors, trim. They are in a TOML file next to the response
-//! table.
+//! Deck, sensors and trim as an installer measures them, in a TOML file next to the response table.
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
@@ -8,13 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use super::HullError;
 
-/// A place relative to amidships at the still-water line, along the vessel's axes.
+/// Place relative to amidships at the still-water line, along the vessel's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HullPlace {
-    /// Forward, m; negative aft.
+    /// Position forward of amidships, m; negative aft.
     pub forward_m: f64,
-    /// To starboard, m.
+    /// Position to starboard, m.
     pub right_m: f64,
     /// Above the water line, m.
     pub above_water_m: f64,
@@ -30,15 +29,13 @@ impl HullPlace {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeckPlace {
-    /// Centre of the deck, forward of amidships, m; negative aft.
+    /// Deck's centre, forward of amidships, m; negative aft.
     pub forward_m: f64,
-    /// Centre of the deck, to starboard, m.
+    /// Deck's centre, to starboard, m.
     pub right_m: f64,
-    /// Centre of the deck, above the water line, m.
+    /// Deck's centre, above the water line, m.
     pub above_water_m: f64,
-    /// Length along the vessel, m.
     pub length_m: f64,
-    /// Width across the vessel, m.
     pub width_m: f64,
 }
 
@@ -62,7 +59,7 @@ pub struct Places {
 }
 
 impl Places {
-    /// Parses TOML; `origin` names it in errors.
+    /// `origin` names the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let wrong = |message: String| HullError::Places {
             origin: origin.into(),
@@ -91,7 +88,7 @@ impl Places {
         }
         Ok(places)
     }
-    /// Geometry of the deck for nodes and world, with the tag layout suggested for it, or the layout of `base`.
+    /// Deck for nodes and world, with the hull's suggested tag layout, or that of `base`.
     pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
         let deck = &self.deck;
         DeckGeometry {

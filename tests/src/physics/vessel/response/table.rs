@@ -1,15 +1,15 @@
-//! Response of a hull to waves as a table: complex motion per metre of wave amplitude, by frequency and direction.
+//! Response table of a hull to waves: complex motion per metre of wave amplitude, by frequency and direction.
 //!
-//! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a exp(-i (omega
-//! t + phase)))` in the wave `a cos(omega t + phase)`. The direction is the one towards which the wave runs, relative
-//! to the bow, counter-clockwise viewed from above: 0 following, 90 from starboard to port, 180 head sea. Waves to the
-//! other side are the mirror image: sway, roll and yaw change sign.
+//! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a
+//! exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. A direction is that towards which the
+//! wave runs relative to the bow, counter-clockwise from above: 0 following, 90 from starboard to port, 180
+//! head sea. Waves to the other side are the mirror image: sway, roll and yaw change sign.
 
 use core::f64::consts::PI;
 
 use super::HullError;
 
-/// Degrees of freedom: surge, sway, heave, roll, pitch, yaw.
+/// Surge, sway, heave, roll, pitch, yaw.
 pub const DOFS: usize = 6;
 pub const COLUMNS: [&str; 14] = [
     "omega_radps",
@@ -29,7 +29,7 @@ pub const COLUMNS: [&str; 14] = [
 ];
 /// Sign of each degree of freedom in the mirror image.
 const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-/// Maximum response of a degree of freedom, m/m or rad/m; a larger one is a wrong unit (deg for rad).
+/// Largest plausible response, m/m or rad/m; larger values have a wrong unit (deg for rad).
 const MAX_RESPONSE: f64 = 20.0;
 const MAX_ROWS: usize = 200_000;
 
@@ -37,7 +37,6 @@ const MAX_ROWS: usize = 200_000;
 pub struct Response {
     /// Real parts, m/m and rad/m.
     pub re: [f64; DOFS],
-    /// Imaginary parts.
     pub im: [f64; DOFS],
 }
 
@@ -48,7 +47,6 @@ impl Response {
             im: core::array::from_fn(|d| MIRRORED[d] * self.im[d]),
         }
     }
-    /// `sum w_i r_i`.
     fn mix<const N: usize>(parts: [(f64, &Response); N]) -> Response {
         let sum = |f: &dyn Fn(&Response) -> f64| parts.iter().map(|(w, r)| w * f(r)).sum();
         Response {
@@ -58,7 +56,7 @@ impl Response {
     }
 }
 
-/// Response table on a full grid of frequencies and directions.
+/// Responses on a full grid of frequencies and directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResponseTable {
     /// Frequencies, ascending, rad/s.
@@ -70,7 +68,7 @@ pub struct ResponseTable {
 }
 
 impl ResponseTable {
-    /// Parses CSV text; `origin` names it in errors.
+    /// `origin` names the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let at = |line: usize, message: String| HullError::Row {
             origin: origin.into(),
@@ -143,7 +141,7 @@ impl ResponseTable {
         Ok(table)
     }
 
-    /// Reads the direction of a row, deg: those of the first frequency must ascend, and repeat for the others.
+    /// Reads a row's direction, deg. The first frequency's must ascend; the others' repeat them.
     fn take_direction(&mut self, column: usize, direction: f64) -> Result<(), String> {
         if self.omega.len() == 1 {
             if self
@@ -162,7 +160,6 @@ impl ResponseTable {
         Ok(())
     }
 
-    /// Checks that at least three directions cover 0 to 180 deg.
     fn whole_circle(&self) -> Result<(), String> {
         let ends = self.direction.first().zip(self.direction.last());
         if self.direction.len() >= 3 && ends == Some((&0.0, &PI)) {
@@ -179,7 +176,7 @@ impl ResponseTable {
         [value(self.omega.first()), value(self.omega.last())]
     }
 
-    /// Responses at `omega` in all directions: linear between frequencies, constant beyond the table's ends.
+    /// Responses in all directions: linear between frequencies, constant beyond the ends.
     pub fn at_frequency(&self, omega: f64) -> ResponseAtFrequency {
         let [low, high] = self.range();
         let omega = omega.clamp(low, high);
@@ -197,7 +194,7 @@ impl ResponseTable {
             ])
         };
         let inner: Vec<(f64, Response)> = (0..n).map(|j| (self.direction[j], node(j))).collect();
-        // The interpolation has one further node beyond either end, which mirrors its neighbour.
+        // One more node beyond either end mirrors its neighbour.
         let mut nodes = Vec::with_capacity(n + 2);
         let mirror = |about: f64, (d, r): (f64, Response)| (2.0 * about - d, r.mirrored());
         nodes.push(mirror(0.0, inner[1]));
@@ -207,7 +204,7 @@ impl ResponseTable {
     }
 }
 
-/// Parses fourteen finite numbers of plausible magnitude.
+/// Fourteen finite numbers of plausible magnitude.
 fn numbers(row: &str) -> Result<[f64; 14], String> {
     let mut values = [0.0; 14];
     let mut cells = row.split(',').map(str::trim);
@@ -239,9 +236,9 @@ pub struct ResponseAtFrequency {
 }
 
 impl ResponseAtFrequency {
-    /// Response to a wave that runs towards `direction` relative to the bow (rad, counter-clockwise viewed from above,
-    /// not wrapped): a cubic through the directions with slopes from the neighbours (Catmull and Rom 1974), so that a
-    /// turning vessel has a finite acceleration.
+    /// Response to a wave towards `direction` relative to the bow (rad, counter-clockwise from above, not
+    /// wrapped): a cubic with slopes from the neighbours (Catmull and Rom 1974), so that a turning vessel has
+    /// a finite acceleration.
     pub fn towards(&self, direction: f64) -> Response {
         let wrapped = alight_shared::frames::wrap_angle(direction);
         let there = wrapped.abs();

@@ -18,7 +18,7 @@ fn vessel_of(hull: &str, course: VesselCourse, sea: &Sea, seed: u64) -> Response
     ResponseVessel::new(&files, &HullConfig::default(), &vessel, sea, &Streams::new(seed))
 }
 
-/// A table with one response at all frequencies and directions.
+/// One response at all frequencies and directions.
 fn flat(response: impl Fn(f64, f64) -> [f64; 12]) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for omega in [0.5, 1.0, 2.0, 4.0] {
@@ -35,7 +35,7 @@ fn supplied_hulls_in_long_waves() {
     for name in HULLS {
         let hull = HullFiles::load(name).unwrap();
         assert_eq!(hull.table.range(), [0.4, 5.0], "{name}");
-        // In waves much longer than the hull, the hull heaves and surges with the water, in all directions.
+        // In waves much longer than itself, the hull heaves and surges with the water.
         for deg in [0.0, 45.0, 90.0, 135.0, 180.0, -45.0, -90.0, 270.0] {
             let r = hull.table.at_frequency(0.4).towards(f64::to_radians(deg));
             assert!(
@@ -132,7 +132,7 @@ fn bad_response_table() {
 
 #[test]
 fn response_in_a_long_wave() {
-    // 300 m long, from astern, abeam and ahead, to either side; slope and elevation match the water's.
+    // 300 m long, from astern, abeam and ahead, to either side.
     for towards in [0.0, 0.8, 1.9, 3.1, -0.8, -2.2] {
         let wave = SeaComponent::deep(2.0, 0.453, towards, 0.7);
         let sea = Sea::of_linear_components(vec![wave]);
@@ -173,13 +173,12 @@ fn response_motion_derivatives() {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
         let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
         for k in 0..6000 {
-            // Over a straight leg, a turn and the following leg; off the tick grid.
+            // Leg, turn and leg, off the tick grid.
             let t = 0.503 + 0.01 * f64::from(k);
             let h = 1e-3;
             let [a, b, c] = [t - h, t, t + h].map(|t| vessel.state_at(at(t)));
             let v = (c.position.0 - a.position.0) / (2.0 * h);
             let acc = (c.velocity.0 - a.velocity.0) / (2.0 * h);
-            // The rotation over a step, in the body frame.
             let turn = (a.attitude.0.inverse() * c.attitude.0).scaled_axis() / (2.0 * h);
             let dw = (c.rates.0 - a.rates.0) / (2.0 * h);
             let errors = [
@@ -259,7 +258,7 @@ fn square_path_closure_and_speed() {
         let round = 4.0 * side / speed;
         let mut widest = 0.0_f64;
         let mut t = 0.0;
-        // On the first leg; a later leg cuts the corner at which the first began.
+        // On the first leg; later legs cut the corner at which the first began.
         let start = path.at(0.3 * side / speed).position;
         let mut nearest_after = f64::INFINITY;
         while t < 1.2 * round {
@@ -289,7 +288,7 @@ fn sea_heights_and_periods() {
     for seed in 0..3 {
         let sea = Sea::linear(&config, &Streams::new(seed));
         assert!((4.0 * sea.variance().sqrt() - 1.5).abs() < 1e-9);
-        // Elevation at a position for twenty minutes: zero crossings and variance.
+        // Elevation of twenty minutes at a position: zero crossings and variance.
         let z: Vec<f64> = (0..12_000)
             .map(|i| sea.elevation(at(0.1 * f64::from(i)), 3.0, -7.0))
             .collect();
@@ -308,7 +307,6 @@ fn sea_heights_and_periods() {
     let cross: SeaConfig = "jonswap:0.8,4.5+jonswap:1,8@90".parse().unwrap();
     let sea = Sea::linear(&cross, &Streams::new(2));
     assert!((16.0 * sea.variance() - 0.64 - 1.0).abs() < 1e-9);
-    // Each system runs in its own direction.
     let mean = |low: f64, high: f64| {
         let in_band = |c: &&SeaComponent| (low..high).contains(&c.frequency);
         let sum: Vector2<f64> = sea.components().iter().filter(in_band).map(|c| c.direction).sum();

@@ -17,7 +17,6 @@ fn promise_of_a_steady_course_and_a_turn() {
     rig.run(&[], 0.5);
     assert_eq!(stated(&rig), Course::Unknown);
     rig.order(DeckOrder::Steady(60));
-    // An order also applies between two periodic grants.
     rig.t_s += 0.01 - 0.5;
     assert_eq!(rig.order(DeckOrder::Turning).course, Course::Turning);
     rig.run(&[], 600.0);
@@ -71,7 +70,6 @@ fn wanted_steady_course() {
     assert!(wants(&rig));
     rig.run(&[], 1.5);
     assert!(!wants(&rig));
-    // A drone that does not descend because of the course asks for a steady one.
     rig.sequence += 1;
     let waits = DroneStatus {
         waiting: ReasonCode::VesselTurns.into(),

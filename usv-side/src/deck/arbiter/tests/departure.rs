@@ -27,7 +27,7 @@ fn clearance_for_a_take_off() {
     assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
     rig.run(&[(1, State::SpinUp)], TAKE_OFF_CLEARANCE_S + 1.0);
     assert!(!cleared(&rig), "it has expired");
-    // The deck remains the drone's until it has certainly left.
+    // The drone keeps the deck until it has certainly left.
     rig.order(DeckOrder::TakeOff(1));
     assert_eq!(rig.run(&[(1, State::TakeOff), (2, State::Approach)], 3.0), 1);
     assert!(!cleared(&rig));
@@ -93,7 +93,6 @@ fn standing_clearance_of_two_drones() {
     for (here, comes) in [(1, 2), (2, 1), (1, 2)] {
         assert_eq!(rig.run(&[(here, there)], TAKE_OFF_CLEARANCE_S + 1.0), here);
         assert!(cleared(&rig), "drone {here}, after hours as well");
-        // The other drone requests the deck and receives it once it is free.
         assert!(!rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
         rig.run(&[(here, there), (comes, State::Approach)], 1.0);
         assert!(rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
@@ -144,7 +143,7 @@ fn standing_clearance_that_was_forgotten() {
         assert_eq!(rig.arbiter.ended_clearances(), [(1, ClearanceEnd::Time)]);
         assert!(rig.order(DeckOrder::TakeOff(1)).take_off, "given again");
     }
-    // A sortie does not use up a standing clearance, and each stay on the deck has its own time limit.
+    // A sortie does not use up a standing clearance, and each stay has its own time limit.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for state in [State::TakeOff, State::ClimbOut, State::Hold, State::Descent] {
         rig.run(&[(1, state)], 200.0);
@@ -184,7 +183,7 @@ fn clearance_after_somebody_was_at_the_drone() {
     };
     assert_eq!(silent(restarted), (false, vec![(1, ClearanceEnd::Computer)]));
     assert_eq!(silent(|_| ()), (true, vec![]));
-    // A charger raises the charge more slowly than a battery change.
+    // A charger takes longer than a battery change.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for k in 0..800 {
         rig.t_s += 0.5;

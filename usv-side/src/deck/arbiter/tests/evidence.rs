@@ -19,13 +19,12 @@ fn single_status_from_beyond_the_deck() {
         |s| s.landed = LandedState::Unknown,
         |s| s.deck_distance_m = None,
         |s| s.deck_distance_m = Some(14.0),
-        // The drone's own mission reports that it stands on the deck, with a wrong position.
+        // The mission reports the drone on the deck, with a wrong position.
         |s| s.state = State::Landed,
     ];
     for (k, change) in contrary.into_iter().enumerate() {
         assert_eq!(far(change), ([1, 1], true), "{k}");
     }
-    // The same applies to a drone that was descending when last received.
     for (state, distance_m) in [
         (State::Hold, None),
         (State::GaveUp, None),
@@ -114,7 +113,6 @@ fn drone_switched_on_without_a_position() {
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
         rig.restart(Some(rig.arbiter.checkpoint()));
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
-        // One position may be wrong; several are evidence.
         let far = DroneStatus {
             deck_distance_m: Some(200.0),
             ..status
@@ -123,7 +121,6 @@ fn drone_switched_on_without_a_position() {
         other.run_as(status, 4);
         assert_eq!([other.run_as(far, 1), other.run_as(status, 4)], [0, 0]);
         assert_eq!(other.run_as(far, 8), 2, "{landed:?}");
-        // The crew may also report that nothing stands on the deck.
         let (_, mut rig, status) = parked(landed, None);
         rig.run_as(status, 4);
         rig.order(DeckOrder::Open);

@@ -35,7 +35,7 @@ fn deck_closed_by_switch_and_order() {
     assert_eq!((rig.run(&waiting, 2.0), rig.closed()), (0, Some(Closure::Crew)));
     rig.order(DeckOrder::Open);
     assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
-    // A closed input affects a drone that already owns the deck like an order.
+    // A closed input has the effect of an order, also for the present owner.
     rig.inputs.closed = Some(true);
     rig.run(&[(1, State::Descent)], 0.5);
     assert_eq!(rig.closed(), Some(Closure::Switch));
@@ -63,7 +63,6 @@ fn unread_deck_input() {
         assert_eq!(rig.closed(), Some(closure));
         rig.inputs = read;
         assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
-        // The inputs have never been read.
         rig.arbiter = DeckArbiter::new(&rig.arbiter.config, 1, 2);
         rig.inputs = unread;
         assert_eq!((rig.run(&waiting, 9.0), rig.closed()), (0, Some(closure)));
@@ -80,7 +79,6 @@ fn occupancy_sensor_under_a_drone() {
     assert!(occupied(&rig) && rig.closed() == Some(Closure::Sensor));
     rig.inputs.occupied = Some(false);
     assert_eq!(rig.run(&first(State::TrackingStable), 0.5), 1);
-    // An object appears on the deck during the descent, and is removed.
     for (level, closed) in [(true, Some(Closure::Sensor)), (false, None)] {
         rig.inputs.occupied = Some(level);
         rig.run(&first(State::Descent), 2.0);
@@ -94,7 +92,7 @@ fn occupancy_sensor_under_a_drone() {
             "{state:?}"
         );
     }
-    // A sensor that reports a free deck does not end a drone's ownership, silent or not.
+    // A sensor that reports a free deck never ends an ownership.
     rig.inputs.occupied = Some(false);
     assert_eq!(rig.run(&first(State::Landed), 9.0), 1);
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);

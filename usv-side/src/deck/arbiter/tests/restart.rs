@@ -9,8 +9,8 @@ fn arbiter_restart_with_drones_on_and_near_the_deck() {
         rig.restart(Some(rig.arbiter.checkpoint()));
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
-        // A crew order applies at once if it names the drone, or if the drone stood on the deck. For a drone in the
-        // air, the duration of the silence before the restart is unknown, so its landing may have just begun.
+        // An order applies at once if it names the drone, or if the drone stood on the deck. A drone in the
+        // air may have begun its landing just before the restart.
         for order in [DeckOrder::Open, DeckOrder::Clear(1)] {
             let mut rig = rig.clone();
             rig.restart(Some(rig.arbiter.checkpoint()));
@@ -22,8 +22,7 @@ fn arbiter_restart_with_drones_on_and_near_the_deck() {
             assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
         }
     }
-    // If the file is missing or damaged, nothing is known about the deck. An order does not depend on the disk, so it
-    // also opens a deck whose file cannot be written.
+    // Without a readable file nothing is known about the deck. An order opens it even if the disk fails.
     for closure in [
         Closure::CheckpointMissing,
         Closure::CheckpointDamaged,
@@ -64,7 +63,6 @@ fn two_drones_with_one_number() {
     let doubles: Vec<_> = rig.arbiter.doubles().collect();
     assert_eq!(doubles, [(1, [7, 8])]);
     assert_eq!(rig.arbiter.owner(), Some(1), "the first is still on its way");
-    // One of the two drones is switched off.
     rig.run(&[(1, State::Descent)], 15.0);
     assert_eq!((rig.arbiter.published, rig.arbiter.doubles().count()), (1, 0));
 }

@@ -9,7 +9,7 @@ fn nmea_fix_that_is_none() {
         ("7", "A,M", "simulated or set by hand"),
         ("8", "V,S", "simulated or set by hand"),
         ("8", "A,S", "simulated or set by hand"),
-        // From versions of the standard before 2.3, which have no mode.
+        // Before version 2.3 of the standard, there is no mode.
         ("8", "A", "simulated or set by hand"),
     ] {
         let (status, mode) = rmc.split_once(',').unwrap_or((rmc, ""));

@@ -3,8 +3,7 @@
 use super::*;
 use crate::sensors::config::BusDevices;
 
-/// Live stream of this many seconds at 10 Hz: GGA and RMC once per second, and these sentences each time. Returns the
-/// decoder, headings and tilts (deg).
+/// Decoder, headings and tilts (deg) of a live stream at 10 Hz: GGA and RMC once per second, and `each`.
 fn boat(seconds: u32, mount: Mount, each: impl Fn(f64) -> Vec<String>) -> (NmeaDecoder, Vec<f64>, Vec<f64>) {
     let mut d = decoder(mount);
     let (mut headings, mut rolls) = (Vec::new(), Vec::new());
@@ -82,7 +81,7 @@ fn makers_heading_that_repeats_next_to_a_gyrocompass() {
     let late = headings.get(headings.len() / 2..).unwrap_or_default();
     assert!(late.iter().all(|h| (h - 42.9).abs() > 1e-6), "{late:?}");
     assert!(
-        remark(&d, "heading of device PRDID does not change at all")
+        remark(&d, "heading of device PRDID has not changed")
             .remedy
             .is_some()
     );
@@ -96,7 +95,7 @@ fn variation_of_zero_next_to_another() {
             "0.0,E",
             rmc("14.2,W"),
             40.0,
-            "magnetic variation: -14.2 deg by GP, +0.0 deg by HC, which is taken for none",
+            "magnetic variation: -14.2 deg by GP, +0.0 deg by HC, taken as not set",
         ),
         (
             "10.0,W",
@@ -149,7 +148,7 @@ fn decimal_commas_negative_headings_and_qualities() {
         ("HEHDT,-12.3,T", "10 HEHDT (a heading outside of 0 to 360 deg)"),
         (
             "GPGGA,T,5000.0,N,01430.0,E,12,12,0.8,3.0,M,45.0,M,,",
-            "10 GPGGA (of quality 12, which is not known)",
+            "10 GPGGA (of unknown quality 12)",
         ),
         (
             "PSAT,HPR,120000.00,42.9,1.2,5.5,N",
@@ -172,7 +171,7 @@ fn decimal_commas_negative_headings_and_qualities() {
     }
     let sbas = format!("GPGGA,T,{PLACE},9,12,0.8,3.0,M,45.0,M,,");
     assert!(fixes(&epochs(&[&sbas]).0).len() >= 9);
-    // Empty fields at the end, and a name that is empty, do not count as surplus.
+    // Surplus fields that are empty do not count.
     let (all, _) = epochs(&[
         zda,
         "HEHDT,42.9,T,,",
@@ -195,7 +194,7 @@ fn other_formats_among_sentences() {
         lines
             .iter()
             .for_each(|line| d.push(format!("{line}\r\n").as_bytes(), &mut out));
-        // A UBX message whose payload contains the start and end of sentences.
+        // UBX whose payload contains the start and end of sentences.
         let ubx = [&[0xb5, 0x62, 1, 7, 12, 0][..], b"$GP\r\n$GNTXT,", &[1, 2]].concat();
         d.push(
             &[&ubx[..], sentence("GNTXT,01,01,02,ANT").as_bytes()].concat(),
@@ -217,7 +216,7 @@ fn other_formats_among_sentences() {
         );
     }
     assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
-    // A sender of these sentences is admitted so that it is reported; a wind sensor is not admitted.
+    // A sender of these sentences is admitted, to be reported; a wind sensor is not.
     let speaks = crate::sensors::Format::Nmea.speaks();
     assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
     assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
@@ -225,7 +224,7 @@ fn other_formats_among_sentences() {
 
 #[test]
 fn instrument_with_a_clock_in_local_time() {
-    // Two of the three sentences per second agree. These two are used, in any order.
+    // Two of three sentences per second agree, and are used, in any order.
     for order in [[0, 1, 2], [2, 0, 1]] {
         let (mut d, mut out) = (decoder(Mount::default()), Vec::new());
         for k in 0..60 {

@@ -3,7 +3,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, NO
 use core::f64::consts::TAU;
 use proptest::prelude::*;
 
-/// A boat that follows a wave of this amplitude (m) and period (s), as measured by sensors with these resolutions.
+/// Boat that follows a wave (m, s), measured with these resolutions.
 #[derive(Clone, Copy, Debug)]
 struct Boat {
     amplitude_m: f64,
@@ -28,7 +28,7 @@ impl Boat {
         steps: [0.0017, 0.01],
         frozen: None,
     };
-    /// Measurements at time `t`: an attitude with heave and rates, a heading with its rate, an RTK fix.
+    /// Attitude with heave and rates, heading with its rate, and RTK fix at `t`.
     fn at(&self, t: f64) -> [Measurement; 3] {
         let of = |channel: Channel| match self.frozen {
             Some((frozen, from)) if frozen == channel => t.min(from),
@@ -69,7 +69,7 @@ impl Boat {
         };
         [attitude.into(), heading.into(), fix.into()]
     }
-    /// Channels that stand still after this many seconds at 10 Hz, and the time of their first standstill.
+    /// Channels that stand still after this many seconds at 10 Hz, with the time of their first standstill.
     fn stills(&self, seconds: u32) -> Vec<(usize, f64, Standstill)> {
         let mut boat = Movement::default();
         let mut all: Vec<(usize, f64, Standstill)> = Vec::new();
@@ -149,8 +149,8 @@ fn standstill_ends_with_the_next_other_number() {
 
 #[test]
 fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
-    // An attitude and a heading in whole degrees and tenths, constant for ten minutes; an RTK height with 1 cm noise,
-    // and a gyroscope with vibration.
+    // Attitude and heading constant for ten minutes, in whole degrees and tenths; RTK height with 1 cm noise;
+    // gyroscope with vibration.
     let mut boat = Movement::default();
     let mut noise = 1_u64;
     let mut random = || {
@@ -196,7 +196,7 @@ fn marina_with_a_coarse_compass_and_a_noisy_antenna() {
 
 #[test]
 fn calm_water_turn_with_a_coarse_attitude() {
-    // A circle in flat water: heading and position change, but an attitude in whole degrees does not.
+    // In a circle on flat water, heading and position change, but not an attitude in whole degrees.
     let mut boat = Movement::default();
     for k in 0..3000 {
         let t = 0.1 * f64::from(k);
@@ -223,7 +223,7 @@ fn calm_water_turn_with_a_coarse_attitude() {
 }
 
 proptest! {
-    /// Coarse resolution is never mistaken for a standstill: sensors with steps of up to 2 deg and 0.3 m, in any sea.
+    /// Sensors with steps of up to 2 deg and 0.3 m never stand still, in any sea.
     #[test]
     fn coarse_sensors_in_any_sea(
         slope in 0.0_f64..0.35,
@@ -241,7 +241,7 @@ proptest! {
         prop_assert_eq!(boat.stills(120), Vec::new());
     }
 
-    /// A standstill of any channel with fine resolution is found if the sea rolls the boat by 8 deg or more.
+    /// A standstill of any fine channel is found if the sea rolls the boat by at least 8 deg.
     #[test]
     fn standstill_in_any_sea(slope in 0.15_f64..0.3, period_s in 2.5_f64..8.0, k in 0_usize..CHANNELS, from in 15.0_f64..25.0) {
         let w = TAU / period_s;

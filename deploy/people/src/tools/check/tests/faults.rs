@@ -1,5 +1,3 @@
-//! Finding on each fault of a computer.
-
 use alight_shared::msg::SourceStatus;
 
 use super::*;
@@ -155,7 +153,7 @@ const DRONE_WARNINGS: &[Fault] = &[
     (|f| f.reported = several(), "of two vehicles, 1 and 2"),
     (
         |f| f.reported = reported("MC_AIRMODE", 0.0),
-        "MC_AIRMODE is 0, 1 to 2 is needed",
+        "MC_AIRMODE is 0; 1 to 2 is needed",
     ),
     (
         |f| f.reported = unreported("MC_AIRMODE", 3),
@@ -184,7 +182,7 @@ const DRONE_BROKEN: &[Fault] = &[
     (|f| shared(f).directory = Err("another's".into()), "another's"),
     (
         |f| f.reported = reported("COM_OF_LOSS_T", 1.0),
-        "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
+        "COM_OF_LOSS_T is 1 s; 0.1 to 0.5 s is needed",
     ),
     (
         |f| f.reported = unreported("COM_OF_LOSS_T", 10),
@@ -208,8 +206,8 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
 ];
 
-/// On a link that admits the autopilot's own frames, frames of other senders, and frames sent before the autopilot had
-/// the key, are harmless.
+/// Frames of other senders, and frames sent before the autopilot had the key, are harmless on a link that
+/// also admits the autopilot's frames.
 #[test]
 fn frames_left_out_of_a_link_that_works() {
     let mut facts = drone();
