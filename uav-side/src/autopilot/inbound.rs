@@ -28,6 +28,9 @@ impl AutopilotLink {
         }
         if let MavlinkMessage::RelativePlace(report) = &frame.message {
             let latency = Span::from_secs(self.config.receiver_latency_s);
+            if let Some(text) = self.moving_base.other_station(now, report) {
+                out.alarm(severity::WARNING, text);
+            }
             let place = self.moving_base.place(now, report, latency, &mut self.headers);
             out.relative.extend(place);
             return false;

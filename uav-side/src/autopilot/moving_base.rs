@@ -31,6 +31,9 @@ pub(super) struct MovingBase {
     pub(super) dropped: u32,
     /// Header of the newest frame, and the antenna position that it states.
     base: Option<(Header<DroneClock>, [f32; 3])>,
+    /// Station of the newest observations, and time of the newest warning about another one.
+    station: Option<u16>,
+    warned: Option<DroneTime>,
     week: Rollover<WEEK_NS>,
     clock: SourceClock<DroneClock>,
 }
@@ -58,7 +61,10 @@ impl MovingBase {
                 continue;
             };
             self.base = Some((message.header, message.antenna_m));
-            for (_, frame) in frames {
+            for (number, frame) in frames {
+                if number.is_observation() {
+                    self.station = rtcm::station(frame);
+                }
                 let passed = self.pass_on(frame, target, out);
                 let count = if passed {
                     &mut self.passed_on
@@ -84,6 +90,20 @@ impl MovingBase {
         }
         true
     }
+    /// Warning that the receiver's place is relative to another station than the vessel's.
+    pub(super) fn other_station(&mut self, now: DroneTime, report: &RelativeReport) -> Option<String> {
+        let (theirs, own) = report
+            .station
+            .zip(self.station)
+            .filter(|(theirs, own)| theirs != own)?;
+        if self.warned.is_some_and(|at| now - at < TEXT_PAUSE) {
+            return None;
+        }
+        self.warned = Some(now);
+        Some(format!(
+            "Moving base not used: receiver has RTCM station {theirs}, vessel sends {own}: stop other corrections"
+        ))
+    }
     /// Relative place from a report that arrives at `now`, at least `latency` after its measurement, on the drone's
     /// clock. None while the vessel's antenna position is unknown, if the time is implausible, and if the report
     /// contains the time alone.
@@ -96,10 +116,18 @@ impl MovingBase {
     ) -> Option<RelativePlace> {
         let at_ns = self.week.unwrap(report.of_week_ns);
         let at = self.clock.local_time(now, at_ns, latency)?;
-        let solution = report.solution?;
+        let is_own = report.station.is_none() || self.station.is_none() || report.station == self.station;
+        let solution = if is_own {
+            report.solution?
+        } else {
+            CarrierSolution::None
+        };
         let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
         // Without a place only the state of the solution is published.
-        let [baseline_m, baseline_sd_m] = report.place.unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
+        let [baseline_m, baseline_sd_m] = report
+            .place
+            .filter(|_| is_own)
+            .unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
         let place = RelativePlace {
             header: Header {
                 vessel: base.vessel,

@@ -25,6 +25,8 @@ pub const MAX_SD_M: f64 = 9_999.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
     pub of_week_ns: i64,
+    /// Number of the base's station; None if the report contains only the receiver's time.
+    pub station: Option<u16>,
     /// Position of the drone's antenna relative to the base's, NED, m, and the standard deviation of each component, m;
     /// None if invalid.
     pub place: Option<[[f64; 3]; 2]>,
@@ -111,8 +113,13 @@ fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
         _ => return None,
     };
     let of_week_ns = i64::from(of_week_ms) * 1_000_000;
+    let station = match packet {
+        PacketRef::NavRelPosNed(p) => Some(p.ref_station_id()),
+        _ => None,
+    };
     (of_week_ns < WEEK_NS).then_some(RelativeReport {
         of_week_ns,
+        station,
         place,
         solution,
     })

@@ -89,6 +89,7 @@ fn place(
 ) -> Option<RelativePlace> {
     let report = RelativeReport {
         of_week_ns: (of_week_s * 1e9) as i64,
+        station: None,
         place,
         solution: Some(CarrierSolution::Fixed),
     };
@@ -152,6 +153,7 @@ fn place_dated_by_the_receivers_own_time() {
         let mut arrive = |delay_s: f64, place, solution| {
             let report = RelativeReport {
                 of_week_ns: (made_s * 1e9) as i64,
+                station: Some(0),
                 place,
                 solution,
             };
@@ -168,6 +170,29 @@ fn place_dated_by_the_receivers_own_time() {
         let late_s = p.header.at.secs() - made_s;
         assert!((late_s - 0.04).abs() < 2e-3, "{late_s}");
     }
+}
+
+#[test]
+fn place_relative_to_another_station() {
+    let mut base = MovingBase::default();
+    let (now, taken) = (Time::from_secs(1.0), &mut AutopilotOut::default());
+    base.take(now, &[frame(0.9, 60)], RtcmTarget::Receiver, taken);
+    let report = RelativeReport {
+        of_week_ns: 0,
+        station: Some(7),
+        place: Some([[1.0; 3], [0.01; 3]]),
+        solution: Some(CarrierSolution::Fixed),
+    };
+    let p = base
+        .place(now, &report, Span::ZERO, &mut OutputHeaders::default())
+        .unwrap();
+    assert_eq!(
+        (p.solution, p.baseline_sd_m),
+        (CarrierSolution::None, [MAX_SD_M; 3])
+    );
+    let text = base.other_station(now, &report).unwrap();
+    assert!(text.contains("station 7, vessel sends 0"), "{text}");
+    assert_eq!(base.other_station(now, &report), None, "once");
 }
 
 /// Output at 1 s of a link that has received a PX4 and these frames of the vessel's receiver.
@@ -195,6 +220,7 @@ fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOu
     link.step(Time::from_secs(0.9), &first);
     let own = RelativeReport {
         of_week_ns: 0,
+        station: Some(0),
         place: Some([[1.0; 3], [0.02; 3]]),
         solution: Some(CarrierSolution::Fixed),
     };
