@@ -1,7 +1,7 @@
-//! `cargo bench -p alight-uav --bench planner`: the planner's step (references, solve, message) over recorded landings,
-//! then criterion on a free and a limited instance of its solve, of both planners.
+//! `cargo bench -p alight-uav --bench planner`: the planner's step (references, solve, message) over recorded
+//! landings, then criterion on a free and a limited solve of both planners.
 
-// What only the planner's tests use of them.
+// Parts used only by the planner's tests.
 #[allow(dead_code)]
 mod approach;
 #[allow(dead_code)]
@@ -51,7 +51,7 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
     let (mut steps, mut recorded): (Vec<Duration>, Vec<(Problem, u32)>) = Default::default();
     for phase in [0.0, 2.0, 4.0] {
         let mut planner = Planner::new(config, &drone, &deck, 1);
-        // The last metres of the approach, tracking, descent, flare, contact.
+        // Last metres of the approach, tracking, descent, flare, contact.
         let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
         let mut approach = Approach::new(BenchSea { phase, ..MODERATE }, from, 2.0);
         while approach

@@ -16,9 +16,8 @@ use crate::predictor::Predictor;
 use crate::settings::DroneSettings;
 
 computer! {
-    /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice in a round: first it
-    /// reads what the autopilot has sent, last it sends the pilot's set-point. Nodes with a checkpoint start as
-    /// successors of a crashed process.
+    /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice in a round:
+    /// first it reads, last it sends the pilot's set-point. Nodes with a checkpoint start as successors.
     DroneRows of DroneNodes {
         /// Drone end of the radio link: the vessel's messages, stamped with the drone's clock.
         bridge: Bridge => ProcessKind::Bridge, |nodes, boot| {

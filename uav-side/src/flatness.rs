@@ -21,8 +21,8 @@ pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Horizontal acceleration of a drone that is aligned with the normal `n` of `deck` and keeps its height over it: `(g -
-/// a_z) n_xy / -n_z`, NED, m/s².
+/// Horizontal acceleration (NED, m/s²) of a drone aligned with the normal `n` of `deck`, at a constant height
+/// over it: `(g - a_z) n_xy / -n_z`.
 pub fn aligned_acceleration(deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
     let up = (-n.z).max(0.3);
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
@@ -37,8 +37,7 @@ pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity
     up * ((gravity - vertical).max(0.0) / lift)
 }
 
-/// `thrust` with its horizontal component limited to a tilt of at most `tilt` (rad) from the vertical; it always points
-/// up.
+/// `thrust`, pointing up, with its horizontal component limited to a tilt of `tilt` (rad).
 pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f64> {
     let up = (-thrust.z).max(min_up);
     let horizontal = thrust.x.hypot(thrust.y);

@@ -4,15 +4,13 @@ use alight_shared::time::{DroneClock, Time};
 
 /// Cap on the integration step between two odometry samples, s.
 const MAX_STEP_S: f64 = 1.0;
-/// Longest gap in the odometry without a risk to miss the lift-off, s. At 5 m/s² the mean of two velocities errs by 4
-/// cm over this gap, and by 0.4 m over 1 s.
+/// Longest gap that cannot hide the lift-off, s: at 5 m/s² the mean of two velocities errs by 4 cm.
 const GAP_S: f64 = 0.3;
 /// Rise at which the feet have left the deck, m: three times the error of velocity and forecast over a second.
 pub(crate) const LEFT_M: f64 = 0.3;
-/// Rise below which the drone still counts as resting on the deck, m. At this height a foot clears a deck that tilts by
-/// another 20 deg.
+/// Rise below which a drone rests on the deck, m: a foot clears a deck tilted by another 20 deg.
 pub(crate) const LIES_BELOW_M: f64 = 0.15;
-/// Time within which the feet leave the deck, s: three times that of a drone with half of the surplus thrust.
+/// Time within which the feet leave the deck, s: three times that needed with half of the surplus thrust.
 pub(crate) const LEAVES_WITHIN_S: f64 = 1.0;
 
 /// Height over the deck since the rotors began to lift the drone: `h' = w_deck - w`, both down (NED, m/s), integrated

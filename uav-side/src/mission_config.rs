@@ -37,15 +37,14 @@ config! {
         /// from within 10 m of the deck's centre; obstacles around the deck are unknown then).
         #[serde(alias = "least_vessel")]
         pub min_vessel: VesselLevel = VesselLevel::Computer;
-        /// Maximum distance from the starting point to which a beacon alone leads the drone, m: a beacon is not
-        /// authenticated.
+        /// Maximum distance from the start to which an (unauthenticated) beacon alone leads the drone, m.
         /// Chosen: a boat within view of its crew.
         pub beacon_max_way_m: f64 = 1000.0, in 50.0..=5000.0;
         /// Height over the deck from which a search can detect its tags, and radius of the area that it covers, m. Both
         /// follow from the camera and the tags in the drone's common settings.
         #[serde(skip)]
         pub search_view_m: [f64; 2] = [12.0, 6.0];
-        /// A landing needs vision of the deck; otherwise a radio estimate counts as a detection.
+        /// Require vision of the deck for a landing. If false, a radio estimate counts as a detection.
         pub vision_required: bool = true;
         /// Age up to which a vision measurement counts as a detection of the deck, s.
         pub vision_fresh_s: f64 = 0.5, in 0.0..=120.0;
@@ -58,8 +57,8 @@ config! {
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;
         /// Time for which the drone must be stable above the deck, s.
         pub steady_s: f64 = 0.5, in 0.0..=120.0;
-        /// Minimum probability of success to begin a descent: contact speed and angle within limits, four feet on the
-        /// deck, and no sliding afterwards.
+        /// Minimum probability of success to begin a descent: contact speed and angle, four feet on the deck,
+        /// no sliding.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
         /// Maximum probability of an unsafe contact to begin a descent: too hard, too fast along the deck, too tilted,
         /// or with a foot over an edge. A rejected landing costs a minute, an unsafe one the drone.
@@ -68,22 +67,20 @@ config! {
         /// begins sooner and waits less for the calm between two wave groups.
         /// Chosen: a battery that lasts ten minutes above the deck.
         pub waiting_cost_per_min: f64 = alight_shared::landing::WAITING_COST_PER_MIN, in 0.0..=10.0;
-        /// Horizontal speed up to which the predicted deck is feasible, m/s.
-        /// Source: The fastest vessel the paper landed on moved at 7 m/s; the drone flies 8.
+        /// Maximum horizontal speed of a predicted deck to land on, m/s.
+        /// Source: The fastest vessel in the paper moved at 7 m/s; the drone flies at 8 m/s.
         pub deck_speed_mps: f64 = 7.5, in 0.01..=50.0;
-        /// Vertical speed up to which the predicted deck is feasible, m/s.
-        /// Source: The planner's limit of 4 m/s less the speed of descent.
+        /// Maximum vertical speed of a predicted deck to land on, m/s.
+        /// Source: The planner's limit of 4 m/s minus the descent speed.
         pub deck_heave_mps: f64 = 3.5, in 0.01..=20.0;
-        /// Tilt up to which the predicted deck is feasible, rad.
+        /// Maximum tilt of a predicted deck to land on, rad.
         pub deck_tilt_rad: f64 = 0.45, in 0.01..=1.5;
-        /// Friction coefficient between feet and a wet deck; it limits the slope and wind in which a landed drone
-        /// stays.
+        /// Friction coefficient of feet on a wet deck; it limits the slope and wind in which a drone lands.
         pub friction: f64 = alight_shared::landing::FRICTION, in 0.01..=2.0;
         /// Maximum age of the detection for a descent, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// Maximum age of fresh radio data, s.
-        /// Source: With a radio delay of 1 s landings are as accurate as without (10 of 10, 0.06 m); retransmission often
-        /// causes that delay.
+        /// Source: landings with a radio delay of 1 s (retransmission) are as accurate (10 of 10, 0.06 m).
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
         /// Maximum duration of the descent, s.
         pub descent_timeout_s: f64 = 30.0, in 0.0..=120.0;
@@ -91,11 +88,11 @@ config! {
         pub flare_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Depth of the feet below the deck without a touchdown at which the landing counts as missed, m.
         pub missed_m: f64 = 0.4, in 0.01..=5.0;
-        /// A descent needs the vessel's grant of the deck, for vessels with several drones.
-        /// Source: A single drone needs no grant; the configuration file of the drone's package sets true.
+        /// Require the vessel's grant of the deck for a descent, for vessels with several drones.
+        /// Source: A single drone needs no grant; the drone package's configuration file sets true.
         pub reservation_required: bool = false;
-        /// `alight command takeoff` takes off from the deck: Alight chooses the autopilot's mode and arms after the
-        /// crew has cleared the deck (`alight command deck takeoff`) and a countdown.
+        /// Take off from the deck on `alight command takeoff`: Alight chooses the autopilot's mode and arms
+        /// after the crew has cleared the deck (`alight command deck takeoff`) and a countdown.
         pub takeoff: bool = false;
         /// Maximum number of unattended sorties since the drone's service started: after `alight command takeoff` the
         /// drone flies the autopilot's own mission, returns, lands, and takes off again once it is ready, while the
@@ -115,13 +112,12 @@ config! {
         /// of the reserve. Without an available place the drone climbs and holds. A descent in progress ends on the
         /// deck. After an abort or a hold the drone announces the landing, and acts when a quarter of the reserve is
         /// used; a second abort declines the deck. An order below the reserve makes the deck the first place.
-        /// Chosen: from above the deck no way home over open water.
+        /// Chosen: a drone above the deck should not fly home over open water.
         pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
         /// Time for which all readings must be below the reserve before it counts, s.
         /// Chosen: full thrust, which lowers the voltage, lasts 2 s at most.
         pub battery_lasts_s: f64 = 5.0, in 0.0..=60.0;
-        /// Voltage below which, for that time, the battery is empty whatever its gauge reads, V; 0: only the gauge
-        /// counts.
+        /// Voltage below which the battery counts as empty after that time, V; 0: only the gauge counts.
         pub battery_minimum_v: f64 = 0.0, in 0.0..=500.0;
         /// Hover time from full to a gauge of 0, loaded, s. After this time in the air a drone counts as empty whatever
         /// its gauge reads, and a silent or stuck gauge is replaced by at least this rate. 0: not measured; a gauge
@@ -140,7 +136,7 @@ config! {
         /// nothing), "match" (follows the deck down to `lowest_clearance_m`, holds `match_s` and climbs) or "land".
         pub mode: LandingMode = LandingMode::Land;
         /// With `mode = "match"`: minimum clearance of the feet above the deck, m.
-        /// Chosen: more than a deck in a sea of 1 m rises while a pilot who reacts 1 s late climbs.
+        /// Chosen: a deck in a sea of 1 m rises by less while a pilot who reacts 1 s late climbs.
         pub lowest_clearance_m: f64 = 2.0, in 1.0..=50.0;
         /// With `mode = "match"`: duration at `lowest_clearance_m`, s.
         pub match_s: f64 = 10.0, in 1.0..=60.0;

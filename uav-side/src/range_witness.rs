@@ -1,10 +1,10 @@
 //! Consistency check of a rangefinder: its readings have to follow the drone's motion.
 //!
-//! Spray, a wet window or a defect freezes a rangefinder at one reading, near the feet or anywhere, which it repeats
-//! with fresh stamps. A reading is evidence of a height only while it changes with the height: over every displacement
-//! `w` of at least [`WAY_M`] along the deck's normal, by odometry and forecast within [`WITHIN_S`], the readings have
-//! to change by `d` with `|d - w| <= WRONG_BY |w|`. Otherwise the readings contradict the motion until they have
-//! followed such a displacement again.
+//! Spray, a wet window or a defect freezes a rangefinder at one reading, which it repeats with fresh stamps.
+//! A reading is evidence of a height only while it changes with the height: over every displacement `w` of at
+//! least [`WAY_M`] along the deck's normal, by odometry and forecast within [`WITHIN_S`], the readings have
+//! to change by `d` with `|d - w| <= WRONG_BY |w|`. Otherwise they are rejected until they follow such a
+//! displacement.
 
 use alight_shared::estimation::median;
 use alight_shared::time::{DroneClock, Time};
@@ -21,8 +21,8 @@ const MEDIAN: usize = 5;
 /// Difference between the heights by rangefinder and forecast above which they contradict each other, m.
 const APART_M: f64 = 0.5;
 
-/// Largest distance by which a deck can be nearer to the rangefinder than the feet, m. A shorter reading is invalid,
-/// such as the 0 of a device that measures nothing.
+/// Largest distance by which a deck can be nearer to the rangefinder than the feet, m. A shorter reading is
+/// invalid.
 pub(crate) const BELOW_FEET_M: f64 = 0.10;
 
 /// Whether two heights of the feet contradict each other; an unknown height contradicts nothing.
@@ -78,8 +78,7 @@ impl RangeWitness {
 mod tests {
     use super::*;
 
-    /// Descent at `sink` (m/s) from `height` (m) to `until`, with `read(height)` at 50 Hz and a speed that errs by
-    /// `error`.
+    /// Descent at `sink` (m/s) with `read(height)` at 50 Hz and a speed that errs by `error`.
     fn descends(height: f64, until: f64, sink: f64, error: f64, read: impl Fn(f64) -> f64) -> RangeWitness {
         let (mut w, mut h, mut t) = (RangeWitness::default(), height, 10.0);
         let mut k = 0_u32;
@@ -89,7 +88,6 @@ mod tests {
             w.moves(0.01, Some(error - sink));
             k += 1;
             if k.is_multiple_of(2) {
-                // Noise of 3 cm.
                 let noise = 0.03 * f64::from(k % 7) / 3.0 - 0.03;
                 w.reads(Time::from_secs(t), read(h) + noise);
             }

@@ -1,4 +1,5 @@
-//! Verdict whether a drone with turning rotors stands on the deck. A forced disarm and a reduced thrust depend on it.
+//! Evidence that a drone with turning rotors stands on the deck. A forced disarm and a reduced thrust depend
+//! on it.
 //!
 //! Two witnesses have to agree, and none may contradict. The first is support: at a low thrust, as reported by the
 //! autopilot, the specific force stays near gravity only when something other than the rotors carries the drone, and
@@ -10,21 +11,23 @@ use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::range_witness::BELOW_FEET_M;
 
-/// Thrust of a supported drone, as a fraction of hover, and thrust from which the rotors may carry it. Before the first
-/// flight hover thrust is known to a third; even then [`LOW_OF_HOVER`] yields less than [`CARRIED_G`].
+/// Thrust of a supported drone, as a fraction of hover, and thrust from which the rotors may carry it. Before
+/// the first flight the hover thrust is known to within a third; [`LOW_OF_HOVER`] then still yields less than
+/// [`CARRIED_G`].
 const LOW_OF_HOVER: f64 = 0.5;
 const LIFTS_OF_HOVER: f64 = 0.9;
 /// Specific force of a supported drone, as a fraction of gravity, and of a falling one.
 const CARRIED_G: f64 = 0.75;
 const FALLS_G: f64 = 0.6;
-/// Durations for which each has to last: several time constants of the specific force, and the rotors' lag.
+/// Durations for which support and fall must last: several time constants of the specific force, and the
+/// rotors' lag.
 const CARRIED: Span = Span::from_millis(300);
 const FALLS: Span = Span::from_millis(100);
 const LIFTS: Span = Span::from_millis(300);
-/// Duration after which a height contradicts: the support of a drone that was just armed is known before.
+/// Time after which a height contradicts the support, which is known earlier for a just-armed drone.
 const ABOVE: Span = Span::from_millis(400);
-/// Heights of feet on the deck and above it, m: the differences by a rangefinder, by a tilted deck and by a deck that
-/// sinks.
+/// Heights of the feet that count as on the deck and above it, m; rangefinder, tilt and a sinking deck cause
+/// errors.
 const ON_DECK_M: f64 = 0.15;
 const ABOVE_M: f64 = 0.35;
 /// Time after the thrust is cut within which both witnesses have to agree.
@@ -38,7 +41,7 @@ pub(crate) enum StandingVerdict {
     Flies,
 }
 
-/// Height of the feet as a witness; None: unknown or undecided.
+/// Evidence from the height of the feet; None: unknown or undecided.
 pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     match height_m? {
         h if h <= ON_DECK_M => Some(true),
@@ -47,8 +50,8 @@ pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     }
 }
 
-/// Height by a rangefinder as a witness. A reading shorter than the distance to the feet is ignored: a sensor out of
-/// its range reports 0.
+/// Evidence from a rangefinder. A reading shorter than the distance to the feet is ignored: out of range it
+/// is 0.
 pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
     by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }
@@ -62,8 +65,8 @@ pub(crate) struct StandingMonitor {
 }
 
 impl StandingMonitor {
-    /// Verdict from `thrust` in force (fraction of hover), specific `force` (fraction of gravity), each None without a
-    /// recent report, and the witnesses by `heights`.
+    /// Verdict from `thrust` (fraction of hover), specific `force` (fraction of gravity), each None without a
+    /// recent report, and the evidence of `heights`.
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,
@@ -117,8 +120,8 @@ mod tests {
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
             (Some(0.0), Some(1.0), [None, yes, None], Stands),
-            // A single witness is not sufficient: a stuck range, a wrong report, a drone held by hand; nor are the
-            // heights of a drone that hovers next to the deck.
+            // A single witness is not sufficient, nor are the heights of a drone that hovers next to the
+            // deck.
             (None, None, [yes, yes, yes], Unknown),
             (Some(0.8), Some(1.0), [yes, yes, yes], Unknown),
             // It hovers; hover thrust was assumed a fifth too high.
@@ -162,7 +165,7 @@ mod tests {
         }
     }
 
-    /// The thrust was low a moment ago and the drone hovers now: past support is no evidence.
+    /// Support at an earlier low thrust is no evidence while the drone hovers.
     #[test]
     fn thrust_that_has_come_back() {
         let mut m = StandingMonitor::default();

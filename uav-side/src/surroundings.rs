@@ -1,4 +1,4 @@
-//! Passage of keep-out volumes: above them or past a side.
+//! Passage of keep-out volumes, above or on a side.
 //!
 //! A volume is widened by the drone's size and errors ([`margin_m`]) and moves with the predicted deck. In the deck's
 //! frame a point is `q = R' (p - c)` with the deck's centre `c`. A drone passes a volume on the face beyond which it is
@@ -9,8 +9,7 @@ use alight_shared::msg::DeckStage;
 use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{Vector2, Vector3};
 
-/// Horizontal distance from the deck's centre within which the drone is with the vessel, m: deck and obstacles on the
-/// vessel can reach it.
+/// Horizontal distance from the deck's centre within which deck and obstacles can reach the drone, m.
 pub(crate) const WITH_DECK_M: f64 = 10.0;
 /// Errors of forecast and tracking near the deck, m: the planner's reset distance halved.
 const MARGIN_M: f64 = 0.5;
@@ -83,8 +82,8 @@ pub(crate) struct Passage {
 }
 
 impl Passage {
-    /// Face of the volume to pass. A drone at `here` that is higher than the volume passes above it. Otherwise it
-    /// takes, of the sides beyond which it is, the one with most room at the plan's end `there`; from within, the
+    /// Face by which a drone at `here` passes the volume: the top if the drone is higher. Otherwise, of the
+    /// sides that it is beyond, the one with the most room at the plan's end `there`; from within, the
     /// nearest side. Each position comes with the deck of its time.
     pub(crate) fn of(
         volume: &KeepOut,
@@ -157,7 +156,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
-        /// Above the top or beyond its side, a drone is outside the widened volume for every later attitude of the
+        /// A drone above the top or beyond its side stays outside the widened volume at any attitude of the
         /// deck.
         #[test]
         fn passage_outside_the_widened_volume(

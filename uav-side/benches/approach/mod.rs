@@ -1,5 +1,5 @@
-//! A landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly
-//! where its plan has it) over a deck that heaves, rolls and pitches as sines, predicted without error.
+//! Landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly on its plan)
+//! over a deck that heaves, rolls and pitches as sines, predicted without error.
 //!
 //! The parent module brings `planner` into scope.
 
@@ -19,7 +19,6 @@ use super::planner::mpc_faa::{Mpc, Problem, heading_free};
 use super::planner::qp::CEILING_SLACK_M;
 use super::planner::{Planner, PlannerConfig, PlannerIn};
 
-/// Amplitudes of the deck's motion: heave m, roll and pitch rad.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchSea {
     /// Heave, m.
@@ -34,7 +33,7 @@ pub struct BenchSea {
     pub phase: f64,
 }
 
-/// Heave of 0.5 m in 5 s with 6 and 8 deg of roll and pitch.
+/// Heave of 0.5 m in 5 s, roll of 6 deg, pitch of 8 deg.
 pub const MODERATE: BenchSea = BenchSea {
     heave: 0.5,
     roll: 0.10,
@@ -45,7 +44,7 @@ pub const MODERATE: BenchSea = BenchSea {
 /// Drift of the vessel, m/s, and its heading, rad.
 const DRIFT: [f64; 2] = [0.3, -0.2];
 const HEADING: f64 = 0.7;
-/// Seven metres over the deck's mean.
+/// Seven metres over the deck's mean level.
 pub const ABOVE: [f64; 3] = [20.0, -8.0, -8.3];
 
 impl BenchSea {
@@ -69,7 +68,7 @@ impl BenchSea {
             ..DeckStage::default()
         }
     }
-    /// A perfect forecast of 2 s.
+    /// Perfect forecast over 2 s.
     pub fn forecast(&self, now: Time<DroneClock>, sequence: u32) -> DeckForecast {
         let step = Span::from_millis(50);
         DeckForecast {
@@ -83,33 +82,29 @@ impl BenchSea {
     }
 }
 
-/// State at a touch.
+/// State at contact.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchContact {
-    /// Since the descent began, s.
+    /// From the start of the descent, s.
     pub time_s: f64,
-    /// Foot plane's centre to deck's centre, m.
+    /// From the centre of the foot plane to that of the deck, m.
     pub off_m: f64,
     /// Between the normals, rad.
     pub tilt: f64,
     /// Towards the deck along its normal, m/s.
     pub speed_mps: f64,
-    /// Contact as the last plan announced it, from now, s.
+    /// Time to contact in the last plan, s.
     pub announced_s: Option<f64>,
 }
 
-/// An ideal follower: the drone is exactly where its plan has it, every 10 ms.
+/// Ideal follower, exactly on its plan, every 10 ms.
 pub struct PlanFollower {
-    /// Odometry of the drone.
     pub drone: DroneState,
-    /// The plan that it follows.
     pub plan: Option<Plan>,
-    /// Ticks since the start.
     pub tick: i64,
 }
 
 impl PlanFollower {
-    /// At rest at `position`.
     pub fn new(position: [f64; 3]) -> Self {
         PlanFollower {
             drone: DroneState {
@@ -120,15 +115,13 @@ impl PlanFollower {
             tick: 0,
         }
     }
-    /// Time of the tick.
     pub fn now(&self) -> Time<DroneClock> {
         Time::from_nanos(self.tick * 10_000_000)
     }
-    /// Header of a message of this tick.
     pub fn header(&self) -> Header<DroneClock> {
         Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
     }
-    /// Moves to where the plan has it now.
+    /// Moves to the plan's present state.
     pub fn follow(&mut self) {
         if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(self.now())) {
             self.drone.position = s.position;
@@ -139,24 +132,22 @@ impl PlanFollower {
         }
         self.drone.header = self.header();
     }
-    /// Ends the tick with what the planner gave.
+    /// Stores the planner's output.
     pub fn end_tick(&mut self, plan: Option<Plan>) {
         self.plan = plan.or(self.plan);
         self.tick += 1;
     }
 }
 
-/// A closed loop.
 pub struct Approach {
     sea: BenchSea,
     follower: PlanFollower,
     tracking_s: f64,
-    /// The touch, once there was one.
     pub contact: Option<BenchContact>,
 }
 
 impl Approach {
-    /// From rest at `from`; the descent begins after `tracking_s`.
+    /// Starts at rest at `from`; the descent begins after `tracking_s`.
     pub fn new(sea: BenchSea, from: [f64; 3], tracking_s: f64) -> Self {
         Approach {
             sea,
@@ -166,7 +157,7 @@ impl Approach {
         }
     }
 
-    /// One tick of 10 ms. `step` runs the planner and gives its plan. None after contact or 45 s.
+    /// Tick of 10 ms. `step` runs the planner. None after the contact or 45 s.
     pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
         if self.contact.is_some() || self.follower.tick > 4500 {
             return None;
@@ -218,13 +209,12 @@ impl Approach {
         Some(())
     }
 
-    /// To contact; `see` looks at the planner after each plan.
+    /// Lands; `see` observes the planner after each plan.
     pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<BenchContact> {
         let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
     }
 
-    /// Lands with this planner.
     pub fn land_with(
         mut self,
         mut planner: Planner,
@@ -244,7 +234,7 @@ impl Approach {
     }
 }
 
-/// A planner's problem for the naive solver: virtual inputs, the same limits.
+/// Problem for the naive solver: virtual inputs, the same limits.
 pub fn naive_data<'a>(config: &PlannerConfig, mpc: &Mpc, problem: &'a Problem) -> naive::Data<'a> {
     let (a, b) = heading_free(&DroneGeometry::default()).continuous();
     let mixer = nalgebra::SMatrix::<f64, 4, 4>::from_fn(|i, j| MIXER[i][j]);

@@ -1,11 +1,11 @@
-//! The yardstick of benchmark and tests: the paper's eq. 6-7 written down directly. All 12 states
-//! and 4 inputs condensed to dense matrices, built again at every solve, Clarabel with defaults.
+//! Reference of benchmark and tests: the paper's eq. 6-7 as written, with all 12 states and 4 inputs
+//! condensed to dense matrices at every solve, and Clarabel with defaults.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// One problem in the paper's order of states `[p, euler, v, euler rates]`.
+/// In the paper's order of states `[p, euler, v, euler rates]`.
 pub struct Data<'a> {
     /// Discrete transition matrix.
     pub a: SMatrix<f64, 12, 12>,
@@ -13,21 +13,17 @@ pub struct Data<'a> {
     pub b: SMatrix<f64, 12, 4>,
     pub state: [f64; 12],
     pub input: [f64; 4],
-    /// References of the stages.
     pub reference: &'a [[f64; 12]],
-    /// Diagonals of Q of the stages.
+    /// Diagonal of Q at each stage.
     pub weight: &'a [[f64; 12]],
-    /// Soft upper bound of z at the stages.
+    /// Soft upper bound of z at each stage.
     pub ceiling: &'a [f64],
-    /// Metres that a unit of slack buys there.
+    /// Violation of that bound by a unit of slack, m.
     pub ceiling_slack: f64,
     /// R.
     pub increment_weight: f64,
-    /// Hard bounds of the inputs.
     pub lowest: [f64; 4],
-    /// Hard bounds of the inputs.
     pub highest: [f64; 4],
-    /// Hard bounds of the increments.
     pub slew: [f64; 4],
     /// Soft bounds of the states; infinite without a bound.
     pub limit: [f64; 12],
@@ -37,7 +33,7 @@ pub struct Data<'a> {
     pub tolerance: f64,
 }
 
-/// Which of a stage's four slacks a state's limit uses: x, y, z, yaw.
+/// Slack of each state's limit, of the four of a stage: x, y, z, yaw.
 const SLACK_OF: [usize; 12] = [0, 1, 2, 1, 0, 3, 0, 1, 2, 1, 0, 3];
 
 struct Dense {
@@ -92,7 +88,7 @@ fn inputs(d: &Data<'_>, increments: &[f64]) -> Vec<[f64; 4]> {
         .collect()
 }
 
-/// The whole cost of a sequence of inputs, slack included: what both solvers minimise.
+/// Cost of a sequence of inputs with slack, which both solvers minimise.
 pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
     let mut x = nalgebra::SVector::<f64, 12>::from(d.state);
     let (mut before, mut sum) = (d.input, 0.0);
@@ -116,14 +112,14 @@ pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
     sum
 }
 
-/// The optimum without limits; None if the Hessian is not positive definite.
+/// Optimum without limits; None if the Hessian is not positive definite.
 pub fn unconstrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
     let dense = condense(d);
     let increments = dense.hessian.cholesky()?.solve(&-dense.gradient);
     Some(inputs(d, increments.as_slice()))
 }
 
-/// The optimum with limits; None if Clarabel does not solve it.
+/// Optimum with limits; None if Clarabel does not solve it.
 pub fn constrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
     let n = d.reference.len();
     let dense = condense(d);

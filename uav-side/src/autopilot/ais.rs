@@ -1,8 +1,7 @@
-//! The vessel's position by AIS: `!AIVDM` and `!AIVDO` sentences of a receiver on the drone or ashore (NMEA 0183, ITU-R
-//! M.1371).
+//! Vessel's position by AIS: `!AIVDM` and `!AIVDO` sentences of a receiver (NMEA 0183, ITU-R M.1371).
 //!
-//! It decodes position reports of class A (types 1, 2, 3) and B (18, 19); a sentence without a valid checksum is
-//! ignored. AIS is not authenticated.
+//! Decodes position reports of class A (types 1, 2, 3) and B (18, 19); a sentence needs a valid checksum. AIS
+//! is not authenticated.
 
 use std::collections::VecDeque;
 
@@ -103,7 +102,7 @@ mod tests {
     /// Sentences from gpsd's documentation of AIVDM and its samples.
     #[test]
     fn ais_sentences_of_each_type() {
-        // Class A, type 1; type 18; type 19, with the values of other decoders.
+        // Types 1, 18 and 19, with the values of other decoders.
         for (sentence, mmsi) in [
             ("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C", 477_553_000),
             ("!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C", 338_087_471),
@@ -151,7 +150,6 @@ mod tests {
         ] {
             assert_eq!(decoded(&format!("{wrong}\n")), [], "{wrong}");
         }
-        // The queue is bounded and keeps the newest reports.
         assert_eq!(decoded(&format!("{sound}\n").repeat(1000)).len(), MAX_REPORTS);
     }
 

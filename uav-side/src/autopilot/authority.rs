@@ -1,13 +1,13 @@
 //! Control authority and its reason. Alight commands only in the mode and armed state that the pilot chose.
 //!
 //! Rules of the state machine:
-//! - Alight chooses a mode in three cases: a diversion (battery), which hands the drone to the autopilot; a take-off
-//!   that an operator has ordered and the crew has cleared; and the end of the autopilot's own mission when a sortie
-//!   returns, once in a flight for each reason.
-//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to begin, so that a
-//!   delayed heartbeat does not give permission.
-//! - After another authority has taken command (pilot, failsafe, geofence), only a change back to our mode gives a new
-//!   permission; after a diversion the mode has to be left first.
+//! - Alight chooses a mode in three cases: to divert at a low battery, which hands the drone to the
+//!   autopilot; for a take-off that an operator has ordered and the crew has cleared; and to end the
+//!   autopilot's own mission when a sortie returns, once in a flight for each reason.
+//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to begin,
+//!   because one may be delayed.
+//! - After another authority (pilot, failsafe, geofence) has taken command, only a change back to our mode
+//!   gives a new permission; after a diversion the mode has to be left first.
 
 use core::fmt;
 
@@ -26,7 +26,7 @@ pub enum ControlAuthority {
     #[default]
     Searching,
     LinkLost,
-    /// Another vehicle's autopilot is received as well, and the configuration does not select one.
+    /// Another vehicle's autopilot is received as well, and the configuration selects none.
     SeveralAutopilots,
     /// No answer to TIMESYNC: samples cannot be dated.
     NoClock,
@@ -36,7 +36,7 @@ pub enum ControlAuthority {
     OptionUnknown,
     /// ArduCopter reads thrust as a climb rate.
     OptionMissing,
-    /// Ready; the pilot flies the drone, or the autopilot flies it without our set-points.
+    /// Ready; the pilot or the autopilot flies the drone without our set-points.
     Standby {
         mode: AutopilotMode,
     },
@@ -59,7 +59,6 @@ impl ControlAuthority {
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
     }
-    /// Whether the pilot gave us the mode and has not taken it back.
     pub(crate) fn has_the_mode(self) -> bool {
         match self {
             ControlAuthority::Commanding
@@ -84,11 +83,11 @@ impl fmt::Display for ControlAuthority {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
-            ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
+            ControlAuthority::LinkLost => "the autopilot's heartbeats have stopped",
             ControlAuthority::SeveralAutopilots => {
                 "autopilots of two vehicles are received: set autopilot.vehicle to this drone's system number"
             }
-            ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
+            ControlAuthority::NoClock => "the autopilot does not answer TIMESYNC",
             ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
             ControlAuthority::NoHeading => {
                 "the autopilot has not aligned its heading yet (PX4: ESTIMATOR_STATUS, ArduPilot: EKF_STATUS_REPORT); \
@@ -113,7 +112,7 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-/// Whether the autopilot flies without our set-points in this mode, regardless of who chose it.
+/// Whether the autopilot flies without our set-points in this mode.
 fn flies_itself(mode: AutopilotMode) -> bool {
     match mode {
         AutopilotMode::Return | AutopilotMode::Land => true,
@@ -129,7 +128,7 @@ pub(crate) struct AuthorityEvidence {
     pub(crate) clock: bool,
     /// Whether the origin of the autopilot's NED is known or not needed.
     pub(crate) origin: bool,
-    /// Whether the heading is aligned, or was aligned at the start of this flight's odometry.
+    /// Whether the heading is aligned now, or was at the start of this flight's odometry.
     pub(crate) heading: bool,
     pub(crate) odometry: bool,
     /// Whether the autopilot reads thrust as thrust, not as a climb rate; None while unknown.
@@ -145,8 +144,8 @@ pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
-    /// Whether set-points were followed and no pilot has taken over since. A second autopilot within reach does not
-    /// interrupt this flight.
+    /// Whether set-points were followed and no pilot has taken over since. A second autopilot within reach
+    /// does not interrupt this flight.
     flown: bool,
     /// Diversion that revoked the permission, until the mode is left.
     revoked: Option<Diversion>,
@@ -159,7 +158,7 @@ impl AuthorityStateMachine {
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }
-    /// Continues a permission that the previous link has just held.
+    /// Continues the permission of the previous link.
     pub(crate) fn resume(&mut self) {
         self.confirmations = CONFIRMATIONS;
         self.flown = true;
@@ -172,9 +171,8 @@ impl AuthorityStateMachine {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`. In return and land modes
-    /// they are streamed at once: the autopilot follows none of them, and a handover a second later is not denied for
-    /// lack of them.
+    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`, except in
+    /// return and land modes, which follow none, so that a handover a second later is not denied.
     pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
@@ -233,8 +231,8 @@ impl AuthorityStateMachine {
         self.enter(now, next);
         self.control_authority
     }
-    /// Whether the autopilot holds by itself after a set-point loss. A stream brings it back only to the mode that the
-    /// pilot chose, so that no choice is overruled.
+    /// Whether the autopilot holds by itself after a set-point loss. A stream returns it only to the mode
+    /// that the pilot chose, so no choice is overruled.
     fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
         commanded && f.set_points_lost && f.mode == AutopilotMode::Hold
@@ -330,7 +328,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
-        // A gap in the odometry and the autopilot's own hold do not end the command either.
+        // A gap in the odometry does not end the command, nor does the autopilot's own hold.
         let gap = AuthorityEvidence {
             odometry: false,
             ..several
@@ -346,7 +344,6 @@ mod tests {
             ..several
         };
         assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
-        // A mode that the pilot chooses ends the command.
         let pilot = AuthorityEvidence {
             mode: AutopilotMode::Other,
             ..several
@@ -364,13 +361,12 @@ mod tests {
         let s = run(&mut a, 60, &[person, READY, person, person]);
         assert_eq!(s[0], ControlAuthority::TakenOver { mode });
         assert!(s.iter().all(|s| !s.commands()), "{s:?}");
-        // First the pause without set-points, then ready, then a new permission.
         let s = run(&mut a, 140, &[person; 10]);
         assert_eq!(s[9], ControlAuthority::Standby { mode });
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
-    /// In the return mode set-points are streamed at once; the mode ends the command as any other mode does.
+    /// In the return mode set-points are streamed at once, and the mode ends the command like any other.
     #[test]
     fn authority_after_a_return() {
         let mut a = AuthorityStateMachine::default();
@@ -397,7 +393,7 @@ mod tests {
                         ..by(mode)
                     }],
                 )[0];
-                // A hold after a set-point loss needs no new permission of the pilot.
+                // A hold after a set-point loss needs no new permission.
                 let expected = if set_points_lost && mode == AutopilotMode::Hold {
                     ControlAuthority::Standby { mode }
                 } else {
@@ -413,7 +409,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         a.divert(Time::from_secs(0.06), Diversion::Return);
-        // The command was lost or denied: the autopilot is still in our mode.
+        // The autopilot is still in our mode after a lost or denied command.
         let s = run(&mut a, 60, &[READY; 50]);
         assert!(
             s.iter()

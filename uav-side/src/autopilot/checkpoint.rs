@@ -1,9 +1,9 @@
-//! Checkpoint of the autopilot link. It is published while the link runs, so that a successor commands again before the
-//! autopilot's failsafe begins. Without it a new link waits for two heartbeats, the clock, the origin and ArduCopter's
+//! Checkpoint of the autopilot link, published while it runs, so that a successor commands again before the
+//! failsafe begins. Without it a new link waits for two heartbeats, the clock, the origin and ArduCopter's
 //! options.
 //!
-//! A pilot's takeover in the meantime is respected: in another mode the autopilot follows no set-points, and its first
-//! heartbeat in that mode ends the command.
+//! A pilot's takeover in the meantime is respected: in another mode the autopilot follows no set-points, and
+//! its first heartbeat in that mode ends the command.
 
 use alight_shared::admission::Periodic;
 use alight_shared::mavlink::SigningTimes;
@@ -20,7 +20,6 @@ use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 const PERIOD: Span = Span::from_millis(20);
 
-/// Recovery of a crashed predecessor's checkpoint, and our own checkpoint for a successor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LinkSuccession {
     pub(super) recovery: Recovery<LinkCheckpoint>,
@@ -30,8 +29,7 @@ pub(super) struct LinkSuccession {
 }
 
 impl AutopilotLink {
-    /// Reads the predecessor's checkpoint once, at the start. `given` is the checkpoint held by the supervisor; boot
-    /// number 0 means that there is no checkpoint.
+    /// Reads the predecessor's checkpoint `given` once, at the start; boot number 0: no checkpoint.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         let s = &mut self.succession;
         if s.has_begun {
@@ -41,7 +39,7 @@ impl AutopilotLink {
         s.began = s.began.or(Some(now));
         s.has_begun = s.recovery.poll(now, boot, given);
         let before = s.recovery.checkpoint();
-        // The checkpoint is read at any age, because the mission's own checkpoint may be too old to be used.
+        // Read at any age, because the mission's own checkpoint may be too old.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.operators.parameters.recalled = readable.and_then(|m| m.mode);
         if let Some(m) = &readable {
@@ -54,7 +52,7 @@ impl AutopilotLink {
         match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
-                // Hover thrust is a property of the airframe, and it cannot be learned on a deck.
+                // Hover thrust is a property of the airframe that cannot be learned on a deck.
                 let aged = why == CheckpointRejection::Age && m.header.at <= now;
                 if aged && m.check().is_ok() {
                     self.estimate.hover.resume(m.hover_thrust, m.hover_learned_s);
@@ -65,7 +63,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Continues from the previous link's state, unless the autopilot has reported another state since.
+    /// Continues from the previous link's state, unless the autopilot has since reported another.
     fn resume(&mut self, now: DroneTime, m: &LinkCheckpoint) {
         let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
@@ -78,7 +76,7 @@ impl AutopilotLink {
             return;
         }
         let peer = self.peer.get_or_insert_with(|| {
-            // The autopilot was alive; heartbeats that arrived before this link started are lost.
+            // Heartbeats of the autopilot that arrived before this link started are lost.
             let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);

@@ -1,10 +1,10 @@
-//! Offset of the autopilot's clock from the companion's, by MAVLink's TIMESYNC.
+//! Offset of the autopilot's clock from the companion's, by TIMESYNC.
 //!
-//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset ours - theirs
-//! is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. The quickest of the last answers is used; its
-//! uncertainty increases with the drift of the clocks. The error is larger if the autopilot's time in the answer is too
-//! early: on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a request. Its samples
-//! then seem to arrive before they were taken, and several of these in a row overrule the answer.
+//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset of
+//! ours from theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. The quickest of the
+//! last answers is used; its uncertainty increases with the clocks' drift. An answer may be dated too early:
+//! on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a request. Several
+//! samples in a row that seem to arrive before they were taken overrule the answer.
 
 use std::collections::VecDeque;
 
@@ -18,15 +18,15 @@ use super::message::MavlinkMessage;
 const MAX_REQUESTS: usize = 16;
 const MAX_EXCHANGES: usize = 20;
 const DRIFT: f64 = 1e-4;
-/// Backward jump of the autopilot's clock, as a difference between offsets, above which it has restarted, s.
+/// Backward jump of the offset above which the autopilot's clock has restarted, s.
 const RESTART_S: f64 = 0.5;
-/// Difference between two offsets, beyond their errors, above which one of the clocks has stepped, s.
+/// Difference between two offsets, beyond their errors, above which a clock has stepped, s.
 const STEPPED_S: f64 = 0.02;
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
-/// A sample dated after its arrival by at most this time is dated at its arrival instead, s.
+/// Largest lead of a sample over its arrival, s; the sample is then dated at its arrival.
 const AHEAD_S: f64 = 0.01;
-/// Number of consecutive samples dated ahead of their arrival that contradict an answer, and their minimum duration, s:
-/// a single time stamp may be wrong, and samples of other streams arrive in between.
+/// Number of consecutive samples dated ahead of their arrival that contradict an answer, and their minimum
+/// duration, s. A single time stamp may be wrong, and other streams' samples arrive in between.
 const SEVERAL: u32 = 5;
 const SEVERAL_S: f64 = 0.05;
 
@@ -34,7 +34,7 @@ const SEVERAL_S: f64 = 0.05;
 struct AheadRun {
     since: DroneTime,
     count: u32,
-    /// Largest offset that a sample of the run allows.
+    /// Largest offset that a sample allows.
     high: Span,
 }
 
@@ -45,10 +45,9 @@ pub(crate) struct RemoteClock {
     /// Send times of the pending requests on our clock, ns.
     requests: VecDeque<i64>,
     timer: Periodic<DroneClock>,
-    /// Unused answers, and samples with an impossible time.
     pub(crate) rejected: u32,
     pub(crate) restarts: u32,
-    /// Suspension of this computer together with its clock: time of detection, and duration, s.
+    /// Suspension of this computer with its clock: time of detection, and duration, s.
     stood_still: Option<(DroneTime, f64)>,
     ahead: Option<AheadRun>,
 }
@@ -63,7 +62,7 @@ impl RemoteClock {
         let (remote_ns, local_ns) = (0, now.nanos());
         Some(MavlinkMessage::Timesync { remote_ns, local_ns })
     }
-    /// Processes a message that may answer a request. Returns whether the autopilot has restarted.
+    /// Processes a possible answer. Returns whether the autopilot has restarted.
     pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) -> bool {
         let before = self.restarts;
         if let Some(k) = self.requests.iter().position(|q| *q == asked_ns) {
@@ -72,8 +71,7 @@ impl RemoteClock {
         }
         self.restarts != before
     }
-    /// Processes an answer that arrived at `now`, with our time in the request and the autopilot's time in the answer,
-    /// ns.
+    /// Processes an answer at `now`, with our time in the request and the autopilot's in the answer, ns.
     fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let asked = Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&(now - asked).secs()) {
@@ -119,8 +117,8 @@ impl RemoteClock {
     pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
         self.best(now).map_or(f64::INFINITY, OffsetBounds::error_s)
     }
-    /// Our time of a sample that the autopilot dates at `remote_ns`. None (counted as rejected) when it lies ahead of
-    /// `now` by more than the uncertainty, or is too old; a small lead is clamped to `now`.
+    /// Our time of a sample that the autopilot dates at `remote_ns`. None (counted as rejected) for one that
+    /// leads `now` by more than the uncertainty, or is too old; a small lead is clamped.
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.best(now)?;
         let at = Time::from_nanos(remote_ns) + offset.middle();
@@ -149,7 +147,7 @@ impl RemoteClock {
         }
         Some(at.min(now))
     }
-    /// Discards the answers that several consecutive samples contradict. If all answers are contradicted, the one with
+    /// Discards answers that several consecutive samples contradict. If all are contradicted, the one with
     /// the smallest lead is kept, because this computer may have been suspended.
     fn discard_contradicted(&mut self, now: DroneTime) {
         let lasts = |run: &AheadRun| run.count >= SEVERAL && (now - run.since).secs() >= SEVERAL_S;
@@ -161,7 +159,7 @@ impl RemoteClock {
         self.exchanges.retain(|e| e.drifted(now, DRIFT).low <= limit);
         self.ahead = None;
     }
-    /// Suspension of this computer with its clock, detected by samples dated ahead of it: time of detection, and
+    /// Suspension of this computer with its clock, shown by samples ahead of it: time of detection, and
     /// duration, s. It is reported until the next answer dates samples again.
     pub(crate) fn stood_still(&self, now: DroneTime) -> Option<(DroneTime, f64)> {
         self.stood_still
@@ -219,9 +217,9 @@ mod tests {
         assert_eq!(c.rejected, 5);
     }
 
-    /// Number of correctly dated samples in the second after several answers with a round trip of 20 ms and one of 1 ms
-    /// whose time is early by `early_s`, and the uncertainty. Samples arrive at 100 Hz with 1 ms of delay; those that
-    /// are `ahead` are stamped 15 ms after their arrival.
+    /// Number of correctly dated samples in a second after answers with a round trip of 20 ms and one of 1 ms
+    /// that is early by `early_s`, and the uncertainty. Samples arrive at 100 Hz with 1 ms of delay; those
+    /// that are `ahead` are stamped 15 ms after their arrival.
     fn dated(early_s: f64, ahead: impl Fn(i64) -> bool) -> (usize, f64) {
         let mut c = RemoteClock::default();
         for k in 0..10 {
@@ -256,7 +254,7 @@ mod tests {
 
     #[test]
     fn single_samples_against_right_answers() {
-        // Samples ahead are a single one, every fifth one (a stream with another clock), and a burst of four.
+        // Samples ahead: a single one, every fifth one (a stream with another clock), and a burst of four.
         for ahead in [
             |k: i64| k == 50,
             |k: i64| k % 5 == 0,
@@ -267,7 +265,7 @@ mod tests {
         }
     }
 
-    /// A suspension of any length is not taken for a restart; samples are dated again from the next answer on.
+    /// A suspension of any length is no restart; the next answer dates samples again.
     #[test]
     fn timesync_after_a_suspended_computer() {
         for gap_s in [0.1, 0.3, 1.5, 20.0] {
@@ -294,7 +292,7 @@ mod tests {
         for k in 0..10 {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);
         }
-        // The autopilot's clock restarts at zero; its first answer takes longer than all earlier ones.
+        // The autopilot's clock restarts at zero; its first answer is slower than all earlier ones.
         let t0 = DroneTime::from_secs(300.0);
         let now = t0 + Span::from_secs(0.02);
         c.answered(now, t0.nanos(), 1_000_000_000, 0.1);

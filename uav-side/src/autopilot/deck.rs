@@ -1,4 +1,4 @@
-//! Publication of the deck for other users of the link, if configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
+//! Optional publication of the deck on the link: `LANDING_TARGET`, or `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and an array of numbers.
 
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
@@ -16,7 +16,7 @@ use super::{AutopilotLink, AutopilotOut, DroneTime};
 /// Displacement of the deck above which home is sent again, m: the errors of two receivers.
 const HOME_MOVED_M: f64 = 5.0;
 const HOME_PERIOD: Span = Span::from_millis(5_000);
-/// Time after which home is repeated: autopilots set home themselves at arming, and a command may be lost.
+/// Time after which home is repeated: autopilots set it at arming, and a command may be lost.
 const HOME_REPEAT: Span = Span::from_millis(30_000);
 const DECK_PERIOD: Span = Span::from_millis(100);
 
@@ -63,7 +63,7 @@ impl AutopilotLink {
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
     }
-    /// Deck for ArduCopter: relative to the vehicle, in its body axes, at the time of its newest odometry.
+    /// Deck for ArduCopter: relative to the vehicle at its newest odometry, in body axes.
     fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
         let state = self.estimate.state?;
         let deck = self.inputs.deck(state.header.at)?;
@@ -79,8 +79,7 @@ impl AutopilotLink {
             size_m: self.config.deck_tag_m,
         })
     }
-    /// Deck for PX4's vision target estimator, as a detected marker: relative to the vehicle, at the time of its newest
-    /// odometry.
+    /// Deck as a marker for PX4's vision target estimator, relative to the vehicle at its newest odometry.
     fn target_relative(&self) -> Option<TargetRelative> {
         let state = self.estimate.state?;
         let deck = self.inputs.deck(state.header.at)?;
@@ -93,8 +92,8 @@ impl AutopilotLink {
             yaw_sd,
         })
     }
-    /// Deck for PX4's vision target estimator, as a receiver on the target, with its velocity in the autopilot's frame;
-    /// None until the origin is known.
+    /// Deck as a receiver on the target for PX4's vision target estimator, with its velocity in the
+    /// autopilot's frame; None until the origin is known.
     fn target_absolute(&self, now: DroneTime, d: &DeckStage, velocity: [f64; 3]) -> Option<TargetAbsolute> {
         let (mut place, sea_m) = self.estimate.place(d)?;
         place.height_m = sea_m;
@@ -107,7 +106,7 @@ impl AutopilotLink {
             velocity_sd: d.velocity_sd,
         })
     }
-    /// Sends the deck's position as home, if configured. The command's single precision resolves half a metre.
+    /// Sends the deck's position as home, if configured. Single precision resolves half a metre.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let deck = (self.inputs.known_deck(now)).filter(|_| self.config.send_home);
         let place = deck.and_then(|d| self.estimate.place(&d));
@@ -128,12 +127,10 @@ impl AutopilotLink {
     }
 }
 
-/// Our time, us: PX4 takes a target's time for that of the sender that answers its TIMESYNC, and converts it
-/// (`MavlinkTimesync::sync_stamp`).
+/// Our time, us; PX4 converts it, because we answer its TIMESYNC (`MavlinkTimesync::sync_stamp`).
 fn own_us(at: DroneTime) -> u64 {
     u64::try_from(at.nanos() / 1000).unwrap_or_default()
 }
-/// Rotation from the deck to NED.
 fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
     let [roll, pitch, yaw] = d.euler;
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)

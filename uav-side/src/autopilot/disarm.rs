@@ -1,10 +1,10 @@
 //! Forced disarm on the deck.
 //!
-//! Stock land detectors do not disarm on a heaving deck (PX4: none within 90 s at 0.5 m). The pilot's confirmed
-//! touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot executes even in
-//! the air. The touchdown detection alone is not sufficient: the drone must also be near the deck, slow relative to it,
-//! and carried by something other than its rotors. Each command needs all of this evidence again; after a quick series
-//! the commands follow at longer intervals.
+//! Stock land detectors do not disarm on a heaving deck (PX4: none within 90 s at 0.5 m). The pilot's
+//! confirmed touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot
+//! executes even in the air. So the drone must also be near the deck, slow relative to it, and carried by
+//! something other than its rotors. Each command needs all of this again; the intervals increase after a
+//! quick series.
 
 use core::fmt;
 
@@ -16,18 +16,16 @@ use serde::{Deserialize, Serialize};
 use super::DroneTime;
 use super::config::DisarmConfig;
 
-/// Duration of the evidence without the pilot's set-points, s: several time constants of its measurements.
+/// Duration of the evidence without the pilot's set-points, s: several of its time constants.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
-/// Time between two commands after the quick series, s: an autopilot that denied the quick series is still disarmed
-/// eventually.
+/// Time between two commands after the quick series, s; an autopilot that denied it disarms eventually.
 const RARE_S: f64 = 2.0;
 
-/// Evidence of contact, independent of the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
     pub(crate) landing: bool,
-    /// Height of the feet above the deck, measured by the rangefinder, m; None without an accepted reading.
+    /// Height of the feet above the deck by the rangefinder, m; None without an accepted reading.
     pub(crate) range_height: Option<f64>,
     pub(crate) range_doubted: bool,
     pub(crate) forecast_height: Option<f64>,
@@ -36,18 +34,17 @@ pub(crate) struct ContactEvidence {
     pub(crate) load_factor: Option<f64>,
     /// Reported thrust as a fraction of hover; None without a recent report.
     pub(crate) thrust: Option<f64>,
-    /// Whether the commanded thrust has been no more than that of a drone at rest for long enough to take effect.
+    /// Whether the commanded thrust has been that of a drone at rest for long enough to take effect.
     pub(crate) commanded_low: bool,
     pub(crate) reports_on_ground: bool,
 }
 
-/// Maximum speed relative to the deck of a drone at rest on it, when the thrust is not reported, m/s.
+/// Maximum speed relative to the deck of a drone at rest on it, without a thrust report, m/s.
 pub(crate) const RESTS_MPS: f64 = 0.5;
-/// Height from which a drone pressed down at half of hover thrust meets the deck at 1 m/s, the limit of a successful
-/// landing, m: `h = v² / g`.
+/// Height from which a drone pressed down at half of hover thrust meets the deck at 1 m/s (the limit of a
+/// successful landing), m: `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
-/// Height from which the drone is pressed down if only the forecast gives the height, m: the forecast's error is as
-/// large.
+/// Height from which the drone is pressed down on the forecast's height alone, m: the forecast's error.
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
@@ -66,9 +63,8 @@ pub enum DisarmInhibit {
     HeightUnknown,
     RangeHigh,
     ForecastHigh,
-    /// Too fast relative to the deck, or at an unknown speed.
     Fast,
-    /// The deck does not carry the drone: the rotors do, or it falls.
+    /// The rotors carry the drone, or it falls.
     NotSupported,
 }
 
@@ -78,7 +74,7 @@ impl fmt::Display for DisarmInhibit {
             DisarmInhibit::NotLanding => "the mission does not land",
             DisarmInhibit::HeightUnknown => "neither rangefinder nor forecast gives the height of the feet",
             DisarmInhibit::RangeHigh => "the rangefinder measures air below the feet",
-            DisarmInhibit::ForecastHigh => "the deck is forecast further below",
+            DisarmInhibit::ForecastHigh => "the forecast deck is further below",
             DisarmInhibit::Fast => "too fast relative to the deck",
             DisarmInhibit::NotSupported => "the deck does not carry the drone",
         })
@@ -89,7 +85,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
-    // NaN is treated as high, fast and not supported.
+    // NaN counts as high, fast and not supported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
         return Some(DisarmInhibit::RangeHigh);
@@ -104,13 +100,13 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
-    // A thrust that is no longer reported is neither zero nor its last value. The commanded thrust replaces it, and a
-    // drone that moves with the deck shows that the command is executed.
+    // A thrust that is no longer reported is neither zero nor its last value. The commanded thrust replaces
+    // it, and a drone that moves with the deck shows that it follows the command.
     let idle = match e.thrust {
         Some(t) => t <= c.max_thrust_of_hover,
         None => e.commanded_low && e.speed.is_some_and(|v| v <= RESTS_MPS),
     };
-    // The autopilot's ground report may replace the thrust, never the load factor.
+    // The autopilot's ground report may replace the thrust, but never the load factor.
     if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
     }
@@ -122,7 +118,7 @@ pub(crate) enum DisarmDecision {
     Press,
     Command,
     Idle,
-    /// The evidence was missing for too long: the drone is in the air.
+    /// The evidence was missing for too long.
     InAir(DisarmInhibit),
 }
 
@@ -153,7 +149,7 @@ impl DisarmSequence {
         }
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
-        // If a witness is missing, the evidence of the others has to last longer.
+        // With fewer witnesses the evidence has to last longer.
         let hold_s = if e.thrust.is_none() || e.range_doubted {
             c.hold_s.max(HOLD_ALONE_S)
         } else {
@@ -175,7 +171,7 @@ impl DisarmSequence {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ForcedDisarm {
     pub(super) touchdown: DisarmSequence,
-    /// Sequence for an autopilot that holds by itself.
+    /// For an autopilot that holds by itself.
     pub(super) alone: DisarmSequence,
     pub(super) own_landing: DisarmSequence,
     pub(super) inhibited: Option<DisarmInhibit>,
@@ -195,8 +191,7 @@ impl ForcedDisarm {
 }
 
 impl DisarmConfig {
-    /// Longest time from the pilot's touchdown to the answer to the last quick command, s: `evidence_timeout_s + hold_s
-    /// + tries pause_s`.
+    /// Longest time from touchdown to last answer, s: `evidence_timeout_s + hold_s + tries pause_s`.
     pub fn longest_s(&self) -> f64 {
         self.evidence_timeout_s + self.hold_s.max(HOLD_ALONE_S) + f64::from(self.tries) * self.pause_s
     }
@@ -211,7 +206,7 @@ mod tests {
     #[test]
     fn armed_drone_after_the_disarm_sequence() {
         let c = DisarmConfig::default();
-        // The last command precedes the end by one pause, so it has been answered by then.
+        // The last command is answered within the pause before the end.
         let mut d = DisarmSequence::default();
         let within = ((c.longest_s() - c.pause_s) * 1e3) as i64;
         assert_eq!(commands(&mut d, 0, within, &ON_DECK, &c), c.tries);
@@ -266,7 +261,7 @@ mod tests {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
-        // Ten commands follow within 2 s, then one every 2 s while the drone is armed on the deck.
+        // Ten commands within 2 s, then one every 2 s while the drone is armed on the deck.
         assert_eq!(commands(&mut d, 40, 2_000, &ON_DECK, &c), c.tries - 1);
         assert_eq!(commands(&mut d, 2_040, 58_000, &ON_DECK, &c), 29);
         let off = DisarmConfig { on_deck: false, ..c };
@@ -291,15 +286,15 @@ mod tests {
             ),
             (|e| e.speed = Some(3.0), DisarmInhibit::Fast),
             (|e| e.speed = None, DisarmInhibit::Fast),
-            // The drone hovers.
+            // A hovering drone.
             (|e| e.thrust = Some(1.0), DisarmInhibit::NotSupported),
-            // The drone falls with the thrust cut, and the autopilot reports ground.
+            // A falling drone with the thrust cut; the autopilot reports ground.
             (
                 |e| (e.load_factor, e.reports_on_ground) = (Some(0.4), true),
                 DisarmInhibit::NotSupported,
             ),
             (|e| e.load_factor = None, DisarmInhibit::NotSupported),
-            // The thrust is unknown. A low thrust is commanded, but the drone moves over the deck or falls.
+            // A low thrust is commanded without a report, and the drone moves over the deck or falls.
             (
                 |e| (e.thrust, e.commanded_low) = (None, false),
                 DisarmInhibit::NotSupported,
@@ -344,7 +339,6 @@ mod tests {
         };
         assert_eq!(inhibit(&silent, &c), None);
         let mut d = DisarmSequence::default();
-        // The evidence has to last longer, as without the rangefinder.
         assert_eq!(commands(&mut d, 0, 190, &silent, &c), 0);
         assert_eq!(commands(&mut d, 190, 30, &silent, &c), 1);
         let doubted = ContactEvidence {

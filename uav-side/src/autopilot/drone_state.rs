@@ -1,4 +1,4 @@
-//! The drone's state from the autopilot's reports: PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` with
+//! Drone's state from the autopilot's reports: PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` with
 //! `ATTITUDE_QUATERNION`; both send separate inertial samples.
 
 use alight_shared::estimation::low_pass;
@@ -25,7 +25,7 @@ use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 /// Maximum time over which an attitude is propagated by its rates.
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
-/// Time after an `ODOMETRY` during which separate positions and attitudes are ignored.
+/// Time after an `ODOMETRY` within which separate positions and attitudes are ignored.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
 const MAX_SAMPLES: u32 = 50;
 /// Jump of the position above which the origin is requested again, m.
@@ -33,7 +33,6 @@ const JUMPED_M: f64 = 1.0;
 /// Time constant of the specific force as disarm evidence, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 
-/// Inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
     at: DroneTime,
@@ -49,7 +48,7 @@ pub(crate) struct DroneStateAssembler {
     odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
     pub(crate) reported_resets: Option<u8>,
-    /// Jumps of the estimate that the autopilot has counted so far. Other jumps are detected in [`crate::odometry`].
+    /// Jumps counted by the autopilot. [`crate::odometry`] detects the others.
     pub(crate) resets: u8,
     /// Number of the autopilot's frame; a restart begins a new one.
     pub(crate) frames: u8,
@@ -62,7 +61,7 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
-    /// Continues a predecessor's counts: [`Self::frames`] and the autopilot's own.
+    /// Continues a predecessor's counts.
     pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
         (self.frames, self.reported_resets) = (frames, reported);
     }
@@ -90,7 +89,7 @@ impl DroneStateAssembler {
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
-    /// Stores a position with its velocity, to be combined with the newest attitude.
+    /// Stores a position with its velocity for the newest attitude.
     pub(crate) fn position(
         &mut self,
         at: DroneTime,
@@ -140,11 +139,10 @@ impl DroneStateAssembler {
         variances: Option<[[f64; 3]; 3]>,
         c: &AutopilotLinkConfig,
     ) -> Option<DroneState> {
-        // The sample is a duplicate or out of order.
         if self.last.is_some_and(|l| at <= l.header.at) {
             return self.reject();
         }
-        // Touchdown detection needs inertial samples: without them the drone is not flown.
+        // Touchdown detection needs inertial samples, without which the drone is not flown.
         let inertial = self.inertial.as_mut();
         let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
         let force = if i.count > 0 {
@@ -187,7 +185,7 @@ impl DroneStateAssembler {
     }
 }
 
-/// Reading of the rangefinder; None outside its limits, and for 0 m, which is invalid at any limits.
+/// None outside the rangefinder's limits, and for an invalid 0 m.
 pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
     let ([low, high], variance) = (d.limits_m, d.variance.filter(|v| *v > 0.0));
     let sample = RangeSample {
@@ -203,7 +201,7 @@ pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
 pub(super) struct RangeReadings {
     pub(super) feet_m: f64,
     newest: Option<RangeSample>,
-    /// Check whether the rangefinder follows the drone.
+    /// Whether the rangefinder follows the drone.
     pub(super) witness: RangeWitness,
 }
 
@@ -221,8 +219,7 @@ impl RangeReadings {
         let fresh = (self.newest).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
         fresh.map(|r| r.range_m)
     }
-    /// Whether this range (m) is plausible for the deck: the rangefinder follows the drone, the deck can be at that
-    /// distance, and the forecast agrees.
+    /// Whether this range (m) is plausible: by the drone's motion, the deck's distance and the forecast.
     pub(super) fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
         let height = range_m - self.feet_m;
         height >= -BELOW_FEET_M && !self.witness.contradicts() && !disagree(height, forecast_height)
@@ -232,7 +229,7 @@ impl RangeReadings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
     pub(super) assembler: DroneStateAssembler,
-    /// Number of the autopilot's jumps handled so far.
+    /// Number of handled jumps of the autopilot.
     resets: u8,
     pub(super) origin: AutopilotOrigin,
     pub(super) heading: HeadingAlignment,
@@ -269,8 +266,8 @@ impl DroneEstimate {
         self.restart();
         (self.heading, self.origin) = Default::default();
     }
-    /// Smooths new odometry of the autopilot and estimates the wind from it; also the hover thrust, if the drone flies
-    /// at a known `thrust` (fraction). Returns the drone's own odometry; None before origin and heading are known.
+    /// Smooths new odometry and estimates the wind, and at a known `thrust` (fraction) in flight the hover
+    /// thrust. Returns the drone's own odometry; None before origin and heading are known.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -311,8 +308,7 @@ impl DroneEstimate {
         self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
         Some(state)
     }
-    /// Height of the feet above the deck, m, the drone's speed relative to it, m/s, and its speed away from the deck
-    /// along the normal, m/s; None while drone or deck is unknown.
+    /// Height of the feet above the deck, m, speed relative to it, and speed away along its normal, m/s.
     pub(super) fn relative_to(&self, now: DroneTime, deck: Option<DeckStage>) -> Option<(f64, f64, f64)> {
         let (state, deck) = (self.fresh(now)?, deck?);
         let height = deck.height_of(&state.position()) - self.feet_below_m;
@@ -326,7 +322,7 @@ impl DroneEstimate {
         s.position = Vector3::from(s.position).component_div(&scale).into();
         s
     }
-    /// Geodetic position of the deck's centre, and its height above the sea, m; None until the origin is known.
+    /// Geodetic position of the deck's centre and its height above the sea, m; None without an origin.
     pub(super) fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
         let (datum, geoid_m) = self.origin.datum.zip(self.origin.geoid_m)?;
         let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
@@ -385,7 +381,6 @@ mod tests {
         assert!((s.specific_force[0] - 1.5).abs() < 1e-12);
         assert!(f.odometry(t(1.01), &r, &c).is_none());
         assert!(f.odometry(t(1.0), &r, &c).is_none());
-        // The inertial samples have stopped.
         assert!(f.odometry(t(1.2), &r, &c).is_none());
         let broken = OdometryReport {
             attitude: [f64::NAN; 4],
@@ -431,7 +426,7 @@ mod tests {
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // A rangefinder without a minimum distance reports an invalid 0 m.
+        // A rangefinder reports an invalid 0 m.
         let none = DistanceReport {
             time_ms: 0,
             range_m: 0.0,

@@ -1,5 +1,5 @@
-//! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's state and
-//! for each alarm, and four named values at a low rate. The companion's heartbeat is one of the periodic messages.
+//! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's
+//! state and each alarm, and four named values at a low rate.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
@@ -17,23 +17,23 @@ use super::station_parameters::StationParameters;
 use super::{AutopilotOut, DroneTime};
 
 const VALUES: Span = Span::from_millis(500);
-/// Time for which the mission waits for one condition before that is reported.
+/// Time that the mission waits for one condition before it is reported.
 const WAITS: Span = Span::from_millis(3000);
-/// Text for an abort or hold ordered so low that a climb would hit the deck harder than the landing does.
+/// Text for an abort or hold so low that a climb would hit the deck harder than the landing.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
-/// Name of the value for the distance between the centres of drone and deck, m.
+/// Name of the distance between the centres of drone and deck, m.
 pub const DISTANCE: &str = "deck_m";
-/// Name of the value for the age of the vessel estimate behind the forecast, s.
+/// Name of the age of the vessel estimate behind the forecast, s.
 pub const AGE: &str = "link_age_s";
-/// Names of the values for the true wind's speed, m/s, and the direction that it comes from, deg.
+/// Names of the true wind's speed, m/s, and of the direction that it comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct GroundReports {
     entered: Option<(State, DroneTime)>,
-    /// Condition that the mission waits for, start of the wait, and whether it was reported.
+    /// Awaited condition, start of the wait, and whether it was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
-    /// Reason why the newest order is not carried out, as last reported.
+    /// Last reported reason of a rejected order.
     rejected: Option<ReasonCode>,
     relative: RelativeReports,
     values: Periodic<DroneClock>,
@@ -84,7 +84,7 @@ impl Operators {
 }
 
 impl GroundReports {
-    /// Reports changes of the mission's state and of the moving base, and the named values when they are due.
+    /// Reports changes of the mission's state and of the moving base, and named values when due.
     pub(super) fn publish(
         &mut self,
         now: DroneTime,
@@ -145,7 +145,7 @@ impl GroundReports {
             }
             waiting => {
                 let nothing = matches!(code, ReasonCode::None | ReasonCode::NotCommanded);
-                // The operator who stopped it sees the drone descend, and is informed at once that this is intended.
+                // The operator who stopped it has to know at once that the descent is intended.
                 let stopped = code == ReasonCode::CompletesLanding;
                 *waiting = Some((code, now, nothing || stopped));
                 return stopped.then(|| status_text(severity::WARNING, STOPPED_LOW));
@@ -179,7 +179,7 @@ fn severity_of(m: &MissionState) -> u8 {
     }
 }
 
-/// ASCII text; a text longer than a STATUSTEXT is sent in several.
+/// ASCII text, in several STATUSTEXTs if it is long.
 fn status_text(severity: u8, text: &str) -> MavlinkMessage {
     let ascii = |c: char| match c {
         '²' => '2',

@@ -1,8 +1,8 @@
-//! Disarm after a landing that the autopilot flies by itself to the deck that Alight sends. It is optional, and
-//! replaces the autopilot's land detector, which is made for ground at rest.
+//! Optional disarm after a landing that the autopilot flies by itself to the deck sent by Alight. It replaces
+//! the autopilot's land detector, which is made for ground at rest.
 //!
-//! The mission detects no touchdown in such a landing. The evidence is that of [`super::disarm`]; in addition it needs
-//! the deck's forecast, a longer duration and a drone that moves with the deck.
+//! The mission detects no touchdown in such a landing. In addition to the evidence of [`super::disarm`] the
+//! deck's forecast, a longer duration and a drone that moves with the deck are required.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -11,14 +11,14 @@ use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_
 use super::message::severity;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Duration of the evidence, s: a drone that hovers low over a deck in waves does not meet it for that long.
+/// Duration of the evidence, s. A drone that hovers low over a deck in waves does not reach it.
 const HOLD_S: f64 = 1.0;
 
 impl AutopilotLink {
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
-        // The autopilot's own landing needs no mission; in shadow mode nothing is commanded.
+        // The autopilot's own landing needs no mission. Shadow mode commands nothing.
         if !(c.own_landing && !self.inputs.looks_on() && self.peer.as_ref().is_some_and(lands)) {
             self.disarm.own_landing.clear();
             return;
@@ -27,7 +27,7 @@ impl AutopilotLink {
         let known = found.forecast_height.is_some() && found.thrust.is_some();
         let evidence = ContactEvidence {
             landing: known,
-            // Nothing is commanded, and the autopilot's own land detector is what this replaces.
+            // Nothing is commanded, and the autopilot's land detector is not used.
             commanded_low: false,
             reports_on_ground: false,
             ..found

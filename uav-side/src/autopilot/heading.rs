@@ -1,10 +1,9 @@
-//! Alignment of the autopilot's heading; Alight does not fly before it is aligned.
+//! Alignment of the autopilot's heading, without which Alight does not fly.
 //!
-//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the magnetometer
-//! 0.4 to 2 s later, by up to 180 deg. Both fuse GNSS only after tilt and heading are aligned, so an estimator that
-//! reports an absolute position has aligned them (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`:
-//! `yawAlignComplete`). For firmware without a status report the heading itself is monitored: it is aligned once it has
-//! not jumped for [`STEADY_S`].
+//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the
+//! magnetometer 0.4 to 2 s later, by up to 180 deg. Both fuse GNSS only after tilt and heading are aligned
+//! (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`: `yawAlignComplete`), so an absolute
+//! position shows the alignment. Without a status a heading that has not jumped for [`STEADY_S`] is aligned.
 
 use alight_shared::msg::DroneState;
 use alight_shared::time::Span;
@@ -15,8 +14,7 @@ use super::message::estimator;
 use crate::odometry::origin::yaw_jump;
 
 const STATUS_STALE: Span = Span::from_millis(3000);
-/// Time without a jump after which a heading without a status counts as aligned, s: five times the longest alignment
-/// measured.
+/// Time without a jump after which a heading without a status is aligned, s: five times the longest measured.
 const STEADY_S: f64 = 10.0;
 
 #[derive(Clone, Debug, Default)]
@@ -29,14 +27,14 @@ pub(crate) struct HeadingAlignment {
 }
 
 impl HeadingAlignment {
-    /// Processes the estimator's status, which has the bits of [`estimator`].
+    /// Processes the estimator's status (bits of [`estimator`]).
     pub(crate) fn status(&mut self, now: DroneTime, flags: u16) {
         let needed = estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS;
         let aligned = flags & needed == needed;
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
-    /// Checks the heading in the autopilot's odometry for jumps.
+    /// Checks the autopilot's odometry for jumps of the heading.
     pub(crate) fn watch(&mut self, d: &DroneState) {
         let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
         let jumped = self.last.is_some_and(|(then, before, turned)| {
@@ -52,18 +50,16 @@ impl HeadingAlignment {
             .is_some_and(|since| (at - since).secs() >= STEADY_S);
         self.was_aligned |= self.status.is_none() && steady;
     }
-    /// Whether the newest odometry of the autopilot is no older than `limit_s`.
     pub(crate) fn is_watched(&self, now: DroneTime, limit_s: f64) -> bool {
         self.last.is_some_and(|(at, ..)| (now - at).secs() <= limit_s)
     }
     pub(crate) fn resume(&mut self) {
         self.was_aligned = true;
     }
-    /// Whether the heading was aligned once: odometry and set-points then have the same heading, apart from jumps.
+    /// Whether the heading was aligned once, so that odometry and set-points have the same heading.
     pub(crate) fn was_aligned(&self) -> bool {
         self.was_aligned
     }
-    /// Whether a landing may begin.
     pub(crate) fn is_aligned(&self, now: DroneTime) -> bool {
         match self.status {
             Some((at, aligned)) if now - at <= STATUS_STALE => aligned,
@@ -101,7 +97,7 @@ mod tests {
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
         h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
         assert!(h.was_aligned() && h.is_aligned(at(21.0)));
-        // Alignment lost in flight: a flight continues, but no landing begins.
+        // Without alignment a flight continues, but no landing begins.
         h.status(at(30.0), estimator::ATTITUDE);
         assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
     }

@@ -13,12 +13,11 @@ use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
-/// Silence of the first autopilot after which another one is accepted, and time after its last heartbeat for which
-/// another one is considered present, s.
+/// Silence of an autopilot after which it counts as gone and another one is accepted, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
-    /// Processes a frame. Returns whether it reported the autopilot's mode, mostly in a heartbeat.
+    /// Processes a frame. Returns whether it reported the autopilot's mode.
     pub(super) fn receive(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         if let MavlinkMessage::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
@@ -206,7 +205,7 @@ impl AutopilotLink {
         out.ranges.extend(newer);
     }
 
-    /// Whether an answer is addressed to this component; a firmware may leave the address out.
+    /// Whether an answer is addressed to this component; some firmware omits the address.
     fn is_addressed(&self, to: Address) -> bool {
         let own = self.address();
         let is = |stated: u8, own: u8| stated == 0 || stated == own;
@@ -251,7 +250,7 @@ impl AutopilotLink {
         out.alarm(severity, format!("{place} commands {order}"));
     }
 
-    /// Answers a ground station's request to the companion; false for other frames.
+    /// Answers a ground station's request; false for other frames.
     fn asked_by_station(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         let own = self.address();
         if let MavlinkMessage::Command(c) = &frame.message
@@ -299,7 +298,6 @@ impl AutopilotLink {
         false
     }
 
-    /// Processes a command to this component: an order to the mission, or an unknown command.
     fn on_command(&mut self, now: DroneTime, from: Address, asked: &StationCommand, out: &mut AutopilotOut) {
         let command = asked.number;
         let answer = |result| MavlinkMessage::CommandAck {
@@ -325,13 +323,13 @@ impl AutopilotLink {
         }
     }
 
-    /// Whether this is the address of the configured vehicle's autopilot.
+    /// Whether this is the address of the vehicle's autopilot.
     pub(super) fn accepts(&self, from: Address) -> bool {
         let wanted = self.config.vehicle;
         from.component == message::AUTOPILOT_COMPONENT && (wanted == 0 || wanted == from.system)
     }
 
-    /// System number of another vehicle's autopilot received recently, when none is configured.
+    /// System number of another vehicle's autopilot, when none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
         let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.others.autopilot?);
         let recent = (now - at).secs() <= OTHER_AFTER_S;
@@ -377,7 +375,7 @@ impl AutopilotLink {
     }
 }
 
-/// Microseconds in ns; saturates.
+/// Converts to ns, saturating.
 fn micros(us: u64) -> i64 {
     i64::try_from(us).unwrap_or(i64::MAX).saturating_mul(1000)
 }

@@ -1,5 +1,5 @@
-//! Newest message of each of the other nodes, and shadow mode: the pilot node's set-points are compared with the
-//! drone's motion, and nothing is commanded.
+//! Newest message of each of the other nodes, and shadow mode, which compares the pilot node's set-points
+//! with the drone's motion and commands nothing.
 
 use alight_shared::admission::Latest;
 use alight_shared::msg::{
@@ -17,13 +17,13 @@ use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 pub(super) struct LinkInputs {
     set_point: Latest<SetPoint>,
     pub(super) mission: Latest<MissionState>,
-    /// Landing mode in the mission's newest state, at any age; None before the first state.
+    /// Landing mode of the mission, at any age; None before the first state.
     pub(super) mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 }
 
 impl LinkInputs {
-    /// Stores the messages of a step. Returns whether the mission was aborted, and whether the set-point is new.
+    /// Stores a step's messages. Returns whether the mission was aborted, and whether the set-point is new.
     pub(super) fn take(&mut self, now: DroneTime, input: &AutopilotIn) -> [bool; 2] {
         let before = self.mission.get().and_then(|m| m.abort);
         let mission = (input.mission.as_ref()).filter(|m| self.mission.offer(now, m));
@@ -44,7 +44,7 @@ impl LinkInputs {
     pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
         self.fresh_mission(now).map(|m| m.state)
     }
-    /// The mission's last state, while the pilot node still acts on it.
+    /// Last state of the mission, for as long as the pilot node uses it.
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
@@ -55,19 +55,19 @@ impl LinkInputs {
     pub(super) fn fresh_forecast(&self, now: DroneTime) -> Option<&DeckForecast> {
         self.forecast.fresh(now, topics::FORECAST.stale_after)
     }
-    /// Forecast deck at `now`, within the horizon of the newest forecast, as the pilot node uses it.
+    /// Forecast deck at `now`, as the pilot node uses it.
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
     }
-    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s.
+    /// Horizontal velocity of the deck that the mission follows, NED, m/s.
     pub(super) fn followed_deck(&self, now: DroneTime) -> Option<Vector2<f64>> {
         let follows = self.fresh_mission(now)?.state.phase() == Phase::Follow;
         let known = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
         let deck = self.deck(now).filter(|_| follows && known)?;
         Some(Vector3::from(deck.velocity).xy())
     }
-    /// The deck unless a beacon is its only source: an unauthenticated position is not passed on.
+    /// The deck, unless only a beacon gives it: an unauthenticated position is not passed on.
     pub(super) fn known_deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.fresh_forecast(now)?;
         self.deck(now)
@@ -79,8 +79,7 @@ impl LinkInputs {
         let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
         age_s.is_finite().then_some(age_s)
     }
-    /// Whether set-points, modes, arming and disarming may be commanded. Before its first state the mission may be in
-    /// shadow mode.
+    /// Whether the link may command anything. A mission may be in shadow mode before its first state.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
             Some(LandingMode::Land | LandingMode::Match) => true,
@@ -88,14 +87,12 @@ impl LinkInputs {
         }
     }
 
-    /// Whether the mission is in shadow mode.
     pub(super) fn looks_on(&self) -> bool {
         self.mode == Some(LandingMode::Shadow)
     }
 
-    /// Comparison of the pilot node's set-point with the drone's motion while a shadow mission would fly: angle between
-    /// the thrust axes, and difference of the velocities. (Both at the same time: the attitude follows a command with
-    /// its lag.)
+    /// Comparison of the pilot node's set-point with the drone's motion in a shadow mission: angle between
+    /// the thrust axes, and difference of the velocities, at the same time although the attitude lags.
     pub(super) fn shadow(&self, now: DroneTime, own: Option<DroneState>) -> Option<ShadowComparison> {
         let mission = self.fresh_mission(now);
         mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;

@@ -1,8 +1,8 @@
-//! MAVLink messages that Alight uses: SI units, radians, plain enums.
+//! MAVLink messages of Alight in SI units, radians and plain enums.
 //!
-//! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind [`super::wire`], so
-//! that a new release of the crate or another dialect changes one file, and a test can simulate an autopilot without
-//! bytes. Numbers are those of MAVLink's `common` dialect.
+//! The state machine of this folder uses only these types. Bytes and the MAVLink crate are behind
+//! [`super::wire`], so that a new release or dialect changes one file, and tests simulate an autopilot
+//! without bytes. Numbers are those of MAVLink's `common` dialect.
 
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,7 @@ pub const ARDUPILOT: u8 = 3;
 /// `MAV_AUTOPILOT_PX4`.
 pub const PX4: u8 = 12;
 
-/// Number of outputs of a set that Alight reads: those of an octorotor.
+/// Number of outputs that Alight reads: those of an octorotor.
 pub const OUTPUTS: usize = 8;
 
 /// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
@@ -55,9 +55,9 @@ pub const ARMED: u8 = 128;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CommandResult {
     Accepted,
-    /// Rejected for now; a repetition may succeed.
+    /// A repetition may succeed.
     TemporarilyRejected,
-    /// Rejected; a repetition in the same state fails as well.
+    /// A repetition in the same state fails as well.
     Denied,
     Unsupported,
     Failed,
@@ -83,7 +83,7 @@ pub struct CommandLong {
 }
 
 impl CommandLong {
-    /// Command with the first parameters `first`; the others are zero.
+    /// The other parameters are zero.
     pub fn new<const N: usize>(to: Address, command: u16, first: [f64; N]) -> CommandLong {
         let mut parameters = [0.0; 7];
         parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
@@ -94,20 +94,19 @@ impl CommandLong {
             parameters,
         }
     }
-    /// Forced disarm, number `sent` of a series.
+    /// Number `sent` of a series.
     pub(crate) fn disarm(to: Address, sent: u32) -> CommandLong {
         CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }
     }
-    /// Command to enter the firmware's mode with this main mode and sub-mode.
     pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
         CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])
     }
 }
 
-/// Position set-point; all of position, velocity, acceleration, yaw and yaw rate are used.
+/// All of position, velocity, acceleration, yaw and yaw rate are used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionTarget {
     pub to: Address,
@@ -199,7 +198,7 @@ pub struct ImuReport {
     pub gyro: [f64; 3],
 }
 
-/// Parameter value as sent; the meaning of the bits depends on the firmware.
+/// The meaning of the bits depends on the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ParameterValue {
     /// The message's float.
@@ -221,7 +220,7 @@ pub struct DistanceReport {
     pub variance: Option<f64>,
 }
 
-/// Pulses of the remote control, from the autopilot's receiver.
+/// From the autopilot's receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RcChannels {
     pub count: u8,
@@ -242,7 +241,7 @@ pub enum TargetFrame {
 
 impl TargetFrame {
     pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
-    /// Number of the frame in `MAV_FRAME`.
+    /// Number in `MAV_FRAME`.
     pub const fn number(self) -> u8 {
         match self {
             TargetFrame::LocalNed => 1,
@@ -311,7 +310,7 @@ pub enum MavlinkMessage {
     Attitude(AttitudeReport),
     Imu(ImuReport),
     Distance(DistanceReport),
-    /// `CURRENT_MODE`: the present mode, sent when it changes.
+    /// `CURRENT_MODE`, sent when the mode changes.
     Mode {
         custom_mode: u32,
     },
@@ -350,7 +349,7 @@ pub enum MavlinkMessage {
         to: Address,
         /// At most 16 characters.
         name: String,
-        /// If given, the parameter is requested by this index and the name is ignored.
+        /// Index that replaces the name in the request.
         index: Option<u16>,
     },
     /// `PARAM_SET`.
@@ -418,13 +417,12 @@ pub enum MavlinkMessage {
     TargetRelative(TargetRelative),
     /// `TARGET_ABSOLUTE`: deck for PX4's vision target estimator, as a receiver on the deck.
     TargetAbsolute(TargetAbsolute),
-    /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. An autopilot would take `ODOMETRY` for a measurement of
-    /// its own pose.
+    /// `DEBUG_FLOAT_ARRAY` named "deck"; an autopilot would take `ODOMETRY` for its own pose.
     Deck {
         /// Autopilot's time, us.
         time_us: u64,
-        /// Position (NED, m), velocity (NED, m/s), roll, pitch, yaw (rad), their rates (rad/s),
-        /// standard deviation of the position (m).
+        /// Position (m) and velocity (m/s) in NED, roll, pitch, yaw (rad), their rates, and position
+        /// deviation.
         values: [[f64; 3]; 5],
     },
     /// `SYS_STATUS`: sensors as bits of `MAV_SYS_STATUS_SENSOR`.

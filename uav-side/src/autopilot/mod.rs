@@ -1,5 +1,6 @@
-//! MAVLink link to an autopilot (PX4, ArduCopter), as a node: received messages in, messages to send out. It has no
-//! socket and no clock, so that a test can simulate the autopilot on the same clock; its process is `alight autopilot`.
+//! MAVLink link to an autopilot (PX4, ArduCopter) as a node of received and sent messages. It has no socket
+//! and no clock, so that a test can simulate the autopilot on the same clock; its process is `alight
+//! autopilot`.
 //!
 //! Read in this order:
 //! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`];
@@ -14,9 +15,9 @@
 //! - [`checkpoint`], [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (autopilot parameters that a
 //!   landing depends on), and [`wire`] for the bytes.
 //!
-//! Safety does not depend on this node. Without its set-points PX4 leaves OFFBOARD after COM_OF_LOSS_T and enters the
-//! failsafe of COM_OBL_RC_ACT; ArduCopter stops after GUID_TIMEOUT and holds in GUIDED (after an attitude set-point:
-//! level, without climb).
+//! Safety does not depend on this node. Without its set-points PX4 leaves OFFBOARD after COM_OF_LOSS_T and
+//! enters the failsafe of COM_OBL_RC_ACT; ArduCopter stops after GUID_TIMEOUT and holds in GUIDED (after an
+//! attitude set-point: level, without climb).
 
 pub mod ais;
 pub mod authority;
@@ -94,7 +95,7 @@ const HEARTBEAT: Span = Span::from_millis(1000);
 /// Period of the report that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
 const STATE: Span = Span::from_millis(100);
-/// Maximum time until our command is confirmed or rejected: several heartbeats and requests.
+/// Maximum time to confirm or reject our command: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -105,8 +106,7 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     pub forecast: Option<DeckForecast>,
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
-    /// Checkpoint of a crashed predecessor; boot number 0 means that there is no checkpoint. It is read until this link
-    /// publishes its own.
+    /// Checkpoint of a crashed predecessor (boot number 0: none), read until this link publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
 
@@ -119,19 +119,17 @@ pub struct AutopilotOut {
     pub state: Option<AutopilotState>,
     pub ranges: Vec<RangeSample>,
     pub checkpoint: Option<LinkCheckpoint>,
-    /// Command of the remote control's switch or a ground station, for the mission.
     pub command: Option<Command>,
     pub settings: Option<SettingsOrder>,
     pub beacon: Option<DeckBeacon>,
     pub relative: Vec<RelativePlace>,
-    /// RTCM frames for that receiver.
     pub rtcm: Vec<Vec<u8>>,
-    /// Texts for operators: changes of control authority, denied commands, the autopilot's own texts.
+    /// Changes of control authority, denied commands, and the autopilot's own texts.
     pub texts: Vec<String>,
 }
 
 wiring! {
-    /// Topics that the link reads and writes. Odometry is written last, because it wakes the other nodes.
+    /// Odometry is written last, because it wakes the other nodes.
     AutopilotPorts of AutopilotLink: AutopilotIn => AutopilotOut {
         reads {
             newest set_point: SetPoint,
@@ -163,7 +161,7 @@ pub struct LinkMetrics {
     pub hover_thrust: f64,
     pub set_points: u32,
     pub rtcm_passed_on: u32,
-    /// RTCM frames that were too long, too old or damaged, or arrived before an autopilot was found.
+    /// RTCM frames that were too long, too old or damaged, or came before an autopilot was found.
     pub rtcm_dropped: u32,
 }
 
@@ -224,7 +222,7 @@ pub struct AutopilotLink {
 }
 
 impl AutopilotLink {
-    /// Link of a drone with this `geometry`. `attitudes`: whether the pilot node sends attitude set-points.
+    /// `attitudes`: whether the pilot node sends attitude set-points.
     pub fn new(
         config: &AutopilotLinkConfig,
         odometry: &OdometryConfig,
@@ -256,7 +254,7 @@ impl AutopilotLink {
             rtcm_dropped: self.moving_base.dropped,
         }
     }
-    /// Own address: the vehicle's system number, unless configured otherwise.
+    /// Vehicle's system number, unless configured otherwise.
     fn address(&self) -> Address {
         let system = match self.config.system {
             0 => self.peer.as_ref().map_or(1, |p| p.address.system),
@@ -274,12 +272,10 @@ impl AutopilotLink {
     fn firmware(&self) -> Option<Firmware> {
         self.peer.as_ref().map(|p| p.firmware)
     }
-    /// Thrust that the autopilot applies now, as a fraction of full thrust.
     fn applied_thrust(&self, now: DroneTime) -> Option<f64> {
         let t = self.peer.as_ref()?.thrust_now(now)?;
         Some(thrust::fraction(t, self.config.thrust_curve))
     }
-    /// Thrust that the autopilot applies now, as a fraction of hover.
     fn thrust_of_hover(&self, now: DroneTime) -> Option<f64> {
         self.applied_thrust(now).map(|t| t / self.estimate.hover.value())
     }
@@ -296,7 +292,7 @@ impl AutopilotLink {
             odometry: if e.heading.was_aligned() {
                 (e.state).is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
             } else {
-                // Before odometry is passed on, the heading has to be observed.
+                // The heading has to be observed before odometry is passed on.
                 e.heading.is_watched(now, self.config.odometry_loss_s)
             },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
@@ -324,7 +320,7 @@ impl AutopilotLink {
         out.messages.extend(self.estimate.origin.ask(now, peer.address));
     }
 
-    /// The autopilot's state for the other nodes; OFFBOARD is reported only while it is ours.
+    /// State for the other nodes, with OFFBOARD only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
         if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
             return None;
@@ -372,8 +368,8 @@ impl AutopilotLink {
             Some(_) => Reason::default(),
         }
     }
-    /// Whether the drone is armed in our mode while our command is neither confirmed nor rejected. The mission must not
-    /// take this state, after a set-point loss, for a pilot's takeover.
+    /// Whether the drone is armed in our mode while our command is neither confirmed nor rejected. After a
+    /// set-point loss this state must not count as a pilot's takeover.
     fn is_undecided(&self, now: DroneTime) -> bool {
         let ours = |p: &MavlinkPeer| p.armed && p.mode == AutopilotMode::Offboard;
         self.peer.as_ref().is_some_and(ours)
@@ -389,7 +385,7 @@ impl AutopilotLink {
                     | ControlAuthority::TakenOver { .. }
             )
     }
-    /// Part of the autopilot's state that is published at once when it changes.
+    /// State that is published at once when it changes.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
         peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.monitor.now()))

@@ -15,12 +15,12 @@ pub enum Firmware {
     ArduCopter,
 }
 
-/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca- and
-/// decarotor. A boat or a plane with the same firmware has other mode numbers.
+/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-
+/// and decarotor. Boats and planes have other mode numbers.
 const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 impl Firmware {
-    /// Firmware that sends this heartbeat; None if the sender is not the autopilot of a multirotor or helicopter.
+    /// None if the sender is not the autopilot of a multirotor or helicopter.
     pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
         if !COPTERS.contains(&vehicle) {
             return None;
@@ -40,7 +40,7 @@ impl Firmware {
             Firmware::ArduCopter => ARDUPILOT,
         }
     }
-    /// Earth radius of the firmware's conversion between latitude, longitude and NED, m.
+    /// Earth radius that the firmware uses between latitude, longitude and NED, m.
     /// Source: PX4's `CONSTANTS_RADIUS_OF_EARTH`; ArduPilot's `LATLON_TO_M`.
     pub const fn map_radius_m(self) -> f64 {
         match self {
@@ -54,8 +54,7 @@ impl Firmware {
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// Meaning of a custom mode for a landing. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode
-    /// number.
+    /// Meaning of a custom mode. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode number.
     pub fn mode(self, custom: u32) -> AutopilotMode {
         match self {
             Firmware::Px4 => match ((custom >> 16) & 0xff, custom >> 24) {
@@ -74,21 +73,20 @@ impl Firmware {
             },
         }
     }
-    /// Whether this custom mode flies the autopilot's own mission (PX4's Mission, ArduCopter's AUTO).
+    /// Whether this is PX4's Mission or ArduCopter's AUTO.
     pub(crate) fn flies_mission(self, custom: u32) -> bool {
         match self {
             Firmware::Px4 => ((custom >> 16) & 0xff, custom >> 24) == (4, 4),
             Firmware::ArduCopter => custom == 3,
         }
     }
-    /// Value of a parameter: PX4 copies an integer's bytes into the float, ArduCopter casts it.
+    /// PX4 copies an integer's bytes into the float, ArduCopter casts it.
     pub fn parameter(self, value: ParameterValue) -> f64 {
         match (self, value.integer) {
             (Firmware::Px4, true) => f64::from(value.bits.cast_signed()),
             (Firmware::Px4, false) | (Firmware::ArduCopter, _) => f64::from(f32::from_bits(value.bits)),
         }
     }
-    /// Parameter value as the firmware sends it.
     pub fn parameter_value(self, value: f64, integer: bool) -> ParameterValue {
         let bits = match (self, integer) {
             (Firmware::Px4, true) => (value as i32).cast_unsigned(),
@@ -129,14 +127,13 @@ mod tests {
         assert_eq!(px4(4, 3), AutopilotMode::Hold);
         assert_eq!(px4(4, 5), AutopilotMode::Return);
         assert_eq!(px4(4, 6), AutopilotMode::Land);
-        // Position and manual mode: a pilot flies.
         assert_eq!(px4(3, 0), AutopilotMode::Other);
         assert_eq!(px4(1, 0), AutopilotMode::Other);
         let copter = |n| Firmware::ArduCopter.mode(n);
         assert_eq!(copter(4), AutopilotMode::Offboard);
         assert_eq!(copter(9), AutopilotMode::Land);
         assert_eq!(copter(6), AutopilotMode::Return);
-        // STABILIZE, and PX4's number for OFFBOARD, unknown to ArduCopter.
+        // STABILIZE, and PX4's OFFBOARD, which ArduCopter does not know.
         assert_eq!(copter(0), AutopilotMode::Other);
         assert_eq!(copter(px4_mode(6, 0)), AutopilotMode::Other);
     }
@@ -145,7 +142,7 @@ mod tests {
     fn boat_with_the_same_firmware() {
         assert_eq!(Firmware::of(ARDUPILOT, 2), Some(Firmware::ArduCopter));
         assert_eq!(Firmware::of(PX4, 13), Some(Firmware::Px4));
-        // A surface boat, a plane, a ground station.
+        // Surface boat, plane, ground station.
         assert_eq!(Firmware::of(ARDUPILOT, 11), None);
         assert_eq!(Firmware::of(PX4, 1), None);
         assert_eq!(Firmware::of(8, 6), None);

@@ -1,5 +1,4 @@
-//! An order to the mission through the autopilot link: the same command is repeated until the mission has accepted or
-//! rejected it, or the order expires.
+//! Order to the mission: one command, repeated until the mission has accepted or rejected it, or it expires.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -14,15 +13,13 @@ pub(super) fn sent(header: Header<DroneClock>, kind: CommandKind) -> SentCommand
     Retransmission::new(Command { header, kind }, header.at, topics::AUTOPILOT_RETRIES)
 }
 
-/// Whether the mission's newest state shows that it accepted the order; false if it rejected the order or the time is
-/// over; None while pending.
+/// Whether the mission has accepted the order; false after a rejection or the time limit, None while pending.
 pub(super) fn outcome(order: &SentCommand, now: DroneTime, mission: Option<&MissionState>) -> Option<bool> {
     let answer = mission.and_then(|m| order.answered(m));
     answer.or(order.is_over(now).then_some(false))
 }
 
-/// Text for operators on a failed order. A mission's rejection includes the reason, cut to the length of one
-/// STATUSTEXT.
+/// Text for operators on a failed order, with the mission's reason, cut to one STATUSTEXT.
 pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>) -> String {
     let (_, named) = named(order.message.kind);
     let Some(m) = mission else {
@@ -43,7 +40,7 @@ pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>
     }
 }
 
-/// Severity (`MAV_SEVERITY`) of an order, and its name in texts.
+/// Severity (`MAV_SEVERITY`) and name in texts.
 pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
     use super::message::severity;
     match kind {

@@ -10,24 +10,24 @@ use super::DroneTime;
 use super::message::{Address, CommandLong, MavlinkMessage, command, id};
 use super::modes::Firmware;
 
-/// Period of requests for a known origin: an estimator that restarts moves its origin.
+/// Period of requests for a known origin, which moves when an estimator restarts.
 const KNOWN: Span = Span::from_millis(5000);
 const UNKNOWN: Span = Span::from_millis(1000);
 /// Maximum distance of the sea from the ellipsoid, m (EGM2008: -107 to 86).
 const MAX_GEOID_M: f64 = 120.0;
-/// Number of origin reports during which the receiver's two heights are awaited.
+/// Number of origin reports that wait for the receiver's two heights.
 const REPORTS_WITHOUT_GEOID: u8 = 3;
-/// Displacement above which an origin is a new one, m: the message resolves centimetres.
+/// Displacement of a new origin, m; the message resolves centimetres.
 const MOVED_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AutopilotOrigin {
     /// None until the autopilot has reported it.
     pub(super) datum: Option<Datum>,
-    /// Height of the sea above the ellipsoid in use, m; None until it is decided.
+    /// Height of the sea above the ellipsoid, m; None until decided.
     pub(super) geoid_m: Option<f64>,
     reports: u8,
-    /// Reset when the origin may have changed, so that it is requested at once.
+    /// Reset when the origin may have changed, for a request at once.
     pub(super) timer: Periodic<DroneClock>,
 }
 
@@ -36,24 +36,23 @@ impl AutopilotOrigin {
         let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
         let due = self.timer.is_due_spaced(now, period);
         let heights = (due && self.geoid_m.is_none()).then_some(id::GPS_RAW_INT);
-        // An autopilot sets home at arming, or by a command.
+        // An autopilot sets home at arming or by a command.
         let home = (due && self.datum.is_some()).then_some(id::HOME_POSITION);
         let all = (heights.into_iter().chain(home)).chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
         all.map(move |id| {
             MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
         })
     }
-    /// Stores the difference of both heights of the autopilot's receiver. It is kept for the flight: it changes by
-    /// centimetres, and the origin must not change.
+    /// Stores the difference of the receiver's two heights, once in a flight, so that the origin stays
+    /// constant.
     pub(super) fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
         let geoid_m = ellipsoid_m - sea_m;
         if ellipsoid_m != 0.0 && geoid_m.abs() <= MAX_GEOID_M {
             self.geoid_m.get_or_insert(geoid_m);
         }
     }
-    /// Processes a report of the origin of the autopilot's NED, with its height above the sea. Without the receiver's
-    /// heights the geoid model's height at this position is used from the third report on. Returns whether the origin
-    /// has changed.
+    /// Processes a reported origin, with its height above the sea. Without the receiver's heights the geoid
+    /// model is used from the third report on. Returns whether the origin has changed.
     pub(super) fn on_report(&mut self, reported: &Datum) -> bool {
         self.reports = self.reports.saturating_add(1);
         if self.geoid_m.is_none() && self.reports < REPORTS_WITHOUT_GEOID {
@@ -73,7 +72,7 @@ impl AutopilotOrigin {
         self.datum = Some(origin);
         known.is_some()
     }
-    /// Metres per metre of the map of `firmware`, north, east and down: 0.994 to 1.004, i.e. 5 m at a kilometre.
+    /// Map scale of `firmware`, north, east and down: 0.994 to 1.004, i.e. 5 m at a kilometre.
     pub(super) fn map_scale(&self, firmware: Option<Firmware>) -> Vector3<f64> {
         let known = self.datum.zip(firmware);
         let scale = known.map(|(datum, firmware)| datum.metres_per_map_metre(firmware.map_radius_m()));

@@ -1,4 +1,4 @@
-//! Outbound messages: the pilot node's set-point, and commands to disarm, to divert and to arm.
+//! Outbound set-points of the pilot node, and commands to disarm, to divert and to arm.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
@@ -22,11 +22,11 @@ use super::thrust::{self, SentThrust};
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED};
 use crate::tracking::steer;
 
-/// Repetition period of a set-point while no newer one arrives, s: 50 Hz.
+/// Repetition period of a set-point, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
-/// Maximum distance of a hold from the drone for it to be streamed before OFFBOARD, m.
+/// Maximum distance from the drone of a hold that is streamed before OFFBOARD, m.
 const OFFER_WITHIN_M: f64 = 3.0;
-/// Thrust with which a link that started on the deck presses down while it collects evidence, as a fraction of hover.
+/// Thrust, as a fraction of hover, that presses down a drone found on the deck while evidence is collected.
 const PRESS_OF_HOVER: f64 = 0.5;
 /// Climb of a drone that is in the air despite the pilot node's touchdown report, m.
 const CLEAR_M: f64 = 1.0;
@@ -35,18 +35,17 @@ const NEAR_M: f64 = 0.6;
 /// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
-/// Maximum time until a mission acts on a low charge, s: the largest `battery_lasts_s`.
+/// Maximum time until a mission responds to a low charge, s: the largest `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
-/// Distance from the deck's centre beyond which the drone cannot stand on the deck, m: errors of two receivers, and the
-/// longest decks.
+/// Distance from the deck's centre of a drone off the deck, m: more than receiver errors and long decks.
 const AWAY_FROM_DECK_M: f64 = 20.0;
 const ARM_TRIES: u32 = 3;
 
-/// Place at which the link holds the drone on its own.
+/// Place at which the link itself holds the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeldPosition {
     place: Vector3<f64>,
-    /// Position relative to the deck's centre, if the deck was known.
+    /// Position from the deck's centre, if known.
     from_deck: Option<Vector3<f64>>,
     yaw: f64,
 }
@@ -54,13 +53,11 @@ pub(super) struct HeldPosition {
 #[derive(Clone, Debug, Default)]
 pub(super) struct SetPointStream {
     pub(super) attitudes: bool,
-    /// Hold after a false touchdown.
     pub(super) held: Option<HeldPosition>,
     /// Last set-point with running motors.
     pub(super) flown: Option<SetPoint>,
     pub(super) sent_at: Option<DroneTime>,
     pub(super) sent: u32,
-    /// Whether the commanded thrust is low.
     pub(super) thrust: SentThrust,
     pub(super) loss: SetPointLossMonitor,
 }
@@ -71,25 +68,24 @@ pub(super) struct LinkCommands {
     low_since: Option<DroneTime>,
     pub(super) diversions: u32,
     arm_tries: u32,
-    /// Time and position of the home command.
     pub(super) home: Option<(DroneTime, Datum)>,
     pub(super) departure: TakeOffSequence,
 }
 
 impl AutopilotLink {
-    /// Whether the deck may carry the drone, or the distance to it is unknown. Hover thrust cannot be learned then.
+    /// Whether the deck may carry the drone, so that hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
         let state = self.inputs.last_state(now);
         let stands = state.is_some_and(|s| {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
         let range = self.estimate.range.fresh_m(now);
-        // While the mission is idle, the drone may stand on a deck that is known by the receivers alone.
+        // An idle drone may stand on a deck that is known by the receivers alone.
         let waits = state.is_none_or(|s| s == State::Idle);
         let above = self.estimate.relative_to(now, self.inputs.deck(now));
         let height = above.map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
-        // A successor continues with its predecessor's hover thrust.
+        // A successor keeps its predecessor's hover thrust.
         let began = state.is_none() || waits && self.succession.recovery.checkpoint().is_some();
         let unknown = began && range.is_none() && height.is_none();
         stands || near || unknown
@@ -103,8 +99,7 @@ impl AutopilotLink {
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
-            // The drone is still landing if the mission falls silent in the flare: the pilot node completes the landing
-            // without it.
+            // A mission that falls silent in the flare is still landing: the pilot node completes it.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
@@ -117,7 +112,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Set-point to send while Alight commands, derived from the pilot node's.
     fn apply(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         if wanted.motors == Motors::Run {
             self.disarm.touchdown.clear();
@@ -138,13 +132,13 @@ impl AutopilotLink {
             rates: [0.0; 3],
             ..*wanted
         };
-        // The stop belongs to an earlier landing, and the take-off has its own disarm.
+        // The stop is that of an earlier landing; a take-off has its own disarm.
         if (self.inputs.last_state(now)).is_some_and(State::stands_for_take_off) {
             self.interrupted();
             return Some(thrust_off);
         }
         let evidence = self.contact(now);
-        // Just after pressing begins, the thrust cut is already measured while the earlier support still shows.
+        // At first the earlier support still shows although the thrust is already cut.
         let c = match self.stream.flown {
             Some(_) => self.config.disarm,
             None => self.lasting(),
@@ -172,7 +166,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Evidence needed for a disarm some time after the touchdown: the drone may have left the deck since.
+    /// Evidence for a disarm some time after the touchdown, when the drone may have left the deck.
     fn lasting(&self) -> DisarmConfig {
         let c = self.config.disarm;
         DisarmConfig {
@@ -182,7 +176,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Discards an earlier touchdown, after a gap in the set-points.
+    /// Discards an earlier touchdown after a gap in the set-points.
     fn interrupted(&mut self) {
         self.disarm.touchdown.clear();
         self.stream.flown = None;
@@ -199,7 +193,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Reports periodically that the drone stands on the deck with running motors.
+    /// Reports periodically that the drone is armed on the deck.
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.inputs.fresh_mission(now);
@@ -209,8 +203,8 @@ impl AutopilotLink {
         }
     }
 
-    /// Whether the drone has landed and its autopilot follows no set-points. Either the set-points, the pilot node or
-    /// the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the same.
+    /// Whether the drone has landed and its autopilot follows no set-points: the set-points, the pilot node
+    /// or the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the same.
     fn follows_none_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
         let mode = AutopilotMode::Hold;
         let authority = self.control_authority();
@@ -220,8 +214,8 @@ impl AutopilotLink {
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// Continues the disarm in that state, on evidence over a longer time. It sends a set-point that presses down, or
-    /// above the deck one that climbs; with it PX4 returns from its failsafe to the mode that the pilot chose.
+    /// Continues the disarm of such a drone on lasting evidence. The set-point presses down, or climbs above
+    /// the deck, and returns PX4 from its failsafe to the mode that the pilot chose.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
@@ -229,8 +223,7 @@ impl AutopilotLink {
         if decision == DisarmDecision::Command {
             self.command_disarm(self.disarm.alone.sent(), out);
         }
-        // An autopilot that holds ignores the set-point. A drone that follows it is no longer pressed down if the
-        // evidence does not appear.
+        // The autopilot may ignore the set-point. A drone that follows it needs evidence to be pressed down.
         let follows = self.control_authority().commands();
         let carried_by_rotors = decision == DisarmDecision::InAir(DisarmInhibit::NotSupported);
         if follows && carried_by_rotors {
@@ -238,8 +231,8 @@ impl AutopilotLink {
         }
         self.press_or_climb(now, &evidence, &lasting, self.estimate.state?.attitude)
     }
-    /// Set-point for a drone that may have left the deck since its touchdown: presses it down gently with this attitude
-    /// when it is low, and climbs when the autopilot took off by itself and hovers over a deck that rises.
+    /// Set-point for a drone that may have left the deck: presses it down gently with this attitude when it
+    /// is low, and climbs when the autopilot took off by itself and hovers over a deck that rises.
     fn press_or_climb(
         &mut self,
         now: DroneTime,
@@ -259,7 +252,7 @@ impl AutopilotLink {
                     ..SetPoint::default()
                 })
             }
-            // The missing inputs are expected to arrive.
+            // These inputs are expected to arrive.
             Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
             None
             | Some(
@@ -271,8 +264,8 @@ impl AutopilotLink {
         }
     }
 
-    /// A hold a little above the place of the first call, as a set-point of the pilot node's kind. It moves with the
-    /// deck while the forecast is fresh, but not down with a sinking deck, which will rise again.
+    /// A hold a little above the place of the first call. It moves with the deck while the forecast is fresh,
+    /// but not down with a sinking deck, which will rise again.
     pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.inputs.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
@@ -316,13 +309,13 @@ impl AutopilotLink {
         Some(SetPoint { header, ..hold })
     }
 
-    /// Whether the set-point is a hold before a landing is commanded; `unknown` applies while no mission was received.
+    /// Whether the set-point is a hold before a landing; `unknown` applies without a mission.
     fn holds_before_landing(&self, wanted: &SetPoint, unknown: bool) -> bool {
         let mission = self.inputs.mission.get();
         let idle = mission.map_or(unknown, |m| m.state == State::Idle);
         idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
-    /// Hold at the drone's position, during which the pilot can hand over.
+    /// Hold at the drone's position, for the pilot's hand-over.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {
         let apart = Vector3::from(wanted.position) - self.estimate.state?.position();
         let offers = self.holds_before_landing(wanted, true) && apart.norm() <= OFFER_WITHIN_M;
@@ -363,12 +356,11 @@ impl AutopilotLink {
         }
     }
 
-    /// Sends the part of the pilot node's set-point that applies.
+    /// Sends the applicable part of the pilot node's set-point.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
         let px4 = self.firmware() == Some(Firmware::Px4);
-        // GUIDED holds by itself, and a hold would override its take-off command. (OFFBOARD ends without a stream of
-        // set-points.)
+        // GUIDED holds by itself, and a hold would override its take-off. (OFFBOARD ends without set-points.)
         let guided_holds = !px4 && self.holds_before_landing(wanted, false);
         if authority.commands() && !guided_holds {
             return self.apply(now, wanted, out);
@@ -378,8 +370,7 @@ impl AutopilotLink {
             let flown = wanted.kind != SetPointKind::None && wanted.motors == Motors::Run;
             return if flown { self.carried(now, *wanted) } else { None };
         }
-        // PX4 needs a stream of set-points before the pilot can choose OFFBOARD; in other modes it follows none.
-        // ArduCopter needs no stream.
+        // PX4 needs a stream of set-points before the pilot can choose OFFBOARD; ArduCopter needs none.
         let offers = authority.may_offer() && px4;
         self.offered(wanted).filter(|_| offers)
     }
@@ -406,14 +397,13 @@ impl AutopilotLink {
         })
     }
 
-    /// Diverts at a low battery: commands the autopilot to return or to land, as the mission chose; at the last reserve
-    /// even without a choice.
+    /// Diverts at a low battery to the mission's choice, and at the last reserve without one.
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
         let mission = (self.inputs.last_mission(now)).filter(|_| self.disarm.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
-        // A descent in progress is the fastest way down; on the deck there is nothing to divert.
+        // A descent in progress is the fastest way down, and a landed drone cannot be diverted.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
         let lands = lands || chosen == Some(BatteryPlace::Deck);
         let (to, limit, for_s) = match chosen {
@@ -421,8 +411,8 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        // The mission acts on a low charge only after some time. Until then it has not chosen a place, and the last
-        // reserve must not act first.
+        // Until the mission has confirmed a low charge it has no place to land; the last reserve must not act
+        // first.
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
         // The mission may have chosen by the voltage alone.
@@ -457,22 +447,22 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// Whether the drone stands away from the deck, by the forecast and its odometry. An order to land does not imply
-    /// that the crew has cleared the deck, and a drone whose vessel is unknown may stand on the deck.
+    /// Whether the drone stands away from the deck, by forecast and odometry. An order to land does not imply
+    /// a cleared deck, and a drone whose vessel is unknown may stand on the deck.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
         let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));
         apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
     }
-    /// Arms on the ground away from the deck, if configured, when the pilot has chosen our mode and a landing is
-    /// commanded. On the deck only a take-off starts the motors: after the crew's clearance and a countdown.
+    /// Arms on the ground away from the deck, if configured, in the pilot's mode and with a landing
+    /// commanded. On the deck only a take-off starts the motors, after the crew's clearance and a countdown.
     pub(super) fn arm(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         if peer.mode != AutopilotMode::Offboard {
             self.commands.arm_tries = 0;
         }
         if peer.armed {
-            // No further attempts: a later disarm is the pilot's, or our own on the deck.
+            // A later disarm is the pilot's, or our own on the deck.
             self.commands.arm_tries = ARM_TRIES;
         }
         let mission = self.inputs.fresh_mission(now);

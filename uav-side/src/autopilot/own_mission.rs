@@ -1,19 +1,16 @@
-//! The autopilot's own mission (PX4 Mission, ArduCopter AUTO): whether it is flown, and whether it is complete.
+//! State of the autopilot's own mission (PX4 Mission, ArduCopter AUTO): flown or complete.
 //!
-//! It is complete when the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, for firmware that
-//! reports no state, when the last item is reached (`MISSION_ITEM_REACHED`). PX4 then enters Hold, ArduCopter stays in
-//! AUTO. A Hold during the mission is the pilot's choice, and the mission is not complete. Any other mode is a takeover
-//! by the pilot, at every state of the mission.
+//! It is complete when the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, for
+//! firmware without a state, when the last item is reached (`MISSION_ITEM_REACHED`). PX4 then enters Hold,
+//! ArduCopter stays in AUTO. A Hold during the mission does not complete it; any other mode is a takeover.
 //!
-//! PX4 reports the previous flight's mission as complete until it is started again: completion is accepted only after
-//! the mission was reported active.
+//! PX4 reports the previous flight's mission as complete until it starts again, so it has to be active first.
 //!
-//! When a sortie has to end (low battery, mission complete or an order), Alight takes over with the command that
-//! chooses the mode of a take-off; it does not take over from a pilot. This happens once in a flight for each reason:
-//! when the autopilot's mission is chosen again afterwards, it continues until the drone is disarmed.
+//! When a sortie has to end (low battery, mission complete or an order), Alight takes over by the mode
+//! command of a take-off, but not from a pilot. This happens once in a flight for each reason; a mission that
+//! is chosen again afterwards continues until the drone is disarmed.
 //!
-//! In unattended cycles a sortie is handed over by `MAV_CMD_MISSION_START`, which restarts the mission with either
-//! firmware.
+//! In unattended cycles `MAV_CMD_MISSION_START` starts the sortie's mission from its beginning.
 //!
 //! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished);
 //! ArduPilot `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
@@ -39,7 +36,7 @@ const NO_ITEMS: u16 = u16::MAX;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionMonitor {
-    /// `MISSION_STATE`; 0: not reported by the firmware.
+    /// `MISSION_STATE`; 0: not reported.
     state: u8,
     last: Option<u16>,
     /// Whether the last item was reached since the mission began.
@@ -50,24 +47,23 @@ pub(super) struct OwnMissionMonitor {
     now: OwnMission,
 }
 
-/// End of the autopilot's mission for one reason. It is commanded once in a flight, even when the link restarts.
+/// End of the autopilot's mission for one reason, commanded once in a flight even after a restart.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
     sent: u32,
-    /// Whether the autopilot has been in our mode since the first command.
+    /// Whether our mode was reached since the first command.
     done: bool,
 }
 
 impl MissionEnd {
-    /// Whether no further command is sent in this flight.
+    /// Whether no command follows in this flight.
     pub(super) fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
 }
 
 impl OwnMissionMonitor {
-    /// Processes `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first item is home, which `total` does not
-    /// include.
+    /// Processes `MISSION_CURRENT`. PX4 counts items from 0; `total` lacks ArduPilot's first item, home.
     pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
         self.state = state;
         let known = !matches!(total, 0 | NO_ITEMS);
@@ -89,7 +85,7 @@ impl OwnMissionMonitor {
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }
-    /// Updates the state of the mission with the newest mode; a disarm ends the flight.
+    /// Updates the mission's state; a disarm ends the flight.
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);
@@ -120,18 +116,17 @@ pub(super) struct OwnMissionSequence {
 }
 
 impl OwnMissionSequence {
-    /// Restores commands and observations of the previous link.
     pub(super) fn recall(&mut self, m: &LinkCheckpoint) {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
-        // The mission was active and no other mode was chosen since, so a Hold after it means that it is complete.
+        // The active mission was followed by no other mode, so a Hold means that it is complete.
         if m.own_mission {
             (self.monitor.began, self.monitor.own) = (true, true);
         }
     }
 
-    /// Requests the mission's state from ArduCopter. PX4 reports it unrequested, and rejects such a request.
+    /// Requests the mission's state from ArduCopter. PX4 sends it unrequested, and rejects a request.
     pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
         if asks && self.timer.is_due_spaced(now, ASK) {
@@ -140,7 +135,7 @@ impl OwnMissionSequence {
         }
     }
 
-    /// Sends the command that the mission node's state calls for, when `pause` since the last one is over.
+    /// Sends the command for the mission node's state, `pause` after the last one.
     pub(super) fn command(
         &mut self,
         now: DroneTime,
@@ -167,7 +162,7 @@ impl OwnMissionSequence {
         out.alarm(severity, text.into());
         pause.restart(now, PAUSE);
     }
-    /// Decides to end the autopilot's mission, so that the drone returns; the text gives the reason.
+    /// Decides to end the autopilot's mission, with the reason as a text.
     fn ends(&mut self, peer: &MavlinkPeer, idle: Option<ReasonCode>, may: bool) -> Option<&'static str> {
         let (which, text) = match idle {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
@@ -216,18 +211,17 @@ mod tests {
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        // The pilot pauses and resumes the mission.
         m.current(Firmware::Px4, 4, PAUSED);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, COMPLETE);
         assert_eq!(armed(&mut m, hold), OwnMission::Done);
-        // The pilot takes over and holds: the mission is not complete.
+        // The pilot's hold does not complete the mission.
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
-        // In the next flight the mission is reported complete until it starts again.
+        // In the next flight a mission reported as complete has not started yet.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
@@ -246,7 +240,6 @@ mod tests {
             m.reached(last);
             assert_eq!(armed(&mut m, None), OwnMission::Done, "{firmware:?}");
         }
-        // If the number of items is unknown, no item is the last one.
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::ArduCopter, 0, 0);
         armed(&mut m, None);

@@ -1,4 +1,4 @@
-//! Read-back and check of the autopilot's parameters that a landing depends on.
+//! Check of the autopilot's parameters that a landing depends on.
 
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
@@ -13,13 +13,13 @@ use super::modes::Firmware;
 const SPACING: Span = Span::from_millis(20);
 /// Time for an answer: several times the delay of a telemetry radio.
 const ANSWER: Span = Span::from_millis(500);
-/// Period at which an unsuitable parameter is read again, since an operator may correct it.
+/// Period at which an unsuitable parameter is read again; an operator may correct it.
 const REVIEW: Span = Span::from_millis(1000);
 /// Time after which a parameter that was never reported is requested again.
 const SILENT: Span = Span::from_millis(5000);
-/// PX4's parameter of the time without set-points until it leaves OFFBOARD.
+/// PX4's parameter for the time without set-points until it leaves OFFBOARD.
 const LOSS_TIME: &str = "COM_OF_LOSS_T";
-/// Assumed value until it is reported, s: the largest with which a landing is permitted.
+/// Value assumed until it is reported, s: the largest with which a landing is permitted.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
 #[derive(Clone, Debug)]
@@ -31,12 +31,11 @@ struct Item {
     next: DroneTime,
     /// Whether the autopilot has restarted since the value was read.
     old: bool,
-    /// Whether the finding still has to be reported.
     new: bool,
 }
 
 impl Item {
-    /// Reason why the parameter's value is not suitable; None if it is.
+    /// None if the value is suitable.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {
@@ -55,12 +54,12 @@ pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
-    /// Whether thrust was read as thrust before the restart of the autopilot or this link.
+    /// Whether thrust was read as thrust before the autopilot or this link restarted.
     thrust_was_thrust: bool,
 }
 
 impl Parameters {
-    /// Parameters needed of this firmware; `attitudes`: the pilot node sends attitude set-points.
+    /// `attitudes`: the pilot node sends attitude set-points.
     pub fn new(firmware: Firmware, attitudes: bool, now: DroneTime) -> Parameters {
         let own: Vec<_> = match firmware {
             Firmware::Px4 => of_px4().collect(),
@@ -86,7 +85,7 @@ impl Parameters {
             thrust_was_thrust: false,
         }
     }
-    /// Until the option is reported, assumes that thrust is read as thrust, as before.
+    /// Assumes until the option is reported that thrust is read as thrust.
     pub(super) fn trust_thrust(&mut self) {
         self.thrust_was_thrust = true;
     }
@@ -100,11 +99,11 @@ impl Parameters {
             item.old = false;
         }
     }
-    /// Requests all parameters again after a restart of the autopilot; until they arrive, the old values stay in use.
+    /// Requests all parameters again after a restart of the autopilot; the old values stay in use until then.
     pub fn read_again(&mut self) {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
-    /// Next request, if one is due: for an unreported parameter or, at intervals, for an unsuitable one.
+    /// Next request that is due: for an unreported parameter or, at intervals, an unsuitable one.
     pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
@@ -138,8 +137,7 @@ impl Parameters {
             .iter()
             .all(|i| i.value.is_some() || i.requests >= REQUESTS)
     }
-    /// Reason that forbids a landing, with an empty code if a landing is permitted. Unsuitable parameters come before
-    /// unreported ones.
+    /// Reason that forbids a landing (empty code: permitted), unsuitable parameters before unreported ones.
     pub fn rejection(&self) -> Reason {
         let forbids = |i: &&Item| i.parameter.severity == Severity::Reject;
         let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
@@ -148,7 +146,7 @@ impl Parameters {
             .or_else(|| reasons().next())
             .unwrap_or_default()
     }
-    /// First unsuitable or unreported parameter among those that only warn.
+    /// First unsuitable or unreported parameter that only warns.
     pub fn warning(&self) -> Reason {
         let known = |i: &&Item| i.value.is_some() || i.requests >= REQUESTS;
         let warning = |i: &&Item| i.parameter.severity == Severity::Warn;
@@ -160,7 +158,6 @@ impl Parameters {
             .filter_map(Item::reason);
         reasons.next().unwrap_or_default()
     }
-    /// Whether a set-point's thrust is read as thrust; None if unknown.
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
         let Some(why) = self.items.iter().find(of_option).and_then(Item::reason) else {
@@ -172,7 +169,7 @@ impl Parameters {
             Some(false)
         }
     }
-    /// Time without set-points after which PX4 leaves OFFBOARD (COM_OF_LOSS_T), s.
+    /// COM_OF_LOSS_T, s.
     pub(super) fn loss_s(&self) -> f64 {
         let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
         item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
@@ -199,7 +196,6 @@ mod tests {
 
     const TO: Address = Address::new(1, 1);
 
-    /// Names requested over `seconds`, in steps of 10 ms.
     fn asked(p: &mut Parameters, from_s: f64, seconds: f64) -> Vec<String> {
         (0..(seconds * 100.0) as u32)
             .filter_map(
@@ -215,7 +211,6 @@ mod tests {
         p.received(name, firmware.parameter_value(value, value.fract() == 0.0));
     }
 
-    /// Reports suitable values of all unreported parameters except those in `but`.
     fn report_the_others(p: &mut Parameters, but: &[&str]) {
         let unknown: Vec<_> = p
             .faults()
@@ -252,7 +247,6 @@ mod tests {
         report(&mut p, "COM_OF_LOSS_T", 0.25);
         report(&mut p, "COM_OBL_RC_ACT", 5.0);
         p.received("MPC_ACC_UP_MAX", Firmware::Px4.parameter_value(8.0, false));
-        // The finding is only a warning.
         assert!(!p.complete());
         assert_eq!(p.rejection(), Reason::default());
         report(&mut p, "MC_AIRMODE", 1.0);

@@ -1,4 +1,4 @@
-//! The autopilot's own reports, each quantity with the time of its report.
+//! The autopilot's reports, each with its time.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
@@ -35,7 +35,7 @@ pub(crate) struct MavlinkPeer {
     pub(crate) streams: MessageStreams,
     /// Charge (0 to 1), voltage (V) and current (A) of each battery.
     batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
-    /// Whether it was reported that a battery gauge has fallen silent.
+    /// Whether the silence of a battery gauge was reported.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
     /// Destination of the return mode.
@@ -106,7 +106,7 @@ impl MavlinkPeer {
             *b = Some((now, [charge, voltage_v, current_a]));
         }
     }
-    /// Combines a value of all batteries that ever reported it; None when none reported it or one has fallen silent.
+    /// Combines a value of all batteries; None when none reports it or one has fallen silent.
     fn batteries(
         &self,
         now: DroneTime,
@@ -122,15 +122,15 @@ impl MavlinkPeer {
         let silent = known().any(|(at, _)| now - at > BATTERY_STALE);
         known().map(|(_, v)| v).reduce(both).filter(|_| !silent)
     }
-    /// Charge of the emptiest battery, 0 to 1; None when it is not reported or a battery has fallen silent.
+    /// Charge of the emptiest battery, 0 to 1; None when not reported or when a battery has fallen silent.
     pub(crate) fn charge(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[charge, ..]| *charge, f64::min)
     }
-    /// Lowest voltage of all batteries, V.
+    /// Lowest of all batteries.
     pub(crate) fn voltage_v(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[_, voltage_v, _]| *voltage_v, f64::min)
     }
-    /// Total current of all batteries, A.
+    /// Total of all batteries.
     pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
     }
@@ -155,8 +155,7 @@ impl MavlinkPeer {
             self.thrust = Some((now, thrust));
         }
     }
-    /// Divisor of a tilted drone's reported thrust: ArduCopter applies `T / cos` of the tilt (ATC_ANGLE_BOOST) and
-    /// reports `T`.
+    /// Divisor of a tilted drone's thrust: ArduCopter applies `T / cos` (ATC_ANGLE_BOOST) and reports `T`.
     pub(crate) fn tilt_compensation(&self, attitude: [f64; 4]) -> f64 {
         let [_, x, y, _] = attitude;
         match self.firmware {
@@ -164,7 +163,7 @@ impl MavlinkPeer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Thrust applied now, as a command of the autopilot; None when its outputs contradict its report.
+    /// Applied thrust, as a command of the autopilot; None when its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)

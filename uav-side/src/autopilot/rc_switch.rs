@@ -1,8 +1,8 @@
-//! Three-position switch of the remote control that gives commands: low aborts, the middle does nothing, high lands.
+//! Three-position switch of the remote control: low aborts, the middle does nothing, high lands.
 //!
-//! Only a change between two held positions gives a command. The initial position and the first one after a loss of the
-//! remote control give none: a switch left on high does not start a landing. The command goes to the mission like any
-//! other, under the same rules.
+//! Only a change between two held positions gives a command. The initial position and the first one after a
+//! loss of the remote control give none, so a switch left on high does not start a landing. The mission
+//! applies its own rules to the command.
 
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
@@ -14,15 +14,14 @@ use super::orders::{self, SentCommand};
 /// Time without a channel after which the remote control is lost.
 const LOST: Span = Span::from_millis(600);
 const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
-/// Limits of the pulses of each position, us; values in between belong to no position.
+/// Limits of each position's pulses, us; values in between have no position.
 const LOW_US: u16 = 1300;
 const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
 const HIGH_US: u16 = 1700;
-/// Time for which a position other than high must be held. A receiver's failsafe may move the channel before the
-/// autopilot reports the loss of the remote control; an unnecessary abort is acceptable.
+/// Time for which a position other than high must be held. A receiver's failsafe may move the channel before
+/// the autopilot reports the loss; an unnecessary abort is acceptable.
 const HELD: Span = Span::from_millis(500);
-/// Time for which high must be held: longer than an autopilot takes to report the loss of the remote control (PX4:
-/// COM_RC_LOSS_T 0.5 s).
+/// Time for which high must be held: until a loss would be reported (PX4: COM_RC_LOSS_T 0.5 s).
 const HELD_HIGH: Span = Span::from_millis(1500);
 const MIN_READINGS: u32 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,21 +57,19 @@ struct Candidate {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RcSwitch {
-    /// Accepted position; None if no position has been held since the start or since the remote control was lost.
+    /// Accepted position; None until one is held after the start or a loss of the remote control.
     position: Option<Position>,
     candidate: Option<Candidate>,
     received_at: Option<DroneTime>,
-    /// Time of the autopilot's last report that its receiver works; None if it has never reported that, as with some
-    /// firmware.
+    /// Time of the last report that the receiver works; None without one, as with some firmware.
     healthy_at: Option<DroneTime>,
-    /// Whether the autopilot reports that its receiver does not work.
+    /// Whether the receiver is reported as failed.
     lost: bool,
     given: Option<SentCommand>,
 }
 
 impl RcSwitch {
-    /// Processes the autopilot's sensor status. PX4 reports its receiver as present while it works, ArduCopter as
-    /// healthy or not.
+    /// Processes the sensor status. PX4 reports a working receiver as present, ArduCopter as healthy.
     pub(super) fn on_status(&mut self, now: DroneTime, present: u32, healthy: u32) {
         if present & healthy & RC_RECEIVER != 0 {
             (self.healthy_at, self.lost) = (Some(now), false);
@@ -81,8 +78,7 @@ impl RcSwitch {
             self.forget();
         }
     }
-    /// Processes the channels of the remote control, with the switch on number `channel`, counted from 1. Returns the
-    /// command that a change gives.
+    /// Processes the channels, with the switch on number `channel` from 1. Returns the command of a change.
     pub(super) fn on_channels(
         &mut self,
         now: DroneTime,
@@ -122,7 +118,6 @@ impl RcSwitch {
         {
             return None;
         }
-        // The first held position gives no command.
         self.position.replace(c.position)?;
         match c.position {
             Position::Low => Some(CommandKind::Abort),
@@ -133,13 +128,13 @@ impl RcSwitch {
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
-    /// Whether the switch aborts or stays in the abort position, so that a landing is accepted from no source.
+    /// Whether the switch aborts or is on abort, so that no landing is accepted.
     pub(super) fn bars(&self) -> bool {
         let aborts = |o: SentCommand| o.message.kind == CommandKind::Abort;
         self.position == Some(Position::Low) || self.given.is_some_and(aborts)
     }
-    /// Whether the switch is held on abort, so that no order to land or take off is accepted. A switch that is moving
-    /// away does not block, so that its own command is accepted.
+    /// Whether the switch is held on abort, so that no order to land or take off is accepted. A switch that
+    /// moves away does not block its own command.
     pub(super) fn is_held_on_abort(&self) -> bool {
         let low = |p: Position| p == Position::Low;
         self.position.is_some_and(low) && self.candidate.is_none_or(|c| low(c.position))
@@ -147,8 +142,7 @@ impl RcSwitch {
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(orders::sent(header, kind));
     }
-    /// Order to publish now, given the newest mission state, and a text on a failed order; also detects the loss of the
-    /// remote control.
+    /// Order to publish now, and a text on a failed order; also detects the loss of the remote control.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,
@@ -190,8 +184,8 @@ mod tests {
         c
     }
 
-    /// Commands of a switch that outputs each pulse (us; 0: the remote control sends nothing) for its time, s, at 10
-    /// Hz; with `reports_health`, the receiver's health is reported at 5 Hz.
+    /// Commands of a switch with pulses (us; 0: nothing) and their durations (s) at 10 Hz; with
+    /// `reports_health`, the receiver's health is reported at 5 Hz.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
         let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
         for &(pulse_us, for_s) in course {
@@ -217,7 +211,6 @@ mod tests {
         const HIGH: u16 = 2000;
         for reports_health in [false, true] {
             for (course, expected) in [
-                // The initial position gives no command.
                 (&[(LOW, 9.0)][..], &[][..]),
                 (&[(HIGH, 9.0)], &[]),
                 (&[(HIGH, 3.0), (MIDDLE, 3.0)], &[]),
@@ -229,15 +222,14 @@ mod tests {
                     &[(MIDDLE, 3.0), (HIGH, 3.0), (LOW, 3.0), (HIGH, 3.0)],
                     &[Land, Abort, Land],
                 ),
-                // The position is not held for long enough, or lies between two positions.
+                // A position held too briefly, or between two positions.
                 (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
-                // The remote control is lost and returns in another position.
+                // The remote control returns in another position.
                 (&[(MIDDLE, 3.0), (0, 2.0), (HIGH, 9.0)], &[]),
                 (&[(MIDDLE, 3.0), (0, 2.0), (LOW, 9.0)], &[]),
                 (&[(HIGH, 3.0), (0, 2.0), (MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
-                // These pulses are invalid.
                 (&[(MIDDLE, 3.0), (500, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (65535, 3.0)], &[]),
             ] {
@@ -256,14 +248,13 @@ mod tests {
             switch.is_held_on_abort()
         };
         assert_eq!([held(0.0, 1500), held(1.0, 1000)], [false, true]);
-        // High gives its command only after the holding time.
         assert!(!held(2.0, 2000));
         assert_eq!([held(3.0, 1000), held(4.0, 65535)], [true, false], "lost");
     }
 
     #[test]
     fn rc_switch_with_a_receiver_failsafe() {
-        // The receiver sets the channel to high at once; the autopilot reports the loss a second later.
+        // The receiver sets the channel to high a second before the loss is reported.
         let mut switch = RcSwitch::default();
         for k in 0..100 {
             let (now, high) = (at(0.1 * f64::from(k)), k >= 30);
@@ -305,11 +296,10 @@ mod tests {
                 (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
-        // The order is published every 0.25 s for 5 s, while the mission's state does not show it.
+        // Published every 0.25 s for 5 s while the mission's state does not show it.
         assert_eq!(published(Abort, &before), 21);
         assert_eq!(published(Abort, &other), 21);
         assert_eq!(published(Abort, &own), 0);
-        // The mission was landing before the order.
         assert_eq!(published(Land, &before), 21);
         let taken = MissionState {
             order: Some([7, 3]),

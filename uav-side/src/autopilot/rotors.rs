@@ -1,10 +1,9 @@
-//! Spin-up of the rotors after arming, observed at the autopilot's outputs (`SERVO_OUTPUT_RAW`).
+//! Spin-up of the rotors after arming, by the autopilot's outputs (`SERVO_OUTPUT_RAW`).
 //!
-//! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for MOT_SPOOL_TIME,
-//! independently of the commanded thrust; PX4's rotors follow at once. Outputs are compared with their values while the
-//! autopilot was disarmed, and with those a moment ago, so that neither their protocol nor their order matters. The
-//! heartbeat that reports the arming may arrive a second late, after the rotors have started; values at rest are
-//! therefore taken from a time some heartbeats earlier.
+//! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for
+//! MOT_SPOOL_TIME, whatever thrust is commanded; PX4's rotors follow at once. Outputs are compared with their
+//! values while disarmed and a moment ago, so their protocol and order do not matter. The heartbeat that
+//! reports the arming may come a second after the rotors start, so values at rest are older.
 
 use alight_shared::time::Span;
 
@@ -16,20 +15,19 @@ const PORTS: usize = 2;
 const ROTORS: usize = 3;
 /// Smallest significant rise of an output, us or steps of a digital protocol.
 const RISEN: f64 = 5.0;
-/// Factor between the outputs' rises [`SPUN_UP`] apart up to which the spin-up is over: ArduCopter's ramp from rest
-/// doubles the rise.
+/// Factor between rises [`SPUN_UP`] apart up to which the spin-up is over; ArduCopter's ramp doubles them.
 const GROWS: f64 = 1.5;
 const SPUN_UP: Span = Span::from_millis(200);
 const STALE: Span = Span::from_millis(500);
-/// Time before a disarmed report from which outputs at rest are taken: two heartbeats.
+/// Time from the outputs at rest to a disarmed report: two heartbeats.
 const REPORTED_WITHIN: Span = Span::from_millis(2000);
-/// Time after arming after which outputs that have not risen are taken for outputs other than motors.
+/// Time from arming after which outputs that have not risen are not motors.
 const OTHERS: Span = Span::from_millis(5000);
 
 #[derive(Clone, Copy, Debug)]
 struct AtRest {
     pulses: [u16; OUTPUTS],
-    /// Outputs at a later time, possibly of an autopilot that has just armed.
+    /// Later outputs, possibly of an autopilot that has just armed.
     later: [u16; OUTPUTS],
     later_at: DroneTime,
 }
@@ -73,13 +71,13 @@ impl RotorOutputs {
             (self.armed_at, self.before, self.follow) = (None, None, false);
             return;
         }
-        // A link that starts while the autopilot is armed does not know the values at rest.
+        // A link that starts with an armed autopilot does not know the values at rest.
         let Some(at_rest) = at_rest else { return };
         (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
         let mut rises = [0.0; OUTPUTS];
         for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {
-                // The output had no pulses before arming.
+                // Output without pulses before arming.
                 *rest = *pulse;
             }
             *rise = f64::from(*pulse) - f64::from(*rest);
@@ -92,7 +90,7 @@ impl RotorOutputs {
             self.before = Some((now, rise));
         }
     }
-    /// Whether the rotors are at rest or spin up, so that the commanded thrust is not applied.
+    /// Whether the rotors do not apply the commanded thrust yet.
     pub(crate) fn wait(&self, now: DroneTime) -> bool {
         let reported = self.newest.is_some_and(|at| now - at <= STALE);
         let recent = self.armed_at.is_some_and(|at| now - at <= OTHERS);
@@ -105,13 +103,12 @@ mod tests {
     use super::*;
     use alight_shared::time::Time;
 
-    /// Time after arming at which outputs of `pulse_us` (of that time, s; 20 Hz) show that the rotors follow; the
-    /// heartbeat reports armed at `reported_s`.
+    /// Time after arming at which outputs `pulse_us` (of that time, s; 20 Hz) show that the rotors follow,
+    /// with a heartbeat that reports armed at `reported_s`.
     fn follow_s(at_rest: u16, reported_s: f64, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
         let mut rotors = RotorOutputs::default();
         let mut outputs = |t: f64, armed, pulse: f64| {
             let mut all = [0; OUTPUTS];
-            // Rotors that also yaw the drone, and a servo.
             for (k, p) in all.iter_mut().take(4).enumerate() {
                 *p = (pulse + if pulse > 1050.0 { 4.0 * k as f64 } else { 0.0 }) as u16;
             }
@@ -129,7 +126,7 @@ mod tests {
 
     #[test]
     fn outputs_of_motors_that_spin_up() {
-        // Logged values of ArduCopter 4.7-dev.
+        // Log of ArduCopter 4.7-dev.
         let arducopter = |t: f64| match t {
             t if t < 2.0 => 1000.0,
             t if t < 2.5 => 1000.0 + 40.0 * (t - 2.0),
@@ -146,7 +143,7 @@ mod tests {
                 assert!(s < reported_s + 0.3, "{s} s, reported after {reported_s} s");
             }
         }
-        // Outputs other than motors show nothing, and block only for a limited time.
+        // Outputs other than motors block only for a limited time.
         let s = follow_s(1000, 0.0, |_| 1000.0).unwrap();
         assert!((5.0..5.2).contains(&s), "{s}");
     }

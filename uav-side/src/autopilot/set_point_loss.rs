@@ -1,13 +1,12 @@
-//! Set-point loss: distinguishes PX4's own hold after a loss of our set-points from a hold that the pilot chose.
+//! Set-point loss: distinguishes PX4's own hold after a loss of set-points from a hold that the pilot chose.
 //!
-//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point it received, and
-//! ends with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
-//! pauses, when the whole computer is suspended (the link itself does not step then), and when the autopilot or the
-//! serial line stalls, which its silence shows. A computer that was suspended with its clock sees no gap; the
-//! autopilot's clock, which continued, shows it. The time before this link's first set-point is treated as a gap: the
-//! reason for a hold is unknown then, and a previous link may have died. A hold that may have begun in a gap is
-//! attributed to PX4 at first, and to the pilot if set-points do not end it. ArduCopter never holds by itself: its
-//! Brake is a pilot's choice.
+//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last received
+//! set-point, and ends with the next one; any other hold is a pilot's takeover. Set-points stop when the
+//! pilot node or this link pauses, when the computer is suspended, and when the autopilot or the serial line
+//! stalls, which its silence shows. A computer suspended with its clock sees no gap, but the autopilot's
+//! clock shows it. The time before this link's first set-point counts as a gap, since a previous link may
+//! have died. A hold that may have begun in a gap is first attributed to PX4, and to the pilot if set-points
+//! do not end it. ArduCopter never holds by itself: its Brake is a pilot's choice.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -18,10 +17,9 @@ use super::peer::MavlinkPeer;
 
 /// Time without a set-point above which it is a gap, s: five periods.
 const GAP_S: f64 = 0.1;
-/// Maximum time after COM_OF_LOSS_T until PX4 leaves OFFBOARD and reports it, s: its commander's period, its failsafe,
-/// and half of a heartbeat's period.
+/// Maximum time from COM_OF_LOSS_T to PX4's report, s: commander's period, failsafe, half a heartbeat.
 const REPORTED_WITHIN_S: f64 = 0.5;
-/// Time within which set-points end PX4's own hold, s. A hold that lasts longer is the pilot's.
+/// Time in which set-points end PX4's own hold, s; a longer hold is the pilot's.
 const RETURNS_WITHIN_S: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -30,20 +28,20 @@ struct Observed {
     armed: bool,
     received: bool,
     sent_at: Option<DroneTime>,
-    /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for firmware that does not.
+    /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for other firmware.
     loss_s: Option<f64>,
-    /// Suspension of this computer with its clock: time of detection, and duration, s.
+    /// Suspension of the computer with its clock: time of detection, and duration, s.
     stood_still: Option<(DroneTime, f64)>,
 }
 
-/// Newest gap of a stream: its end, and its length, s.
+/// End and length (s) of a stream's newest gap.
 #[derive(Clone, Copy, Debug, Default)]
 struct Gaps {
     last: Option<DroneTime>,
     newest: Option<(DroneTime, f64)>,
 }
 
-/// Whether a gap may have caused a hold of PX4 that was reported by `now`; `loss_s` is PX4's set-point timeout.
+/// Whether a gap may have caused a hold of PX4 reported by `now`; `loss_s` is PX4's set-point timeout.
 fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bool {
     gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
 }
@@ -61,13 +59,13 @@ impl Gaps {
     }
 }
 
-/// Origin of a hold, decided when the mode changes and kept until it changes again.
+/// Origin of a hold, decided at the change of mode and kept until the next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPointLossMonitor {
     /// Newest mode; None before the first report.
     mode: Option<AutopilotMode>,
     lost: bool,
-    /// Time since which set-points have been sent into the hold.
+    /// Time since which set-points are sent during the hold.
     streams: Option<DroneTime>,
     stepped: Option<DroneTime>,
     /// Gaps in our set-points and in the autopilot's messages.
@@ -103,7 +101,7 @@ impl SetPointLossMonitor {
         let returns = |since: DroneTime| (now - since).secs() <= RETURNS_WITHIN_S;
         self.lost &= o.armed && self.streams.is_none_or(returns);
     }
-    /// Whether a hold that began between the step `before` and `now` may be PX4's own.
+    /// Whether a hold that began between `before` and `now` may be PX4's own.
     fn follows_a_gap(
         &self,
         now: DroneTime,
@@ -115,7 +113,7 @@ impl SetPointLossMonitor {
             .is_none_or(|at| (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S);
         ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
-    /// Classifies a hold that has just begun; `received`: the autopilot sent a message in this step.
+    /// Classifies a new hold; `received`: the autopilot sent a message in this step.
     pub(super) fn watch(
         &mut self,
         now: DroneTime,
@@ -157,12 +155,11 @@ mod tests {
             stood_still: None,
         }
     }
-    /// Times in steps of 10 ms, s.
     fn steps(from_s: f64, to_s: f64) -> impl Iterator<Item = f64> {
         (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
     }
 
-    /// Whether a hold `after_s` after the last set-point is classified as a set-point loss.
+    /// Whether a hold `after_s` after the last set-point counts as a set-point loss.
     fn lost(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
         let mut m = SetPointLossMonitor::default();
         for t in steps(-1.0, after_s) {
@@ -178,7 +175,6 @@ mod tests {
         for (from, to, after_s, loss_s, expected) in [
             (Offboard, Hold, 0.35, Some(0.25), true),
             (Offboard, Hold, 0.7, Some(0.25), true),
-            // Set-points were sent, so the pilot chose the hold.
             (Offboard, Hold, 0.02, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.5), true),
@@ -192,8 +188,7 @@ mod tests {
         }
     }
 
-    /// This computer or the autopilot stalls for `gap_s`; the hold is reported `after_s` after the gap. Set-points
-    /// continue while the autopilot is silent.
+    /// This computer or the autopilot stalls for `gap_s`; the hold is reported `after_s` later.
     #[test]
     fn set_point_loss_after_a_standstill() {
         use AutopilotMode::{Hold, Offboard};
@@ -205,7 +200,7 @@ mod tests {
             (true, 1.5, 0.4, true),
             (false, 0.76, 0.0, true),
             (false, 0.76, 0.4, true),
-            // The pilot's hold: a second after the gap, or after a delay too short for a set-point loss.
+            // A pilot's hold: a second after the gap, or after a delay too short for a loss.
             (true, 1.5, 1.0, false),
             (false, 0.76, 1.0, false),
             (true, 0.12, 0.2, false),
@@ -227,7 +222,7 @@ mod tests {
             for t in steps(0.0, if own { 0.0 } else { gap_s }) {
                 goes_on(&mut m, t, Offboard, false);
             }
-            // The step's own set-point is sent after the observation.
+            // The step's own set-point follows the observation.
             let observe = |m: &mut SetPointLossMonitor, t: f64, mode| {
                 let sent_s = if t > gap_s || !own { t - 0.01 } else { -0.01 };
                 m.step(at(t), &observed(mode, sent_s, Some(0.25)));
@@ -240,7 +235,7 @@ mod tests {
         }
     }
 
-    /// Suspension of this computer with its clock: its own set-points show no gap.
+    /// The set-points of a computer suspended with its clock show no gap.
     #[test]
     fn set_point_loss_of_a_suspended_computer() {
         for (gap_s, expected) in [(1.5, true), (0.1, false)] {
@@ -257,7 +252,7 @@ mod tests {
         }
     }
 
-    /// Link without its predecessor's checkpoint, before its first set-point or just after it.
+    /// A link without its predecessor's checkpoint, before or just after its first set-point.
     #[test]
     fn hold_found_at_the_start() {
         use AutopilotMode::{Hold, Offboard, Other};
@@ -302,7 +297,7 @@ mod tests {
         };
         step(0.0, AutopilotMode::Offboard, 0.0);
         step(0.3, AutopilotMode::Hold, 0.0);
-        // The pilot does not react, so the origin of the mode stays unknown.
+        // Without a reaction of the pilot the origin of the hold stays unknown.
         assert!(step(60.0, AutopilotMode::Hold, 0.0));
         for k in 0..40 {
             let t = 60.0 + 0.1 * f64::from(k);

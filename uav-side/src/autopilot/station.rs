@@ -1,20 +1,19 @@
-//! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK` to the
-//! sender.
+//! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK`.
 //!
-//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF`
-//! takes off if the mission permits that, all with any parameters. `MAV_CMD_USER_4` keeps the station given by its
-//! parameters, and is DENIED for invalid ones. An abort is accepted from every sender; on an unsigned link any other
-//! order is DENIED unless the configuration permits it (`unsigned_orders`).
+//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds,
+//! `MAV_CMD_NAV_TAKEOFF` takes off if the mission permits, all with any parameters. `MAV_CMD_USER_4` keeps
+//! the station of its parameters, and is DENIED for invalid ones. An abort is accepted from every sender; an
+//! unsigned link answers any other order with DENIED unless `unsigned_orders` is set.
 //!
-//! An order is answered with IN_PROGRESS at once and each second, and with ACCEPTED when the mission has accepted it.
-//! When the mission rejects it or does not accept it within 5 s, the answer is TEMPORARILY_REJECTED, or FAILED without
-//! a report of the mission, and a text gives the reason. The mission applies its own rules, as to any other order.
+//! The answer is IN_PROGRESS at once and each second, and ACCEPTED when the mission has accepted the order.
+//! When the mission rejects it or does not accept it within 5 s, the answer is TEMPORARILY_REJECTED, or
+//! FAILED without a report of the mission, and a text gives the reason. The mission applies its usual rules.
 //!
-//! After an abort or a pilot's takeover, an order other than an abort is rejected when a station repeats it (its
-//! confirmation counts up; a `COMMAND_INT`, which has no confirmation, may be a repetition) or gives it within a
-//! second: the operator cannot know of the abort yet. Otherwise a repetition gets the former answer; an abort is
-//! carried out each time, because another operator may have ordered a landing since. Any sender on the autopilot's link
-//! can also fly the drone without Alight: `signing_key` protects both.
+//! After an abort or a pilot's takeover, an order other than an abort is rejected when a station repeats it
+//! (its confirmation counts up; a `COMMAND_INT`, which has none, may be a repetition) or gives it within a
+//! second, because the operator cannot know of the abort yet. Other repetitions get the former answer. An
+//! abort is carried out each time, because another operator may have ordered a landing since. Any sender on
+//! the autopilot's link can also fly the drone without Alight: `signing_key` protects both.
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
@@ -33,7 +32,7 @@ pub(super) struct StationCommand {
 }
 
 impl StationCommand {
-    /// Kind of the order; Err: the answer to the station.
+    /// Kind of the order, or the answer to the station.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
             command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
@@ -46,9 +45,9 @@ impl StationCommand {
     }
 }
 
-/// Station from the parameters: height, m; distances ahead and to starboard, m; duration, min. NaN selects the default,
-/// as does 0 for height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to starboard
-/// select the default place, never a place straight above the deck. DENIED outside a station's bounds.
+/// Station from height, distances ahead and to starboard (m), and duration (min). NaN selects the default, as
+/// does 0 for height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to
+/// starboard select the default place, never one above the deck. DENIED outside of the bounds.
 fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
     let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
@@ -57,7 +56,7 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
         let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&whole);
         fits.then_some(whole as i8).ok_or(CommandResult::Denied)
     };
-    // A value that rounds to 0 is out of bounds, not the default.
+    // A value that rounds to 0 is not the default.
     let positive = |value: f64| match whole(value)? {
         most @ 1.. => Ok(most.unsigned_abs()),
         i8::MIN..=0 => Err(CommandResult::Denied),
@@ -80,7 +79,7 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
 
 /// Time within which a station repeats an order.
 const REPEATED: Span = Span::from_millis(15_000);
-/// Period of answers to a pending order: a station gives up a command without an answer.
+/// Period of answers to a pending order; without them a station gives up.
 const ANSWERED: Span = Span::from_millis(1000);
 
 const MAX_STATIONS: usize = 4;
@@ -115,13 +114,13 @@ impl Repetition {
 pub(super) struct StationOrders {
     given: Option<StationOrder>,
     decided: Option<(Answer, DroneTime)>,
-    /// Time at which an abort or a pilot's takeover last stopped a landing.
+    /// Last abort or pilot's takeover that stopped a landing.
     stopped: Option<DroneTime>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CommandOutcome {
-    /// Answered at once: an unknown command, or the repetition of an order.
+    /// Unknown command, or repetition of an order.
     Answered(CommandResult),
     Rejected(CommandResult, &'static str),
     Order(CommandKind),
@@ -136,8 +135,7 @@ impl StationOrders {
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// Processes a command to the companion. `barred`: whether the remote control's switch blocks orders; `counts`:
-    /// whether orders of this link are accepted.
+    /// `barred`: the remote control's switch blocks orders; `counts`: orders of this link are accepted.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
@@ -162,11 +160,11 @@ impl StationOrders {
             return CommandOutcome::Answered(CommandResult::InProgress);
         }
         if kind == CommandKind::Abort {
-            // An old answer is not reused: a landing may have been ordered since, and a second abort does no harm.
+            // An old answer is not reused: a landing may have been ordered since.
             return CommandOutcome::Order(kind);
         }
         let recent = |at: DroneTime, within| now - at < within;
-        // This is checked before the former answer is reused, because the former order is no longer in force.
+        // Checked before the former answer is reused, because its order is no longer in force.
         let unaware = match repetition {
             Repetition::No => UNAWARE_OF_ABORT,
             Repetition::Yes | Repetition::Perhaps => REPEATED,
@@ -183,7 +181,7 @@ impl StationOrders {
             Some(_) | None => CommandOutcome::Order(kind),
         }
     }
-    /// Starts a new order. Returns the answer to the order that it replaces.
+    /// Starts a new order. Returns the answer to the replaced one.
     pub(super) fn give(
         &mut self,
         (number, kind): (u16, CommandKind),
@@ -205,7 +203,7 @@ impl StationOrders {
         let given = self.given.as_ref();
         given.is_some_and(|g| g.order.message.kind == CommandKind::Abort)
     }
-    /// Order to publish now, and the answer to a completed order, with a text when it failed.
+    /// Order to publish now, answer to a completed order, and text when it failed.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,

@@ -1,12 +1,11 @@
-//! Parameters of the companion: mission settings that an operator changes at a ground station, by MAVLink's parameter
-//! protocol.
+//! Mission settings that an operator changes at a ground station, by MAVLink's parameter protocol.
 //!
-//! The mission's state reports their values, and whether they may be changed. A PARAM_SET goes to the mission as a
-//! [`SettingsOrder`], repeated until the state shows the new value, and is then answered with PARAM_VALUE. A rejected
-//! one is answered with the present value and a text with the reason. Settings last until the processes are restarted,
-//! and survive a crash through the mission's checkpoint. When that checkpoint is lost, a text reports the present
-//! values; a link that crashed as well recovers the former mode from its own checkpoint, but not the heights. Each
-//! value is REAL32, for which MAVLink's two parameter encodings, by bytes and by value, coincide.
+//! The mission's state reports their values, and whether they may be changed. A PARAM_SET goes to the mission
+//! as a [`SettingsOrder`], repeated until the state shows the new value, and is then answered with
+//! PARAM_VALUE. A rejected one is answered with the present value and a text with the reason. Settings last
+//! until the processes are restarted, and survive a crash by the mission's checkpoint. When it is lost, a
+//! text reports the present values; a link that crashed as well recovers the mode, but not the heights.
+//! Values are REAL32, for which MAVLink's encodings by bytes and by value coincide.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::config::ConfigError;
@@ -19,7 +18,7 @@ use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
 
-/// Steps per unit to which values are rounded: the message's single precision resolves a thousandth of a height.
+/// Rounding steps per unit: the message's single precision resolves a thousandth of a height.
 const STEPS: f64 = 1e3;
 const PREFIX: &str = "ALIGHT_";
 const MODES: [(LandingMode, &str); 3] = [
@@ -28,7 +27,7 @@ const MODES: [(LandingMode, &str); 3] = [
     (LandingMode::Land, "land"),
 ];
 
-/// Parameter of the companion; its MAVLink index is its position in this list.
+/// The MAVLink index is the position in this list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StationParameter {
     Mode,
@@ -76,7 +75,7 @@ impl StationParameter {
             StationParameter::LowestClearance => s.lowest_clearance_m,
         }
     }
-    /// Settings with a new value of the parameter, or the reason of a rejection.
+    /// Settings with the new value, or the reason of a rejection.
     fn changed(self, s: &MissionSettings, value: f64) -> Result<MissionSettings, String> {
         let value = (value * STEPS).round() / STEPS;
         let mut changed = *s;
@@ -87,11 +86,11 @@ impl StationParameter {
                 changed.mode = *mode;
             }
             StationParameter::ApproachHeight => changed.approach_height_m = value,
-            // The camera's exposure was checked against the height in the file.
+            // The camera's exposure depends on the height in the file.
             StationParameter::TrackingHeight => return Err("only the file sets it".into()),
             StationParameter::LowestClearance => changed.lowest_clearance_m = value,
         }
-        // The limits of these settings do not depend on the rest of the mission's configuration.
+        // Their limits are independent of the rest of the mission's configuration.
         match MissionConfig::default().with(&changed) {
             Ok(_) => Ok(changed),
             Err(ConfigError::Range { key, value, allowed }) => {
@@ -136,9 +135,8 @@ struct UnderWay {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationParameters {
-    /// Newest settings in the mission's state.
     known: Option<MissionSettings>,
-    /// Mode of the previous mission, recalled from the previous link's checkpoint; used up when the mission reports.
+    /// Mode of the previous mission, from the previous link's checkpoint, until the mission reports.
     pub(super) recalled: Option<LandingMode>,
     under_way: Option<UnderWay>,
 }
@@ -151,7 +149,7 @@ struct Polled {
 }
 
 impl StationParameters {
-    /// Starts a change of `p`, together with the changes already pending.
+    /// Starts a change of `p` on top of pending ones.
     fn begin(&mut self, order: SettingsOrder, station: u8, p: StationParameter) {
         let before = self.under_way.take().map(|u| u.changes);
         let mut changes = before.unwrap_or_default();
@@ -164,7 +162,6 @@ impl StationParameters {
             station,
         });
     }
-    /// Compares the pending change with the mission's newest state.
     fn poll(&mut self, now: DroneTime, mission: &MissionState) -> Polled {
         let settings = &mission.settings;
         let recalled = self.recalled.take();
@@ -182,7 +179,7 @@ impl StationParameters {
             polled.texts = polled.values.iter().map(again).collect();
             return polled;
         };
-        // A state older than the order may still change because of the previous order.
+        // A state older than the order may still show the previous order.
         let ordered = under_way.order.message;
         let is_taken = mission.header.at > ordered.header.at && ordered.settings == *settings;
         if !is_taken && !under_way.order.is_over(now) {
@@ -208,7 +205,7 @@ impl StationParameters {
 }
 
 impl AutopilotLink {
-    /// Answers a request for all parameters; without a report of the mission they are unknown.
+    /// Answers a request for all parameters, which are unknown without a mission.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
         if let Some(m) = self.inputs.mission.get() {
             out.messages
@@ -224,7 +221,6 @@ impl AutopilotLink {
         out.messages
             .extend(parameter.zip(known).map(|(p, s)| p.message(&s)));
     }
-    /// Processes a PARAM_SET of a station.
     pub(super) fn set_parameter(
         &mut self,
         now: DroneTime,
@@ -283,7 +279,7 @@ impl AutopilotLink {
         }
     }
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // No station receives anything before the autopilot is found.
+        // Stations receive nothing before the autopilot is found.
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
@@ -356,7 +352,7 @@ mod tests {
         ] {
             assert_eq!(p.changed(&settings, value), Err(expected.into()), "{p:?}");
         }
-        // The value has the rounding of single precision.
+        // Single precision rounds the value.
         let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
         assert_eq!(height.approach_height_m, 12.3);
     }
@@ -416,8 +412,7 @@ mod tests {
         let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
         parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());
-        // The change is reverted while the mission may still apply the former order: the old value is ordered again,
-        // not assumed to be confirmed.
+        // The change is reverted while the former order may still apply, so the old value is ordered again.
         parameters.begin(order(10.02, before), 255, StationParameter::ApproachHeight);
         let old = shown(10.01, &before);
         let ordered = parameters.poll(at(10.02), &old);
@@ -452,7 +447,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever value is set, the mission's configuration remains one that would be valid in its file.
+        /// The mission's configuration stays valid for any values.
         #[test]
         fn settings_by_arbitrary_values(values in prop::collection::vec((0..4_usize, any::<f32>()), 1..20)) {
             let mut settings = configured();

@@ -1,4 +1,4 @@
-//! Message rates requested from the autopilot, and requested again when they are too low.
+//! Message rates, requested from the autopilot again when they are too low.
 
 use alight_shared::time::Span;
 
@@ -10,9 +10,9 @@ use super::modes::Firmware;
 const REQUEST_SPACING_S: f64 = 0.02;
 /// Period of the check of each stream's rate, s.
 const REVIEW_S: f64 = 2.0;
-/// Requested rate of CURRENT_MODE, Hz: a change of mode is reported within its period.
+/// Requested rate of CURRENT_MODE, Hz; a change of mode is reported within its period.
 const MODE_HZ: f64 = 50.0;
-/// Rates of the remote control's channels and of the sensors' health, requested when a switch gives commands, Hz.
+/// Requested rate of the remote control's channels and of the sensors' health for a switch, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
 const OUTPUTS_HZ: f64 = 20.0;
@@ -48,8 +48,7 @@ impl MessageStreams {
                 (id::ODOMETRY, c.odometry_hz),
                 (id::HIGHRES_IMU, c.odometry_hz),
                 (id::ESTIMATOR_STATUS, ESTIMATOR_HZ),
-                // PX4's heartbeats keep to 1 Hz at any requested rate; CURRENT_MODE is sent at a change of mode and at
-                // 2 Hz.
+                // PX4's heartbeats keep to 1 Hz; CURRENT_MODE is sent at a change of mode and at 2 Hz.
                 (id::CURRENT_MODE, MODE_HZ),
             ],
             // ArduCopter has no ODOMETRY.
@@ -59,13 +58,13 @@ impl MessageStreams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
-                // Shows the spin-up of the rotors; with PX4 they start at once.
+                // Spin-up of the rotors; PX4's start at once.
                 (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
         let both = [
             (id::EXTENDED_SYS_STATE, 10.0),
-            // Thrust in force. (ArduCopter also has it in VFR_HUD, truncated to whole percents.)
+            // Applied thrust. (ArduCopter's VFR_HUD truncates it to whole percents.)
             (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),

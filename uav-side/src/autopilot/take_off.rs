@@ -1,14 +1,14 @@
-//! Mode change and arming for a take-off, and the disarm after a take-off that was stopped on the deck.
+//! Mode change and arming for a take-off, and disarm after one that was stopped on the deck.
 //!
-//! While the mission is in [`State::SpinUp`] the link chooses OFFBOARD (GUIDED) and arms: an operator has ordered the
-//! take-off, the crew has cleared the deck, and the countdown is over. It does not override a mode that the pilot
-//! chooses afterwards, nor arm a second time; a link that starts in that state does neither. The autopilot's answer to
-//! the arming command is passed on with its text.
+//! In [`State::SpinUp`] (ordered by an operator, cleared by the crew, countdown over) the link chooses
+//! OFFBOARD (GUIDED) and arms. It does not override a mode that the pilot chooses afterwards, nor arm a
+//! second time; a link that starts in that state does neither. Texts explain the answer to the arming
+//! command.
 //!
-//! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed by force,
-//! because no land detector works on a moving deck: as soon as two witnesses show that it stands ([`crate::standing`]).
-//! If set-points stopped in the meantime, the autopilot may have lifted the drone; until two witnesses show that it
-//! stands, a thrust too low to carry it is replaced by a small climb and a hold.
+//! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed
+//! by force once two witnesses show that it stands ([`crate::standing`]), because no land detector works on a
+//! moving deck. If set-points stopped meanwhile, the autopilot may have lifted the drone; until two witnesses
+//! show that it stands, a thrust too low to carry it is replaced by a small climb and a hold.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geometry::GRAVITY;
@@ -24,7 +24,6 @@ use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 /// Duration of a set-point stream before PX4 accepts OFFBOARD.
 const STREAMS: Span = Span::from_millis(1200);
 const PAUSE: Span = Span::from_millis(1000);
-/// Maximum numbers of commands to choose the mode, to arm and to disarm.
 const MODE_TRIES: u32 = 3;
 const ARM_TRIES: u32 = 3;
 const DISARM_TRIES: u32 = 50;
@@ -39,17 +38,16 @@ pub(super) struct TakeOffSequence {
     since: Option<DroneTime>,
     modes: u32,
     arms: u32,
-    /// Whether the autopilot has been in our mode since the start.
     was_ours: bool,
-    /// Whether an arming command was sent and no disarmed state outside of a take-off was observed since.
+    /// Whether an arming command was sent, and no disarmed state outside of a take-off followed.
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// Whether set-points stopped and no later verdict shows that the drone stands.
+    /// Whether set-points stopped and no later verdict shows a standing drone.
     may_fly: bool,
     next: Periodic<DroneClock>,
-    /// Newest text of the autopilot on a denial.
+    /// Newest text on a denial.
     text: Option<(DroneTime, String)>,
 }
 
@@ -57,19 +55,19 @@ impl TakeOffSequence {
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// Stores a text of the autopilot that may explain why it denies arming.
+    /// Stores a text that may explain a denied arming.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));
         }
     }
-    /// Waits after an accepted command to arm or disarm: PX4's next heartbeat may be a second later.
+    /// Waits after an accepted command: PX4's next heartbeat may be a second later.
     pub(super) fn accepted(&mut self, now: DroneTime) {
         if self.arms > 0 && self.disarms == 0 {
             self.next.restart(now, PAUSE + PAUSE);
         }
     }
-    /// Text on a denied command to arm; None unless it was for a take-off.
+    /// Text on a denied arming command of a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;
@@ -81,8 +79,8 @@ impl TakeOffSequence {
 }
 
 impl AutopilotLink {
-    /// Whether set-points are streamed before a heartbeat shows that they are followed: in a take-off, and, after a
-    /// set-point loss, in every state in which the mission flies.
+    /// Whether set-points are streamed before a heartbeat shows that they are followed: in a take-off, and
+    /// after a set-point loss in every flying state of the mission.
     pub(super) fn streams_ahead(&self, now: DroneTime) -> bool {
         let Some(state) = self.inputs.fresh_state(now) else {
             return false;
@@ -106,7 +104,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Updates the verdict whether the drone stands on the deck, during a take-off or after a stopped one.
+    /// Updates the verdict during a take-off or after a stopped one.
     pub(super) fn watch_standing(&mut self, now: DroneTime) {
         let Some(peer) = &self.peer else { return };
         let mission = self.inputs.last_state(now);
@@ -120,11 +118,10 @@ impl AutopilotLink {
         let applied = self.thrust_of_hover(now);
         // In OFFBOARD without a thrust report, the commanded thrust is used.
         let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
-        // The norm is used because the drone may rest in any attitude.
+        // The norm is independent of the attitude at rest.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
-        // With GNSS receivers alone the forecast deck may be wrong by metres, so its height can only support the
-        // verdict.
+        // By GNSS receivers alone the deck's height may be wrong by metres and can only support the verdict.
         let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
         let heights = [
             by_height(evidence.range_height),
@@ -142,8 +139,7 @@ impl AutopilotLink {
             StandingVerdict::Flies => true,
         };
     }
-    /// Replaces the pilot node's set-point by a small climb and a hold when the drone may be in the air and the thrust
-    /// is too low to carry it.
+    /// A drone that may fly with too little thrust gets a small climb and a hold instead.
     pub(super) fn carried(&mut self, now: DroneTime, wanted: SetPoint) -> Option<SetPoint> {
         let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
         let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
@@ -155,7 +151,6 @@ impl AutopilotLink {
         self.hold_above(now).or(Some(wanted))
     }
 
-    /// Chooses the mode and arms, or disarms, according to the mission's state.
     pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         // A mission that is silent now may return.
         let Some(state) = self.inputs.fresh_state(now) else {
@@ -180,7 +175,7 @@ impl AutopilotLink {
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
-            // No further attempts: a later disarm is the pilot's or the autopilot's.
+            // A later disarm is the pilot's or the autopilot's.
             d.arms = ARM_TRIES;
         }
         if peer.armed || succeeds {
@@ -204,20 +199,20 @@ impl AutopilotLink {
         }
     }
 
-    /// Disarms a drone that this link has armed for a take-off that was stopped.
+    /// Disarms a drone that this link armed for a stopped take-off.
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
         let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
-            // A command to arm may be in progress until its answer.
+            // A command to arm may still be unanswered.
             let d = &mut self.commands.departure;
             if d.next.is_ready(now - PAUSE) {
                 *d = TakeOffSequence::default();
             }
             return;
         }
-        // The drone is not disarmed while another authority flies it.
+        // A drone under another authority is not disarmed.
         let may = armed && ours && (self.commands.departure.armed || stands_down);
         let low = self.stream.thrust.is_low(now);
         let d = &mut self.commands.departure;

@@ -1,4 +1,4 @@
-//! Collective thrust as a command of the autopilot and as a fraction of full thrust, and hover thrust.
+//! Collective thrust as a command and as a fraction of full thrust, and hover thrust.
 
 use super::DroneTime;
 use crate::odometry::hover::hover_sample;
@@ -21,8 +21,7 @@ pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
     ((b * b + 4.0 * curve * t).sqrt() - b) / (2.0 * curve)
 }
 
-/// Hover thrust, identified in flight: `T_h = T g / f`, with `f` the low-pass filtered specific force along the body's
-/// up axis.
+/// Hover thrust, identified in flight: `T_h = T g / f` with the low-pass `f` of the specific force upwards.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HoverThrust {
     value: f64,
@@ -40,21 +39,20 @@ impl HoverThrust {
     pub(crate) fn value(&self) -> f64 {
         self.value
     }
-    /// Hover thrust, and the time over which it was learned, s.
+    /// Hover thrust, and its learning time, s.
     pub(crate) fn learned(&self) -> (f64, f64) {
         (self.value, self.learned_s)
     }
-    /// Continues from a value that was learned over `learned_s`, s.
+    /// `learned_s`: learning time, s.
     pub(crate) fn resume(&mut self, value: f64, learned_s: f64) {
         *self = HoverThrust::new(value);
         self.learned_s = learned_s;
     }
-    /// Whether the hover thrust was learned for long enough to be reported.
     pub(crate) fn is_learned(&self, time_s: f64) -> bool {
         self.learned_s >= time_s
     }
-    /// Learns in flight from the applied thrust (fraction) and the specific force upwards, m/s². Shocks, free fall and
-    /// low thrust carry no information about hover.
+    /// Learns in flight from the applied thrust (fraction) and the specific force upwards, m/s². Shocks, free
+    /// fall and low thrust are not informative.
     pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
         let Some(sample) = hover_sample(thrust, up, [0.7, 1.3]) else {
             return;
@@ -62,8 +60,7 @@ impl HoverThrust {
         if !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
             return;
         }
-        // The estimate is first the mean and then an exponentially weighted one, so that a wrong initial value is soon
-        // forgotten.
+        // First a mean, then an exponentially weighted one, so that a wrong initial value is soon forgotten.
         self.learned_s += dt;
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (sample - self.value);
@@ -76,8 +73,7 @@ const STREAM_S: f64 = 0.1;
 /// Delay until a commanded thrust takes effect, s: serial line, the autopilot's period and the rotors' lag.
 const REACHES_S: f64 = 0.2;
 
-/// Whether the commanded thrust has been low for long enough to take effect; this replaces the autopilot's report if it
-/// has stopped.
+/// Whether the commanded thrust has been low for long enough to take effect; replaces a missing report.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SentThrust {
     at: Option<DroneTime>,
@@ -90,7 +86,6 @@ impl SentThrust {
         let since = self.low_since.filter(|_| streams).unwrap_or(now);
         (self.at, self.low_since) = (Some(now), low.then_some(since));
     }
-    /// Whether set-points are streamed whose thrust has been low for long enough to take effect.
     pub(crate) fn is_low(&self, now: DroneTime) -> bool {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
         let acts = self

@@ -7,10 +7,10 @@
 //! p_d + R_d [0, 0, feet_below] = p_v + R_v r + b
 //! ```
 //!
-//! `b` is the difference of the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly varying
-//! in both cases. `b` is separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but not
-//! `b` ([`regression::regress`]), while the mean over time contains all of `b`. Both are weighted by their information.
-//! A tag that the camera detects from the deck gives the drone's position on the deck, and the camera's rotation
+//! `b` is the difference of the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly
+//! varying. `b` is separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but
+//! not `b` ([`regression::regress`]), while the mean over time contains all of `b`. Both are weighted by
+//! their information. A tag detected from the deck gives the drone's position and the camera's rotation
 //! relative to the feet.
 
 pub mod regression;
@@ -31,22 +31,20 @@ use crate::predictor::track::DroneTrack;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
 
-/// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea; the receivers'
-/// errors have correlation times of minutes.
+/// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea.
 const SLOW_S: f64 = 10.0;
 /// Correlation time of the vessel estimate's errors, s. Chosen: a wave period.
 const SHARED_S: f64 = 5.0;
 /// Minimum rocking that carries information, rad, root mean square. Chosen: 0.3 deg moves a deck at 1.3 m by 7 mm.
 const MIN_ROCKING_RAD: f64 = 0.005;
-/// Error of the vessel's estimated sway in phase with its rocking, m. Chosen: in one minute of slight sea (seeds 1 to
-/// 8) an estimate from the rocking alone is wrong by 0.08, 0.06, 0.09 m; with 0.006 the stated errors are 0.3, 0.14,
-/// 0.1 m.
+/// Error of the estimated sway in phase with the rocking, m. Chosen: in a minute of slight sea (seeds 1 to 8)
+/// the rocking alone errs by 0.06 to 0.09 m; with 0.006 the stated error is 0.1 to 0.3 m.
 const RHYTHM_M: f64 = 0.006;
 /// Error of the estimated sway as a fraction of the stated error. Chosen: receivers without corrections are wrong by
 /// 0.3 m, and an estimate from the rocking alone is then wrong by 0.3 to 1 m.
 const RHYTHM_FRACTION: f64 = 0.05;
-/// Drift of the drone's odometry and the vessel's estimate beyond the length of a recording, each axis, m. Chosen: with
-/// receivers of 1 cm and the same seeds the mean alone is wrong by 0.11, 0.16, 0.12 m.
+/// Drift of odometry and vessel estimate that a recording does not show, each axis, m. Chosen: with receivers
+/// of 1 cm and the same seeds the mean alone is wrong by 0.11 to 0.16 m.
 const WANDER_M: f64 = 0.13;
 /// Minimum time on the deck, s, and number of vessel estimates. Chosen: four periods of a 5 s sea.
 const MIN_DURATION_S: f64 = 20.0;
@@ -54,9 +52,8 @@ const MIN_ESTIMATES: usize = 200;
 /// Maximum number of samples; more are thinned (an hour at 2 Hz).
 const MAX_SAMPLES: usize = 8192;
 const MIN_TAGS: usize = 30;
-/// Limits of a drone at rest, for 95 of 100 samples: rotation relative to the deck, rad, and displacement, m. Chosen: 3
-/// deg, because the errors of both attitudes are below 1 deg; 0.5 m, because without corrections the receivers make a
-/// standing drone appear to move by 0.3 m.
+/// Limits for 95 of 100 samples of a drone at rest: rotation relative to the deck, rad, and displacement, m.
+/// Chosen: both attitudes err by less than 1 deg; without corrections the receivers move by 0.3 m.
 const STILL_RAD: f64 = 0.052;
 const STILL_M: f64 = 0.5;
 /// Limit of the displacement in the tag's frame, m.
@@ -65,8 +62,7 @@ const STILL_TAG_M: f64 = 0.05;
 const LEVER_SD_M: f64 = 0.01;
 /// Assumed height differences between the feet, m.
 const FOOT_SD_M: f64 = 0.002;
-/// Largest error of a calibration that can reveal a wrongly measured deck, m. Chosen: a fifth of the receivers'
-/// difference and of a deck's half width.
+/// Largest error of a calibration that can reveal a wrongly measured deck, m: a fifth of a deck's half width.
 pub const USABLE_M: f64 = 0.2;
 /// Number of standard errors within which a configured value agrees with the result.
 const AGREEMENT_SDS: f64 = 2.0;
@@ -118,7 +114,6 @@ pub enum DeckCalibrationError {
     Spread,
 }
 
-/// Whether the result should replace the configured value.
 pub fn replaces(found: &ValueWithSd, configured: f64) -> bool {
     found.sd <= USABLE_M && (found.value - configured).abs() > AGREEMENT_SDS * found.sd
 }
@@ -139,7 +134,7 @@ pub struct MountCalibration {
 pub struct DeckCalibrationResult {
     pub estimates: usize,
     pub seconds: f64,
-    /// Rocking of the vessel, rad: root mean square of roll and pitch about their slow mean.
+    /// Root mean square of roll and pitch about their slow mean, rad.
     pub rocking_rad: f64,
     /// Centre of the deck in the vessel's body, m.
     pub centre: [ValueWithSd; 3],

@@ -1,10 +1,8 @@
-//! Standard errors for autocorrelated samples: neighbouring samples have a common error, so that a thousand samples
-//! hold less information than a thousand independent ones.
+//! Standard errors for autocorrelated samples: neighbouring samples have a common error.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
-/// Covariance of the sum of `scores`: cross products over lags up to `lags` with Bartlett's weights (Newey and West
-/// 1987).
+/// Covariance of the sum of `scores`, with lags up to `lags` and Bartlett's weights (Newey and West 1987).
 fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
     let mut s: Matrix3<f64> = scores.iter().map(|v| v * v.transpose()).sum();
     for lag in 1..=lags.min(scores.len().saturating_sub(1)) {
@@ -31,8 +29,7 @@ pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matr
     Some((mean, long_run(&about, lags) / (n * n)))
 }
 
-/// Information matrix of a regression (the inverse of a covariance, zero in unknown directions) and its product with
-/// the value.
+/// Information matrix of a regression (zero in unknown directions) and its product with the value.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Information {
     matrix: Matrix3<f64>,
@@ -61,8 +58,8 @@ impl Information {
     }
 }
 
-/// Least squares of `y = A x + e` over all samples, in those directions of x that `A` excites by `floor` (root mean
-/// square) or more. Errors are correlated over `lags` neighbours; an error of `with` (root mean square) in phase with
+/// Least squares of `y = A x + e` in those directions of x that `A` excites by at least `floor` (root mean
+/// square). Errors are correlated over `lags` neighbours. An error of `with` (root mean square) in phase with
 /// `A`, which no residual reveals, is added.
 pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], floor: f64, lags: usize, with: f64) -> Information {
     let n = samples.len() as f64;
@@ -117,7 +114,7 @@ mod tests {
 
     #[test]
     fn mean_covariance_of_correlated_samples() {
-        // If each value is repeated ten times, the error of the mean equals that of the distinct values.
+        // Tenfold repetition of each value does not change the error of the mean.
         let distinct: Vec<f64> = (0..100)
             .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
             .collect();

@@ -54,7 +54,7 @@ const STILL: fn(f64) -> (Vector3<f64>, f64) = |_| (Vector3::new(0.0, 0.0, 0.0), 
 #[test]
 fn deck_calibration_with_receivers_metres_apart() {
     let r = Vector3::new(0.4, -0.2, -1.6);
-    // The receivers' drift matters less when the vessel rocks more: 0.12 rad against 0.1 m.
+    // The receivers' drift matters less when the vessel rocks more, here by 0.12 rad.
     let found = stood(0.12, 90.0, r, STILL).unwrap();
     for (f, truth) in found.centre.iter().zip(r.iter()) {
         assert!(

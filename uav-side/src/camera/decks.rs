@@ -9,7 +9,7 @@ pub(super) const MAX_DECKS: usize = 4;
 /// Maximum distance of a tag from its place on a deck to be assigned to it, m: half of the narrowest deck.
 const WITHIN_M: f64 = 0.8;
 
-/// Tags by deck, the deck with the largest tag first. When no number occurs twice, all tags belong to one deck.
+/// Tags by deck, the deck with the largest tag first. Without a repeated number all tags belong to one deck.
 pub(super) fn apart(detected: Vec<DetectedTag>) -> Vec<Vec<DetectedTag>> {
     let (mut rest, mut decks) = (detected, Vec::new());
     while decks.len() < MAX_DECKS && !rest.is_empty() {
@@ -33,8 +33,7 @@ fn middle(s: &DetectedTag) -> Vector2<f64> {
     s.image.iter().sum::<Vector2<f64>>() / 4.0
 }
 
-/// Largest tag and the tags that lie where its deck has them, one of each number; None when the largest tag has no
-/// pose.
+/// Largest tag and those that lie at their places on its deck, one of each number; None when it has no pose.
 fn around_largest(detected: &[DetectedTag]) -> Option<Vec<usize>> {
     let size = |s: &DetectedTag| (s.image[2] - s.image[0]).norm_squared();
     let largest = detected.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
@@ -72,7 +71,7 @@ mod tests {
     use alight_shared::geometry::DeckGeometry;
     use nalgebra::UnitQuaternion;
 
-    /// Two decks 3 m apart with different tilts are viewed from 9 m above, with their tags in any order.
+    /// Two decks 3 m apart with different tilts, viewed from 9 m above, with their tags in any order.
     #[test]
     fn tags_of_two_boats_in_one_image() {
         let tags = DeckGeometry::default().tags();

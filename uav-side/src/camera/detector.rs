@@ -1,5 +1,4 @@
-//! Detection of the deck's tags in an image, by the AprilTag library of the family's authors (Wang and Olson 2016),
-//! family 36h11, and the conditions on a detection.
+//! Detection of the deck's tags by the AprilTag library of its authors (Wang and Olson 2016), family 36h11.
 
 use alight_shared::config;
 use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
@@ -14,7 +13,6 @@ use super::motion_blur::motion_blur_px2;
 const MAX_DETECTIONS: usize = 64;
 
 config! {
-    /// Conditions on a detection.
     pub struct TagSettings {
         /// Number of the deck's tag in the family 36h11, for a deck with a single tag (`drone.deck.tag_side_m`).
         pub id: u16 = 0, in 0.0..=586.0;
@@ -24,8 +22,7 @@ config! {
         pub min_margin: f64 = 20.0, in 0.0..=255.0;
         /// Minimum side in the image, px.
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
-        /// The image is searched at a resolution reduced by this factor (1: whole, 2: half); corners are refined at
-        /// full resolution.
+        /// Factor by which the search reduces the image's resolution; corners are refined at full resolution.
         /// Chosen: at full resolution 640 x 480 takes twice the time and extends the range by 3 m.
         pub decimate: f64 = 1.5, in 1.0..=4.0;
         /// Standard deviation of each corner coordinate of a large, sharp tag, px.
@@ -33,19 +30,18 @@ config! {
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
         /// Standard deviation of a corner as a fraction of the tag's side in the image: the lens error after calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
-        /// Standard deviation added in quadrature for a tag as narrow as `small_width_px` or narrower, px.
+        /// Standard deviation added in quadrature to tags up to `small_width_px` wide, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
         /// Width of the tag in the image above which that deviation decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// Added standard deviation by motion blur, as a fraction of its square over the tag's width; the blur is
-        /// measured at the tag's edges.
+        /// Standard deviation added by motion blur, as a fraction of the squared blur over the tag's width.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
-        /// Standard deviation of each tag's position against the deck's list, each axis, m: laid by tape on printed
-        /// lines. Unused for a single tag.
+        /// Standard deviation of each tag's position on the deck, each axis, m. Unused for a single tag.
+        /// Source: laid by tape on printed lines.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Maximum sum of squared reprojection errors of a tag, in variances of a corner; for several tags the value
-        /// with the same probability.
+        /// Maximum sum of squared reprojection errors of a tag, in variances of a corner. Several tags have a
+        /// limit of equal probability.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }
@@ -74,17 +70,14 @@ impl TagDetection {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TagCounts {
     pub images: u64,
-    /// Images with an accepted pose.
     pub detected: u64,
     /// Tags of the family with a number that the deck lacks.
     pub other_tags: u64,
-    /// Detections with too little contrast.
     pub faint: u64,
     /// Detections that are too small, mirrored or not convex.
     pub misshapen: u64,
     /// Detections whose corners fit no pose.
     pub misfit: u64,
-    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 
@@ -100,7 +93,7 @@ impl TagDetector {
     pub fn new(settings: &TagSettings, tags: &Tags) -> TagDetector {
         let builder =
             DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
-        // This fails only if memory runs out; images are then not searched.
+        // Fails only if memory runs out; images are then not searched.
         let mut library = builder.build().ok();
         if let Some(library) = &mut library {
             library.set_thread_number(1);
@@ -118,7 +111,7 @@ impl TagDetector {
     pub fn min_margin(&self) -> f64 {
         self.settings.min_margin
     }
-    /// Tags of the deck in the image. Of overlapping detections with one number the one with the most contrast is kept.
+    /// Tags of the deck. Of overlapping detections with one number the one with the most contrast is kept.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.counts.images += 1;
         self.search(image).unwrap_or_default()
@@ -169,9 +162,8 @@ impl TagDetector {
     }
 }
 
-/// Converts the library's order and origin: it starts at the tag's lower left corner, counter-clockwise as the tag is
-/// read, and counts from the image's corner; here corners run clockwise from the lower left, and coordinates from the
-/// middle of the first pixel.
+/// Converts the library's corners (counter-clockwise from the tag's lower left as read; origin at the image's
+/// corner) to clockwise ones with the origin in the middle of the first pixel.
 fn in_order(p: [[f64; 2]; 4]) -> [Vector2<f64>; 4] {
     let [left_low, right_low, right_high, left_high] = p.map(|[x, y]| Vector2::new(x - 0.5, y - 0.5));
     [left_low, left_high, right_high, right_low]
@@ -231,7 +223,7 @@ mod tests {
         // Edges lie between pixels: 40 px are pixels 40 to 119, with outer edges at 39.5 and 119.5.
         let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
         for (p, e) in found.corners.iter().zip(expected) {
-            // An edge without blur is located to an eighth of a pixel in each direction.
+            // An edge without blur is located to an eighth of a pixel per axis.
             assert!((p - Vector2::from(e)).norm() < 0.25, "{p} {e:?}");
         }
         assert_eq!(found.wrong_bits, 0);

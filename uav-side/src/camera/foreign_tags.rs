@@ -1,5 +1,5 @@
-//! Tags in an image without a tag of the deck: tags with another number, mirrored ones, and tags of another family.
-//! They explain to the operator why the deck is not detected; a flight does not search for them.
+//! Tags in an image without a tag of the deck: other numbers, mirrored ones, other families. They show an
+//! operator why the deck is not detected; a flight does not search for them.
 
 use alight_shared::tags::Tags;
 use apriltag::{Detector, DetectorBuilder, Family, Image};
@@ -24,7 +24,7 @@ pub struct ForeignTags {
 }
 
 impl ForeignTags {
-    /// Search for tags other than `tags`; a tag with a wrong bit is ignored.
+    /// A tag with a wrong bit is ignored.
     pub fn new(settings: &TagSettings, tags: &Tags) -> ForeignTags {
         let detector = |family: Family| {
             let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
@@ -32,7 +32,7 @@ impl ForeignTags {
             detector.set_decimation(settings.decimate as f32);
             Some(detector)
         };
-        // A family with fewer bits (16h5) is left out: every window would be detected as a tag.
+        // A family with fewer bits (16h5) would be detected in every window.
         let others = [
             ("25h9", Family::tag_25h9()),
             ("standard 41h12", Family::tag_standard_41h12()),
@@ -82,7 +82,6 @@ fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     Some(image)
 }
 
-/// Numbers of the tags in an image with sufficient contrast.
 fn numbers(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
     let found = detector.detect(image);
     let clear = found

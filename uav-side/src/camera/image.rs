@@ -45,7 +45,7 @@ pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
-    /// Whether the image's record holds the pixels.
+    /// Whether a recording holds the pixels instead of their hash.
     is_kept: bool,
 }
 
@@ -79,7 +79,6 @@ pub(super) fn check_image(
     )
 }
 
-/// Recordings contain the size and a hash of the pixels.
 impl Serialize for GreyImage {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let pixels = self.is_kept.then_some(&self.pixels);
@@ -112,7 +111,7 @@ impl GreyImage {
             is_kept: false,
         })
     }
-    /// Makes the image's record hold the pixels, and not their hash alone.
+    /// Makes recordings hold the pixels instead of their hash.
     pub fn keep(&mut self) {
         self.is_kept = true;
     }
@@ -155,7 +154,7 @@ impl GreyImage {
         let index = || row as usize * self.width + column as usize;
         inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
-    /// Pixels, row by row from the top.
+    /// Row by row from the top.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
@@ -184,7 +183,6 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
     Ok((value, rest))
 }
 
-/// An image and when it was taken.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraFrame {
     /// Middle of the exposure.

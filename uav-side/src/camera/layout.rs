@@ -1,4 +1,4 @@
-//! Layout of a deck's tags, and the places from which the camera sees each of them completely.
+//! Layout of a deck's tags, and places from which the camera sees each of them completely.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -31,21 +31,20 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
 
 /// Height of the feet above the deck up to which a tag must be visible, m.
 const MAX_HEIGHT_M: f64 = 10.0;
-/// Maximum offset from the deck's centre, m, and maximum tilt relative to the deck, rad, at which a drone must still
-/// see a tag.
-/// Source: 99 of 100 landings are within 0.2 m on vessels with the poorest sensors (docs/envelope.md); decks rock by 8
+/// Maximum offset from the deck's centre, m, and tilt relative to the deck, rad, at which a tag is needed.
+/// Source: 99 of 100 landings with the poorest sensors are within 0.2 m (docs/envelope.md); decks rock by 8
 /// deg.
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
-/// Width in the image with which nine of ten images of a tag are decoded, px.
-/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them decoded at 13.3 px, with a logistic
-/// spread of 0.093 of the width's logarithm.
+/// Width of a tag of which nine of ten images are decoded, px.
+/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them decoded at 13.3 px, with
+/// a logistic spread of 0.093 of the width's logarithm.
 const DECODED_PX: f64 = 16.3;
 /// Number of tested directions of offset, tilt and heading.
 const DIRECTIONS: u32 = 8;
 
-/// Whether the camera sees a tag completely and large enough when the drone's lowest foot is `height_m` above the deck,
-/// at every offset up to [`OFFSET_M`], tilt up to [`TILT_RAD`] and heading.
+/// Whether the camera sees a tag completely and large enough with the drone's lowest foot `height_m` above
+/// the deck, at every offset up to [`OFFSET_M`], tilt up to [`TILT_RAD`] and heading.
 fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height_m: f64) -> bool {
     let around = |k: u32| core::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS);
     let mount = Rotation3::from_matrix_unchecked(body_from_camera()) * camera.mount().0.to_rotation_matrix();
@@ -91,8 +90,7 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     })
 }
 
-/// Height ranges of the feet above the deck, from contact to 10 m, in which no tag may be completely visible: from, to,
-/// m.
+/// Height ranges (from, to, m) of the feet, from contact to 10 m, in which no tag may be completely visible.
 pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) -> Vec<[f64; 2]> {
     let mut gaps: Vec<[f64; 2]> = Vec::new();
     let (mut height, mut open) = (0.0, false);
@@ -104,18 +102,17 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
             _ => {}
         }
         open = !visible;
-        // Steps grow with the height, as does the visible area.
+        // The visible area increases with the height.
         height += 0.02 + 0.05 * height;
     }
     gaps
 }
 
-/// Fraction of a tag's detection range used as the search height, and factor on the view's width there. They allow for
-/// an uncertain position of the deck and an oblique view.
+/// Fractions of a tag's range and of the view's width in a search, for errors of the deck and oblique views.
 const SEARCH_RANGE: f64 = 0.8;
 
-/// Height over the deck from which a search detects the largest tag, and radius around the point below the drone within
-/// which it is detected at any heading, m; the drone may tilt by [`TILT_RAD`].
+/// Height over the deck from which a search detects the largest tag, and radius of the area in which it does,
+/// m, at any heading and tilts up to [`TILT_RAD`].
 pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     let lens = &camera.lens;
     let side_m = tags.iter().fold(0.0, |max: f64, tag| tag.side_m.max(max));
@@ -126,8 +123,7 @@ pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     [height_m, (height_m * visible - side_m).max(0.5)]
 }
 
-/// Faults of a deck's tags, as texts: ids that occur twice or do not exist, tags that reach beyond the
-/// deck's edges or overlap, with their white margins.
+/// Faults of a deck's tags, as texts: repeated or unknown ids, tags beyond the edges or overlapping.
 pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
     let mut faults = Vec::new();
     let half = |tag: &DeckTag| 0.5 * MARGIN * tag.side_m;

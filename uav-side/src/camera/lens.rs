@@ -1,8 +1,7 @@
-//! Lens model: a pinhole with radial and tangential distortion as written by calibration programs (Brown 1966; OpenCV's
-//! five numbers k1 k2 p1 p2 k3, ROS's `plumb_bob`).
+//! Pinhole with radial and tangential distortion (Brown 1966; k1 k2 p1 p2 k3 of OpenCV, `plumb_bob` of ROS).
 //!
-//! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle of the first
-//! pixel.
+//! Camera axes: x right and y down in the image, z along the optical axis. The first pixel's middle is (0,
+//! 0).
 
 use alight_shared::config;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -12,8 +11,7 @@ use super::image::check_image;
 const MAX_STEPS: usize = 20;
 /// Step below which Newton's method has converged, at unit distance.
 const CONVERGED: f64 = 1e-9;
-/// Maximum difference between a point's direction and that of its pixel, at unit distance; beyond it the pixel is not
-/// an image of the point.
+/// Largest difference between the directions of a point and of its pixel without a fold, at unit distance.
 const FOLDED: f64 = 1e-3;
 /// Maximum distance from the axis in the search, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
@@ -33,8 +31,7 @@ config! {
         /// Principal point cx and cy, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Distortion k1, k2, p1, p2, k3.
-        /// Source: ROS's model plumb_bob. The 8 numbers of rational_polynomial belong to another model, which is not
-        /// supported: calibrate with plumb_bob.
+        /// Source: ROS's model plumb_bob. The 8 numbers of rational_polynomial are not supported.
         pub distortion: [f64; 5] = [0.0; 5], in -20.0..=20.0;
     }
     check |this, at| {
@@ -93,15 +90,13 @@ impl Lens {
             moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
         })
     }
-    /// Projects a point within the lens's field of view; far off the axis the distortion polynomial folds back into the
-    /// image.
+    /// Projects a point within the field of view, outside which the distortion polynomial folds back.
     pub fn project_inside(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
         let px = self.project(p)?;
         let back = self.normalised(px)?;
         ((back - p.xy() / p.z).norm() < FOLDED).then_some(px)
     }
-    /// Direction of a pixel, at unit distance, by Newton's method on the distortion. None where the distortion
-    /// polynomial folds the image, which no real lens does.
+    /// Direction of a pixel, at unit distance, by Newton's method. None where the polynomial folds the image.
     pub fn normalised(&self, px: Vector2<f64>) -> Option<Vector2<f64>> {
         let goal = self.at_unit(px);
         let mut n = goal;

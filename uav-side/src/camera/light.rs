@@ -7,24 +7,24 @@ use alight_shared::msg::MIN_GLARE;
 
 /// Number of samples along each side of the tag's square: four per cell.
 const SAMPLES: usize = 32;
-/// Fraction of the samples below the black level and above the white level. At least the tag's edge is black, 28 of 64
-/// cells; a code of 36h11 leaves a quarter of the square white or more.
+/// Fraction of the samples below the black level and above the white level. At least 28 of 64 cells are
+/// black, and a code of 36h11 leaves a quarter of the square white or more.
 const QUANTILE: f64 = 0.1;
-/// Every `STRIDE`-th pixel is averaged: a prime, so that no column is preferred.
+/// Stride of averaging, px: a prime, so that no column is preferred.
 const STRIDE: usize = 17;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TagLight {
-    /// Black level: 10 % of the square are darker, grey levels.
+    /// Grey level below which a tenth of the square lies.
     pub black: u8,
-    /// White level: 10 % of the square are brighter, grey levels.
+    /// Grey level above which a tenth of the square lies.
     pub white: u8,
     /// Fraction of the square at grey level 0 or 255.
     pub saturation: f64,
 }
 
 impl TagLight {
-    /// Light on the square with these corners, px; None when all of it is outside the image.
+    /// Light on the square with these corners, px; None outside the image.
     pub fn of(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> Option<TagLight> {
         let [a, b, c, d] = corners;
         let along = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
@@ -49,8 +49,7 @@ impl TagLight {
     }
 }
 
-/// Side of the squares among which the brightest is searched, px: they fit within the smallest decodable tag with its
-/// margin, at any position.
+/// Side of the squares among which the brightest is searched, px: they fit in the smallest decodable tag.
 const TILE_PX: usize = 6;
 
 const MAX_TILE_SUM: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
@@ -89,13 +88,13 @@ impl ImageLight {
             saturated: saturated as f64 / tiles.max(1) as f64,
         }
     }
-    /// Saturated fraction of the image, 0 to 1; None if it is small enough to be due to glints.
+    /// Saturated fraction of the image, 0 to 1; None if glints may cause it.
     pub fn glare(&self) -> Option<f64> {
         Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }
-    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is
-    /// half of the difference between white and black, sharpened by a quarter; a tag with its white margin is half
-    /// white (52 of 100 cells or more), so that some of its squares are as bright as four fifths of the margin.
+    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The
+    /// margin is half of the difference between white and black, sharpened by a quarter. A tag with its white
+    /// margin is at least half white, so that some of its squares are as bright as four fifths of the margin.
     pub fn is_dark(&self, min_margin: f64) -> bool {
         self.brightest < min_margin / SHARPENING
     }

@@ -5,34 +5,32 @@ use nalgebra::{Vector2, Vector3};
 
 use super::image::GreyImage;
 
-/// Maximum side of a marked image, px: the width of a phone's screen, small enough for a slow link.
+/// Maximum side of a marked image, px: the width of a phone's screen.
 const MAX_SIDE_PX: usize = 320;
 /// Maximum size of the pixel data, bytes.
 pub const MAX_BYTES: usize = 3 * MAX_SIDE_PX * MAX_SIDE_PX;
-/// Number of straight parts of an outline's edge, which follow the lens's distortion.
+/// Number of straight parts that approximate an edge in a distorted image.
 const EDGE_PARTS: usize = 8;
 /// Distance outside the image up to which a line is drawn, in image sides.
 const MAX_OUTSIDE: f64 = 4.0;
 const LINE_PX: usize = 2;
-/// Red, green and blue of the tags' edges and of the deck's outline; both differ from grey in every kind of colour
-/// vision.
+/// Red, green and blue of tags and outline; both differ from grey in every kind of colour vision.
 const TAG: [u8; 3] = [0, 230, 90];
 const OUTLINE: [u8; 3] = [255, 150, 0];
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MarkedImage {
-    /// Width and height, px.
     pub size: [usize; 2],
     pub rgb: Vec<u8>,
     pub tags: u32,
     /// Number of drawn outlines of the deck, 0 or 1.
     pub outlines: u32,
-    /// Pixels of the original per pixel.
+    /// Reduction factor of the original.
     step: usize,
 }
 
 impl MarkedImage {
-    /// Reduced image without marks; each pixel is the mean of a square of the original's.
+    /// Reduced image without marks, by averaging.
     pub fn of(image: &GreyImage) -> MarkedImage {
         let step = image.width().max(image.height()).div_ceil(MAX_SIDE_PX).max(1);
         let size = [image.width() / step, image.height() / step];
@@ -65,8 +63,7 @@ impl MarkedImage {
         }
         self.tags += 1;
     }
-    /// Draws the deck's outline. `project` gives the pixel of a point of the deck (forward, right, down from its
-    /// centre, m), if it is in the image.
+    /// Draws the deck's outline. `project` maps a point (forward, right, down from its centre, m) to a pixel.
     pub fn draw_outline(
         &mut self,
         deck: &DeckGeometry,

@@ -1,12 +1,13 @@
 //! Control of exposure and gain by the tag's white: steps in stops (factors of two) towards a white of 180 grey levels.
 //!
-//! A sensor's signal is proportional to the exposure, so the exposure alone is adjusted up to the longest that motion
-//! blur permits. The gain, whose scale depends on the device (linear, dB), changes by fractions of its range: up while
-//! the longest exposure is too dark, down while the exposure is far from its longest, because gain adds noise.
+//! A sensor's signal is proportional to the exposure, so the exposure alone is adjusted up to the longest
+//! that motion blur permits. The gain, whose scale depends on the device (linear, dB), changes by fractions
+//! of its range: up when the longest exposure is too dark, down when the exposure is short, because gain adds
+//! noise.
 //!
-//! Without a detected tag the image's mean is metered. A dark image with clipped parts has two explanations: lit tags
-//! at night that are overexposed, or a lamp or glint next to a dark deck. Metering alternates between the two in turns;
-//! each turn starts from the setting with which its last one ended.
+//! Without a detected tag the image's mean is metered. A dark image with clipped parts shows either
+//! overexposed lit tags at night, or a lamp or glint next to a dark deck. Metering alternates between the
+//! two; each turn starts from the setting with which its last one ended.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,29 +17,26 @@ use super::light::{ImageLight, TagLight};
 const WHITE: f64 = 180.0;
 /// Tolerated deviation from the goal, stops: 150 to 216 grey levels.
 const WHITE_BAND: f64 = 0.26;
-/// White level above which the true brightness is unknown and is assumed to be too high by a factor of two, grey
-/// levels.
+/// White level above which the light is unknown and assumed to be too bright by a factor of two, grey levels.
 const CLIPPED: f64 = 250.0;
-/// Goal of the mean of an image without a tag, grey levels. A deck that fills the image then has its white at 60 or
-/// above; on water with a thirtieth of the light of white, the tag's black stays below 120.
+/// Goal of the mean of an image without a tag, grey levels. A deck that fills the image then has its white at
+/// 60 or above; over dark water the tag's black stays below 120.
 const MEAN: f64 = 60.0;
 /// Tolerated deviation from that goal, stops.
 const MEAN_BAND: f64 = 0.5;
 /// Number of images without the tag after which the image's mean is metered: single detections can fail.
 const UNDETECTED: u32 = 5;
-/// Length of a turn, images, when the mean and the brightest part of an image call for opposite changes: enough for
-/// about ten changes of the setting.
+/// Length of a turn, images, when mean and brightest part call for opposite changes: enough for ten of them.
 const TURN: u32 = 60;
 /// Maximum number of images until a change takes effect.
 const SETTLING: u64 = 3;
 const MAX_STEP: f64 = 2.0;
-/// Change of the gain per missing stop, of at most one stop, as a fraction of its range. A linear gain up to 100
-/// overshoots by no more than the stops to [`SHORT`]; a gain of 48 dB changes by half a stop.
+/// Change of the gain per missing stop (at most one), as a fraction of its range. A linear gain up to 100
+/// overshoots by less than [`SHORT`]; a gain of 48 dB changes by half a stop.
 const GAIN_STEP: f64 = 1.0 / 16.0;
-/// Decrease of the gain while the exposure is short, as a fraction of its range: 0.75 dB of 48 dB, within the
-/// tolerance.
+/// Decrease of the gain with a short exposure, as a fraction of its range: 0.75 dB of 48 dB.
 const GAIN_FALL: f64 = 1.0 / 64.0;
-/// Fraction of the longest exposure below which it is short: the gain may fall by up to two stops.
+/// Fraction of the longest exposure below which it is short.
 const SHORT: f64 = 0.25;
 
 /// Values that a device accepts: `low + k step`, up to `most`.
@@ -86,7 +84,7 @@ pub struct Metering {
     exposure_s: SettingRange,
     gain: SettingRange,
     setting: Setting,
-    /// Number of the newest image when the setting was changed.
+    /// Number of the newest image at the last change of the setting.
     set_at: u64,
     undetected: u32,
     /// Whether the image was too dark and partly clipped when its mean was last metered.
@@ -98,8 +96,7 @@ pub struct Metering {
 }
 
 impl Metering {
-    /// Controller of a device with these ranges; the exposure's range ends at the longest permitted exposure. It starts
-    /// at the values nearest to `setting`.
+    /// Starts at the values nearest to `setting`. `exposure_s` ends at the longest permitted exposure.
     pub fn new(exposure_s: SettingRange, gain: SettingRange, setting: Setting) -> Metering {
         let setting = Setting {
             exposure_s: exposure_s.nearest(setting.exposure_s),
@@ -123,8 +120,8 @@ impl Metering {
         let most = |range: &SettingRange| range.nearest(range.most);
         self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
     }
-    /// Next setting, if it changes, given the light of image number `image`; the device's newest image is number
-    /// `newest`. Images that may have been taken with the former setting are not metered.
+    /// Next setting, if it changes, for the light of image number `image`; the device's newest image is
+    /// number `newest`. Images that may have been taken with the former setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
         let next = if self.takes_turn(light) {
             core::mem::replace(&mut self.other, self.setting)
@@ -141,7 +138,7 @@ impl Metering {
         self.set_at = newest;
         Some(next)
     }
-    /// Counts images without the tag. Returns whether the other turn begins with this one.
+    /// Counts images without the tag. Returns whether the other turn begins.
     fn takes_turn(&mut self, light: &Light) -> bool {
         match light {
             Light::Tag(_) => {
@@ -157,7 +154,7 @@ impl Metering {
             }
         }
     }
-    /// Missing stops of light, negative when it is too bright, zero within the tolerance. None when nothing is metered.
+    /// Missing stops of light, negative in too bright light, zero within the tolerance. None: no metering.
     fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
@@ -184,7 +181,7 @@ impl Metering {
         let (now, exposure) = (self.setting, self.exposure_s);
         let [min_s, max_s] = [exposure.low, exposure.most].map(|e| exposure.nearest(e));
         let wanted_s = now.exposure_s * stops.exp2();
-        // Rounds with a dead band: a half step would be repeated back and forth.
+        // Rounding with a dead band avoids an oscillation by half a step.
         let steps = (wanted_s - now.exposure_s) / exposure.step;
         let moved_s = exposure.step * (steps.abs() + 0.4).floor().copysign(steps);
         let exposure_s = exposure.nearest(now.exposure_s + moved_s);
@@ -223,8 +220,7 @@ mod tests {
         TenthDecibel,
     }
 
-    /// Linear 8-bit sensor whose settings take effect after `latency` images and whose images are metered `queue`
-    /// images late.
+    /// Linear 8-bit sensor whose settings take effect after `latency` images, metered `queue` images late.
     struct Sensor {
         metering: Metering,
         scale: Scale,
@@ -271,7 +267,7 @@ mod tests {
                 changes: 0,
             }
         }
-        /// White without clipping, grey levels; `light` is that of a white of 255 at 1 s with a gain of 1.
+        /// Unclipped white, grey levels; a `light` of 1 gives 255 at 1 s with a gain of 1.
         fn white(&self, light: f64, setting: Setting) -> f64 {
             let gain = match self.scale {
                 Scale::Linear => setting.gain,
@@ -321,13 +317,11 @@ mod tests {
             }
             white
         }
-        /// Takes many images with constant light. Returns the last white level, and the number of changes during the
-        /// last images.
+        /// Last white level after many images with constant light, and number of changes in the last ones.
         fn converge(&mut self, light: f64) -> (f64, u64) {
             for _ in 0..CONVERGED {
                 self.take(light);
             }
-            // The gain may decrease further, compensated by the exposure.
             for _ in 0..4 * CONVERGED {
                 self.take(light);
             }
@@ -355,8 +349,7 @@ mod tests {
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // The gain may decrease further, in steps of a half if its values are small; a tag is usable up to a stop
-            // below 225.
+            // A gain of small values decreases in steps of a half; a tag is usable up to a stop below 225.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
@@ -388,7 +381,7 @@ mod tests {
                 // Two seconds at 30 Hz.
                 let whites: Vec<f64> = (0..60).map(|_| sensor.take(1000.0 * factor)).collect();
                 assert!((140.0..225.0).contains(&whites[59]), "{factor}: {whites:?}");
-                // The deviation is never larger than at the start.
+                // The deviation never exceeds the initial one.
                 let off = 1.5 * factor.max(1.0 / factor);
                 let within = 180.0 / off..180.0 * off;
                 assert!(whites.iter().all(|w| within.contains(w)), "{factor}: {whites:?}");
@@ -409,8 +402,8 @@ mod tests {
         Metering::new(range(MAX_EXPOSURE_S), range(8.0), start)
     }
 
-    /// Lit tags in the dark: they fill a hundredth of the image and are not decoded when overexposed. Returns whether
-    /// they are decoded in each image, and the number of images at the limits.
+    /// Whether lit tags in the dark are decoded in each image, and the number of images at the limits. The
+    /// tags fill a hundredth of the image; overexposed ones are not decoded.
     fn night(scale: Scale, light: f64, lamp: bool) -> (Vec<bool>, usize) {
         let start = Setting {
             exposure_s: MAX_EXPOSURE_S,
@@ -445,7 +438,7 @@ mod tests {
     #[test]
     fn metering_on_lit_tags_in_the_dark() {
         for scale in [Scale::Linear, Scale::TenthDecibel] {
-            // From faint tags at the longest exposure to bright ones at the shortest.
+            // From faint tags to bright ones.
             for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
                     let (detected, _) = night(scale, light, lamp);
@@ -458,8 +451,7 @@ mod tests {
 
     #[test]
     fn metering_at_its_limit_in_the_dark() {
-        // Without bright parts the setting stays at the limit; with a lamp the control searches for tags that the lamp
-        // hides, and returns.
+        // Without bright parts the setting stays at the limit; with a lamp the search for hidden tags begins.
         let (detected, at_limit) = night(Scale::Linear, 0.01, false);
         assert!(
             !detected.contains(&true) && at_limit > detected.len() * 2 / 3,

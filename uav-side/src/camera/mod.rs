@@ -1,9 +1,9 @@
-//! Belly camera: images in, the deck's pose from its tags out.
+//! Belly camera: the deck's pose from its tags in images.
 //!
-//! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags), [`detector`] (their
-//! corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`]
-//! (exposure and gain); [`marked`] (image for display), [`foreign_tags`] (tags of other decks); then [`uvdar`], the
-//! second camera.
+//! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags),
+//! [`detector`] (corners), [`motion_blur`], [`square_pose`] (pose and covariance), [`node`]; [`light`] and
+//! [`metering`] (exposure and gain); [`marked`] (display), [`foreign_tags`] (other tags); [`uvdar`], the second
+//! camera.
 
 mod decks;
 pub mod detector;
@@ -33,8 +33,8 @@ pub use uvdar::UvdarSettings;
 config! {
     /// Settings of the camera and its detectors.
     pub struct CameraSettings {
-        /// Rotation of the camera's mount relative to the design (optical axis down, upper edge of the image forward):
-        /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
+        /// Rotation of the camera's mount relative to the design (optical axis down, upper edge forward):
+        /// roll, pitch and yaw about the camera's x (right in the image), y (down in it) and z, deg.
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
         /// Lens of the camera, from its calibration.
         pub lens: Lens;

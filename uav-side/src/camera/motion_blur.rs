@@ -1,7 +1,7 @@
 //! Motion blur, measured by the width of the tag's edges; a lens out of focus widens them as well.
 //!
-//! The mean profile across a side is a step spread by the optics, the pixel and the motion. The derivative of that
-//! profile is the spread, whose variance is the sum of theirs; motion by `b` px across the edge contributes `b²/12`.
+//! The mean profile across a side is a step spread by optics, pixel and motion, whose variances add up.
+//! Motion by `b` px across the edge contributes `b²/12`.
 
 use nalgebra::Vector2;
 
@@ -27,10 +27,10 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs() / longest
 }
 
-/// Longest exposure, s, with which half of the images of a tag of `side_m` are decoded, from `height_m` above it and
-/// while the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px. `b` is the blur with which a tag
-/// of width `w = f side / height` is just decoded, `w = 13.3 px + 0.27 b² / px`, but at least 3 px: a tag too narrow
-/// for the detector does not limit the exposure.
+/// Longest exposure, s, at which half of the images of a tag are decoded. For a focal length `f` (px) and a
+/// turn rate `ω` it is `t = b / (f ω)`. `b` is the largest blur with which a tag of width `w = f side /
+/// height` is decoded, `w = 13.3 px + 0.27 b² / px`, but at least 3 px, the limit of a tag too narrow for the
+/// detector.
 ///
 /// Source: rendered images (`alight study camera` at commit 2bb52893).
 pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
@@ -39,8 +39,7 @@ pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f
     blur_px / (focal_px * rate_rps)
 }
 
-/// Squares of the motion during the exposure across the two pairs of sides, summed, px², from the edges of the tag with
-/// these corners. Zero where no edge is found.
+/// Sum of the squared motions during the exposure across both pairs of sides, px². Zero without an edge.
 pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = *corners;
     let reach = (0.9 * width_px(corners) / CELLS).clamp(REACH_PX[0], REACH_PX[1]);
@@ -146,8 +145,7 @@ mod tests {
 
     #[test]
     fn longest_exposure_by_height() {
-        // With 320 px of focal length a tag of 1 m at 7 m is 45.7 px wide and is decoded with 11 px of blur, which 2
-        // rad/s cause in 17 ms.
+        // With 320 px of focal length a tag of 1 m at 7 m is 45.7 px wide and permits a blur of 11 px.
         let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
         assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
         // A tag too narrow to be detected permits 3 px of blur.

@@ -1,4 +1,4 @@
-//! Camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
+//! Camera node: deck pose and covariance from the tags in images.
 
 use alight_shared::bus::wiring;
 use alight_shared::geometry::DeckGeometry;
@@ -42,7 +42,7 @@ impl Exposures {
             last: None,
         }
     }
-    /// Accepts images in the order of exposure, each once.
+    /// Accepts each image once, in the order of exposure.
     pub(super) fn accept(&mut self, now: Time<DroneClock>, at: Time<DroneClock>) -> bool {
         let accepted = at <= now && self.last.is_none_or(|last| at > last);
         if accepted {
@@ -58,7 +58,6 @@ impl Exposures {
     }
 }
 
-/// The images since the last step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraIn {
     pub frames: Vec<CameraFrame>,
@@ -74,7 +73,6 @@ pub struct CameraOut {
 }
 
 wiring! {
-    /// Topics that the belly camera's node writes; it reads images only.
     CameraPorts of CameraNode: CameraIn => CameraOut {
         reads {}
         edge { frames, exposed }
@@ -122,12 +120,11 @@ impl CameraNode {
             reports: Exposures::of(identity),
         }
     }
-    /// Light in the newest image: that on the largest tag, otherwise that of the whole image.
+    /// Light on the largest tag in the newest image, otherwise of the whole image.
     pub fn light(&self) -> Light {
         self.tag_light()
             .map_or(Light::Image(self.newest.image), Light::Tag)
     }
-    /// Light on the largest tag in the newest image; None without a tag.
     pub fn tag_light(&self) -> Option<TagLight> {
         let width = |d: &TagDetection| width_px(&d.corners);
         let largest = self
@@ -137,14 +134,14 @@ impl CameraNode {
             .max_by(|a, b| width(a).total_cmp(&width(b)));
         largest.map(|d| d.light)
     }
-    /// Reduced copy of `frame` with the detected tags and deck drawn in; None unless it is the newest processed image.
+    /// Reduced copy of `frame` with the detected tags and deck; None unless it is the newest processed image.
     pub fn marked(&self, frame: &CameraFrame, deck: &DeckGeometry) -> Option<MarkedImage> {
         if self.exposures.last != Some(frame.at) {
             return None;
         }
         let mut marked = MarkedImage::of(&frame.image);
         if let Some(pose) = &self.newest.pose {
-            // The pose is in the designed camera's axes, the image in the mounted one's.
+            // The pose is in the designed camera's axes, and the image in the mounted one's.
             let [w, i, j, k] = pose.attitude;
             let back = self.mount.inverse();
             let attitude = back * UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
@@ -160,11 +157,11 @@ impl CameraNode {
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// Pose of the deck in an image; if there are several decks, of the one with the largest tag.
+    /// Deck pose in an image; of several decks, that with the largest tag.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         self.decks(image).first().copied()
     }
-    /// Poses of all decks with these tags in an image; the deck with the largest tag comes first.
+    /// Poses of all decks in an image, the deck with the largest tag first.
     pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
         self.newest = Newest {
             image: ImageLight::of(image),
@@ -204,8 +201,7 @@ impl CameraNode {
             glare: self.newest.image.glare().filter(|_| undetected),
         })
     }
-    /// Deck pose from the corners of its tags. A tag that fits no common pose, because it came loose or belongs
-    /// elsewhere, is left out.
+    /// Deck pose from the corners of its tags, without tags that fit no common pose.
     fn common_pose(&mut self, mut detected: Vec<DetectedTag>) -> Option<TagPose> {
         while !detected.is_empty() {
             if let Some(pose) = self.pose(&detected) {
@@ -213,7 +209,6 @@ impl CameraNode {
                 return Some(pose);
             }
             self.detector.counts.misfit += 1;
-            // Leaves out the tag without which the others fit best.
             let without = |k: usize| {
                 let others: Vec<DetectedTag> = (detected.iter().enumerate())
                     .filter_map(|(i, s)| (i != k).then_some(*s))
@@ -227,8 +222,7 @@ impl CameraNode {
         }
         None
     }
-    /// Detection at unit distance, with its noise; the uncertainty of the tag's position on the deck is converted to
-    /// the image.
+    /// Detection at unit distance. Its noise includes the uncertainty of the tag's position on the deck.
     fn placed(&self, detection: &TagDetection) -> Option<DetectedTag> {
         let mut image = [Vector2::zeros(); 4];
         // All corners have the same weight: that of the largest pixel at unit distance.
@@ -249,8 +243,7 @@ impl CameraNode {
         let s = solve(detected)?;
         // Eight coordinates per tag minus six of the pose; a single tag leaves two degrees of freedom.
         let freedom = 8.0 * detected.len() as f64 - 6.0;
-        // Limit with the same tail probability of the chi-square distribution with more degrees of freedom (Laurent and
-        // Massart 2000, lemma 1).
+        // Limit of equal tail probability at more degrees of freedom (Laurent and Massart 2000, lemma 1).
         let more = freedom - 2.0;
         let most = self.tag.max_misfit + more + (2.0 * more * self.tag.max_misfit).sqrt();
         if !(s.misfit <= most) {
@@ -261,7 +254,6 @@ impl CameraNode {
         let variance = s.variance * inflation;
         let position = self.mount * s.position;
         let attitude = self.mount * s.attitude;
-        // Variances along rotated axes: weighted by the squares of the rotation's components.
         let turn = self.mount.to_rotation_matrix().into_inner();
         let turned = |v: Vector3<f64>| turn.component_mul(&turn) * v;
         let moved = turned(variance.fixed_rows::<3>(0).into_owned());
@@ -275,9 +267,9 @@ impl CameraNode {
     }
 }
 
-/// Standard deviation of each corner coordinate, px: `sd² = corner² + (fraction side)² + (small min(1, (w1/w)⁴))² + (k
-/// b²/w)²`, with the tag's longest side, its minimum width `w` and the motion blur `b` of its edges in the image, px.
-/// The form follows corners in rendered images over range, incidence and motion.
+/// Standard deviation of each corner coordinate, px: `sd² = corner² + (fraction side)² + (small min(1,
+/// (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its minimum width `w` and the motion blur `b` in the
+/// image, px. The form follows rendered images over range, incidence and motion.
 fn corner_sd_px(tag: &TagSettings, detection: &TagDetection) -> f64 {
     let [a, b, c, d] = detection.corners;
     let side = [b - a, c - b, d - c, a - d]
@@ -385,7 +377,7 @@ mod tests {
             "{first:?}"
         );
         assert_eq!(look(1033, 3, Some(true)), None);
-        // Cases: the exposure may still increase; the drone does not control it; the image is bright enough.
+        // The exposure may still increase; the drone does not control it; the image is bright enough.
         for (k, level, at_limit, dark) in [
             (3, 3, Some(false), false),
             (4, 3, None, true),

@@ -11,7 +11,7 @@ pub(super) struct CameraPose {
 }
 
 impl CameraPose {
-    /// Pose of the object's point `to`, given in the object's axes.
+    /// Pose of the point `to`, in the object's axes.
     pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
         CameraPose {
             position: self.position + self.attitude * to,
@@ -35,16 +35,15 @@ pub(super) struct RefinementLimits {
     pub steps: usize,
     pub damping: f64,
     pub min_damping: f64,
-    /// Reduction of the cost below which the refinement has converged, as a fraction of the cost.
+    /// Relative reduction of the cost below which the refinement has converged.
     pub relative_gain: f64,
-    /// Absolute reduction, which is added to that threshold.
+    /// Absolute reduction of the cost, added to the relative one.
     pub absolute_gain: f64,
     /// Norm of a step below which the refinement has converged.
     pub step: f64,
 }
 
-/// Pose of minimum cost near `start`, and that cost. None when a matrix is not positive definite, or when the equations
-/// are undefined at `start`.
+/// Pose of minimum cost near `start`, and that cost. None for an indefinite matrix or undefined equations.
 pub(super) fn refine(
     start: CameraPose,
     limits: &RefinementLimits,

@@ -1,15 +1,14 @@
 //! Pose of a deck from the image corners of its square tags, one or several as one rigid body.
 //!
-//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate tag, and
-//! is refined by Levenberg-Marquardt on the reprojection error of all corners, each in units of its noise. A small
-//! distant square has a second minimum, tilted the other way about the viewing direction (Collins and Bartoli 2014,
-//! "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with the smaller error is
-//! reported; noise sometimes makes that the wrong one.
+//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate
+//! tag. Levenberg-Marquardt refines it on the reprojection error of all corners, each in units of its noise.
+//! A small distant square has a second minimum, tilted the other way about the viewing direction (Collins and
+//! Bartoli 2014, "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with
+//! the smaller error is reported; noise sometimes makes that the wrong one.
 //!
-//! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at 1.5 m, 3
-//! deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly always more tilted than the truth, and
-//! therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm at 10 m, which averaging does not remove. The variance
-//! covers both effects.
+//! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at
+//! 1.5 m, 3 deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is usually too tilted and therefore
+//! too near, by 4 cm at 5 m, 11 cm at 7 m and 25 cm at 10 m in the mean; the variance covers this.
 
 use alight_shared::tags::DeckTag;
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
@@ -30,7 +29,7 @@ pub struct DetectedTag {
     pub tag: DeckTag,
     /// Corners of the square at unit distance, in the order of [`corners`].
     pub image: [Vector2<f64>; 4],
-    /// Standard deviation of each coordinate, in the same unit.
+    /// Standard deviation of each coordinate, at unit distance.
     pub sd: f64,
 }
 
@@ -40,15 +39,14 @@ pub struct DeckPose {
     pub position: Vector3<f64>,
     /// Rotation from the deck to the camera.
     pub attitude: UnitQuaternion<f64>,
-    /// Second moments of the error (position x, y, z in m², rotation about the camera's x, y, z in rad²) for the given
+    /// Second moments of the error (position, m²; rotation about the camera's x, y, z, rad²) for the given
     /// corner noise; the other minimum is weighted by its likelihood.
     pub variance: Vector6<f64>,
     /// Sum of squared reprojection errors, in units of the corner variance.
     pub misfit: f64,
 }
 
-/// Corners of a square of the given side in its own plane: aft port, fore port, fore starboard, aft starboard (x
-/// forward, y right).
+/// Corners of a square in its plane: aft port, fore port, fore starboard, aft starboard (x fore, y right).
 pub fn corners(side: f64) -> [Vector3<f64>; 4] {
     let h = 0.5 * side;
     [
@@ -66,7 +64,7 @@ pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
 /// A corner: position on the deck, image at unit distance, inverse variance of each coordinate.
 type Corner = (Vector3<f64>, Vector2<f64>, f64);
 
-/// Deck pose from its tags in an image. None without a tag, for degenerate corners, or when the refinement fails.
+/// None without a tag, for degenerate corners, or when the refinement fails.
 pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     let (best, size) = (tags.iter())
         .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
@@ -115,8 +113,8 @@ pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     })
 }
 
-/// Pose with the same image under parallel projection along the viewing direction `v`, with mirrored depths: `R2 = (I -
-/// 2 v v') R diag(1, 1, -1)`.
+/// Pose with mirrored depths and the same image under parallel projection along the viewing direction `v`:
+/// `R2 = (I - 2 v v') R diag(1, 1, -1)`.
 fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     let v = pose.position.try_normalize(1e-9)?;
     let mirror = Matrix3::identity() - v * v.transpose() * 2.0;
@@ -129,8 +127,8 @@ fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     })
 }
 
-/// Normal equations of the reprojection error. The perturbation is (translation, rotation about the camera's axes
-/// through the body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
+/// Normal equations of the reprojection error for a translation and a rotation about the camera's axes
+/// through the body's origin: `p = R x + t`, `dp = dt + dr x (R x)`.
 fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquations> {
     let r = pose.attitude.to_rotation_matrix();
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
@@ -174,7 +172,7 @@ fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<CameraPose> {
         return None;
     }
     let (g, h) = (sum.perp(&d2) / area, d1.perp(&sum) / area);
-    // Columns of the map from the unit square, then from the square centred on the origin.
+    // Columns of the homography of the unit square, then of the square centred on the origin.
     let (cu, cv) = (p1 - p0 + p1 * g, p3 - p0 + p3 * h);
     let (u, v) = (Vector3::new(cu.x, cu.y, g), Vector3::new(cv.x, cv.y, h));
     let centre = Vector3::new(p0.x, p0.y, 1.0) + (u + v) * 0.5;

@@ -4,15 +4,13 @@ use alight_shared::msg::{AutopilotMode, AutopilotState, LandedState, MissionStat
 
 use super::below::DeckBelow;
 
-/// Time beyond its validity for which the last mission message is used, s; afterwards the autopilot's own failsafe
-/// acts.
+/// Time beyond its validity for which the last mission message is used, s; then the failsafe acts.
 pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ContingencyAction {
     /// No command: the autopilot's own failsafe acts.
     Nothing,
-    /// Stand on the ground.
     RemainOnDeck,
     Hold,
     /// Hold the position, and keep away from the deck if it is near.
@@ -42,8 +40,8 @@ pub(crate) struct ContingencyInput<'a> {
     /// Whether the pilot node commands attitudes, with which the drone can stand and press.
     pub(crate) attitudes: bool,
     pub(crate) touches: bool,
-    /// Whether the drone is as low as where it was disarmed, or the rangefinder shows its feet on the ground: a second
-    /// witness besides the autopilot's ground report.
+    /// Whether the drone is as low as when it was disarmed, or the rangefinder shows its feet on the ground:
+    /// a second witness besides the autopilot's ground report.
     pub(crate) low: bool,
 }
 
@@ -61,7 +59,7 @@ impl ContingencyInput<'_> {
             .is_some_and(|m| m.state.phase() == Phase::Landing && m.lowest_clearance_m.is_none())
     }
 
-    /// Action of the drone. `softer`: completing the landing hits the deck less hard than climbing.
+    /// `softer`: whether completing the landing hits the deck less hard than climbing.
     pub(crate) fn action(&self, softer: impl Fn() -> bool) -> ContingencyAction {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)

@@ -33,8 +33,7 @@ impl Body {
     }
 }
 
-/// Height over the deck below which the deck can reach the drone, whatever height is requested, m: a deck rises by less
-/// while the drone climbs to this height.
+/// Height over the deck below which the deck can reach a climbing drone, whatever height is requested, m.
 pub(crate) const NEAR_DECK_M: f64 = 3.0;
 /// Clearance that a holding drone keeps above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
@@ -76,9 +75,8 @@ impl DeckBelow {
         DeckBelow { clearance, ..self }
     }
 
-    /// Whether a drone without mission or plan has to climb with the deck: the deck or an obstacle on the vessel can
-    /// reach the drone, now or after the predicted rise, and the drone is below the height over the deck that the
-    /// mission requested (`height_m`).
+    /// Whether a drone without mission or plan has to climb with the deck: the deck or an obstacle can reach
+    /// it, now or after the predicted rise, and it is below the mission's height over the deck (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {
         let aside = (body.position - Vector3::from(self.stage.position)).xy().norm();
         let asked = height_m - BELOW_M - drone.feet_below_m;

@@ -1,22 +1,20 @@
-//! Climb away from the deck: one law for the planner, which flies it, and for the mission, which predicts whether it
-//! clears the deck.
+//! Climb away from the deck: one law for the planner, which flies it, and the mission, which predicts it.
 //!
-//! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`, the reference is `v*(t) =
-//! max(min(d, 0) - climb, -max_climb)`: upwards relative to the deck, but not down with a sinking deck, which will rise
-//! again. `|dv/dt|` is at most half of the rotors' acceleration beyond hover; the other half is reserved for the
-//! attitude.
+//! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`, the reference is `v*(t)
+//! = max(min(d, 0) - climb, -max_climb)`: upwards relative to the deck, but not down with a sinking deck,
+//! which will rise again. `|dv/dt|` is at most half of the rotors' acceleration beyond hover; the attitude
+//! needs the rest.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 
-/// Distance from the requested height, below it, at which the climb is finished and the drone is clear of the vessel,
-/// m.
+/// Distance below the requested height at which the climb ends and the drone is clear of the vessel, m.
 pub(crate) const BELOW_M: f64 = 1.0;
-/// Climb rate relative to a rising or resting deck, m/s: the planner's for any climb.
+/// Climb rate of the planner relative to a rising or resting deck, m/s.
 const CLIMB_MPS: f64 = 3.0;
 /// Maximum climb rate, m/s: the planner's limit on vertical speed.
 const MAX_CLIMB_MPS: f64 = 4.0;
-/// Maximum acceleration of any drone, m/s²: the planner's slew of the rotors builds it up within [`super::contact`]'s
-/// reaction time.
+/// Maximum acceleration of any drone, m/s², built up by the planner within [`super::contact`]'s reaction
+/// time.
 const ACCELERATION_MPS2: f64 = 9.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +64,8 @@ impl Climb {
         self.z += 0.5 * (before + self.velocity) * dt;
     }
 
-    /// Constant deceleration (m/s²) with which a drone that sinks at `sinking` relative to the deck, `clearance` above
-    /// it, meets it at `contact`: `a = (v0² - v²) / 2 h`, within its bound; 0 when it is slower.
+    /// Constant deceleration (m/s²), from `sinking` to the speed `contact` relative to the deck over
+    /// `clearance`: `a = (v0² - v²) / 2 h`, within its bound; 0 for a slower drone.
     pub(crate) fn braking(&self, sinking: f64, clearance: f64, contact: f64) -> f64 {
         let spare = sinking.max(0.0).powi(2) - contact.powi(2);
         (spare.max(0.0) / (2.0 * clearance.max(0.01))).min(self.acceleration)

@@ -10,17 +10,16 @@ use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;
-/// Braking that limits the contact speed, m/s², and that speed, m/s. The plan brakes by 2.5 m/s² to 0.28 m/s; one foot
-/// that meets the deck at 0.6 m/s rotates the opposite one onto it at 0.9.
+/// Braking that limits the contact speed, m/s², and that speed, m/s. The plan brakes by 2.5 m/s² to 0.28 m/s;
+/// one foot that meets the deck at 0.6 m/s rotates the opposite one onto it at 0.9.
 const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
 /// Speed to which a faster drone is braked, m/s.
 const BRAKED_MPS: f64 = 0.25;
-/// Time in which a drone rotates to the deck's attitude, s, and horizontal fraction of its thrust below which it stays
-/// in place.
+/// Time in which a drone rotates to the deck's attitude, s, and negligible horizontal fraction of thrust.
 const TURN_S: f64 = 0.15;
 const MIN_TILT: f64 = 0.02;
-/// Time before the contact at which a landing without a plan has finished braking, s; it is the same with a plan.
+/// Time before the contact at which braking has finished, with or without a plan, s.
 const SOFT_S: f64 = 0.2;
 
 /// Landing that is completed by the newest forecast of the deck.
@@ -34,8 +33,7 @@ pub(crate) struct Completion<'a> {
 }
 
 impl Completion<'_> {
-    /// Stage of a landing without a plan: the drone brakes at a constant rate to the speed of a soft contact, level at
-    /// first and aligned with the deck at the end.
+    /// Stage of a landing without a plan: constant braking to a soft contact, level and then aligned.
     pub(crate) fn stage(&self) -> PlanStage {
         let (body, below) = (self.body, self.below);
         let (up, sinks) = (below.stage.normal(), -below.normal_speed);
@@ -94,7 +92,7 @@ impl Completion<'_> {
         (sinks - speed - drives * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
-    /// Tilts the attitude of `stage` towards the deck's, the more the nearer the deck is.
+    /// Tilts the attitude of `stage` towards the deck's, more strongly near the deck.
     fn align(&self, stage: &mut PlanStage) {
         let near = 1.0 - (self.below.clearance / self.aligns_below_m).clamp(0.0, 1.0);
         let [roll, pitch, yaw] = stage.euler;

@@ -1,11 +1,10 @@
-//! Comparison of two outcomes: the contact of a completed landing, and that of a climb.
+//! Comparison of the contact at the end of a completed landing with the contact during a climb.
 //!
-//! Both use one prediction on the newest forecast. In NED along the vertical, over a deck that moves down at `d(t)` and
-//! has the normal `n(t)`, the drone changes from its vertical speed to the reference, the climb's or `d + sink`, with
-//! at most [`Climb`]'s acceleration. It moves along with the deck, and the gap is `n . (p(t) - c(t)) - feet - half_span
-//! |sin(tilt)|`, where a climb is level and a landing ends aligned with the deck (`tilt = 0`). The first contact is
-//! where the gap closes. The forecast's error is neglected: it makes both contacts harder, and only their difference
-//! matters.
+//! Both use one prediction on the newest forecast. In NED along the vertical, over a deck that moves down at
+//! `d(t)` and has the normal `n(t)`, the drone changes from its vertical speed to the reference, the climb's
+//! or `d + sink`, with at most [`Climb`]'s acceleration, and moves along with the deck. The gap is
+//! `n . (p(t) - c(t)) - feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned
+//! (`tilt = 0`). The forecast's error, which hardens both contacts, is neglected.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
@@ -16,8 +15,7 @@ use nalgebra::Vector3;
 use super::climb::Climb;
 use super::completion::SINK_MPS;
 
-/// Speed along the deck's normal above which a contact is hard, m/s: the limit for a good contact plus the error of the
-/// measured speed.
+/// Speed along the deck's normal of a hard contact, m/s: a good contact's limit plus the speed's error.
 pub(crate) const HARD_MPS: f64 = 1.5;
 /// Distance from the deck below which the feet rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
@@ -90,8 +88,7 @@ impl ContactOutcomes {
         })
     }
 
-    /// Whether completing the landing is softer than climbing: either the feet are on the deck, or a climb would hit
-    /// the deck harder.
+    /// Whether the feet are on the deck, or a climb would hit it harder than completing the landing does.
     pub fn landing_is_softer(&self) -> bool {
         let limit = self.landing.speed_mps + ALIKE_MPS;
         self.rests || self.climb.is_some_and(|c| c.speed_mps > limit)
@@ -158,7 +155,6 @@ impl Prediction<'_> {
 
 #[cfg(test)]
 impl ContactOutcomes {
-    /// Outcomes with contacts at these speeds, m/s.
     pub(crate) fn of_speeds(landing_mps: f64, climb_mps: Option<f64>) -> ContactOutcomes {
         let at = |speed_mps| PredictedContact {
             speed_mps,

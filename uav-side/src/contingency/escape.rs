@@ -7,15 +7,13 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::surroundings::{in_deck, margin_m, ring_m};
 
-/// Height over the deck above which the drone flies along the escape direction, m: clear of the deck and of the crew on
-/// it.
+/// Height over the deck above which the drone flies along the escape direction, m: clear of deck and crew.
 const ESCAPE_ABOVE_M: f64 = 3.0;
-/// Speed along the escape direction relative to the deck, m/s: a drone in flight reaches it within a second with a tilt
-/// of at most 10 deg.
+/// Speed along the escape direction relative to the deck, m/s: reached within a second at a tilt of 10 deg.
 const ESCAPE_MPS: f64 = 2.0;
 
-/// Horizontal velocity relative to the deck with which a drone at `position`, `clearance` above the deck, leaves, m/s;
-/// zero while it is low, without an escape direction, or when a keep-out volume blocks it.
+/// Horizontal velocity relative to the deck of a drone that leaves, m/s; zero while it is low, without an
+/// escape direction, or when a keep-out volume blocks it.
 pub(crate) fn escape_velocity(
     around: &Surroundings,
     deck: &DeckStage,

@@ -1,4 +1,4 @@
-//! Hold of a drone on its own: at a position, and away from a near deck.
+//! Position hold without mission or plan, and departure from a near deck.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::PlanStage;
@@ -26,8 +26,8 @@ impl Hold {
         }
     }
 
-    /// Stage `dt` (s) later: at rest, or, over a deck that is `near`, rising with it, away from it, and along the
-    /// vessel's escape direction.
+    /// Stage `dt` (s) later. Over a deck that is `near` the drone rises relative to it and follows the
+    /// vessel's escape direction; elsewhere it rests.
     pub(crate) fn advance(
         &mut self,
         dt: f64,

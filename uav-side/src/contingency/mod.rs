@@ -1,8 +1,7 @@
 //! Contingency near the deck: actions of a drone when plan, mission, forecast or autopilot is missing.
 //!
 //! [`action`] decides by the missing inputs; [`contact`] predicts the softer outcome. [`climb`], [`hold`] and
-//! [`escape`] take the drone up and away, [`completion`] takes it down, and [`below`] is its state relative to the
-//! deck.
+//! [`escape`] lead away from the deck, [`completion`] leads onto it.
 
 mod action;
 mod below;

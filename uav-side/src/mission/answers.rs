@@ -1,12 +1,12 @@
-//! Answers to orders: the mission rejects an order that it does not carry out, with a reason.
+//! Answers to orders, with the reason when the mission does not carry one out.
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
 use super::phase::{Decision, MissionPhase, MissionProgress};
 use super::situation::{ControlState, Situation};
 
-/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if the order
-/// is carried out or already fulfilled.
+/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if
+/// it does, or if the order is already fulfilled.
 pub(super) fn not_done(
     order: CommandKind,
     phase: MissionPhase,
@@ -20,8 +20,7 @@ pub(super) fn not_done(
         ControlState::Disarmed | ControlState::OnGround | ControlState::Ours => false,
     };
     match order {
-        // While the pilot, the autopilot's own mission or its hold flies the drone, only a waiting order can be
-        // stopped.
+        // While another authority flies the drone, only a waiting order can be stopped.
         CommandKind::Abort | CommandKind::Hold => {
             let nothing = d.phase == MissionPhase::Idle && anothers && !before.landing;
             nothing.then(|| ReasonCode::NotInControl.into())

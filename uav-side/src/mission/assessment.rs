@@ -1,4 +1,4 @@
-//! Derives the situation of a step from the newest inputs, and the odds of a landing.
+//! Situation of a step from the newest inputs, and odds of a landing.
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
@@ -18,8 +18,8 @@ use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
 
 impl MissionNode {
-    /// Updates the odds of a landing from here, and the probability above which waiting does not pay, with each new
-    /// forecast.
+    /// With each forecast, updates the odds of a landing and the probability above which waiting does not
+    /// pay.
     pub(super) fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
         let forecast_at = self.forecast.get().map(|f| f.header.at);
         match self.judged {
@@ -73,7 +73,7 @@ impl MissionNode {
         self.drone.get().map(WindPush::of).unwrap_or_default()
     }
 
-    /// Ids of the other drones in the waiting places, and the heights of their stations, m.
+    /// Ids and station heights (m) of the other drones in the waiting places.
     fn others(&self) -> [(u32, u8); PLACES] {
         let grant = self.grant.get();
         core::array::from_fn(|k| {
@@ -160,7 +160,6 @@ impl MissionNode {
         }
     }
 
-    /// Charge below which the drone has to land on this deck, 0 to 1.
     fn battery_reserve(&self, deck: Option<&Deck>) -> f64 {
         let c = &self.config;
         deck.map_or(c.battery_reserve, |d| {
@@ -169,7 +168,7 @@ impl MissionNode {
         })
     }
 
-    /// Charge that each place to land needs from here, over water at `water_z`, NED, m.
+    /// Charge that each place needs from here, over water at `water_z`, NED, m.
     fn charges(&self, water_z: f64) -> Charges {
         let (c, drone) = (&self.config, self.drone.get());
         let home = (drone.zip(self.autopilot.get().and_then(|a| a.home))).map(|(d, home)| {
@@ -189,7 +188,7 @@ impl MissionNode {
         }
     }
 
-    /// The drone's waiting place by the newest grant, if decks are reserved.
+    /// Waiting place by the newest grant; None without reservations.
     fn place(&self) -> Option<WaitingPlace> {
         let grant = self.grant.get().filter(|_| self.config.reservation_required);
         grant.and_then(|g| g.place(self.drone_id))

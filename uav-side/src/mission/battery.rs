@@ -1,8 +1,8 @@
-//! Battery: filtered charge, rate of discharge, and charge needed to reach the deck.
+//! Filtered charge, rate of discharge, and charge needed to reach the deck.
 //!
-//! In the air the charge can only fall, so only the minima of the gauge are used: the charge is extrapolated from the
-//! last minimum with the power, and a higher later reading is ignored. A gauge that is silent, stuck, toggling or
-//! rising does not keep a drone in the air, and after the endurance of a full battery no charge is left.
+//! In the air the charge can only fall, so it is extrapolated from the gauge's last minimum with the power,
+//! and a higher later reading is ignored. A gauge that is silent, stuck, toggling or rising does not keep a
+//! drone in the air, and after the endurance of a full battery no charge is left.
 
 use std::collections::VecDeque;
 
@@ -14,16 +14,15 @@ use super::phase::DroneTime;
 use super::sortie::Energy;
 use crate::mission_config::MissionConfig;
 
-/// Maximum number of readings kept: slightly more than a minute at the rate of the autopilot's state.
+/// Maximum number of stored readings: over a minute at the rate of the autopilot's state.
 const MAX_READINGS: usize = 1024;
-/// Fall of the gauge between two measurements of its rate: two of its steps.
+/// Fall of the gauge between two measurements of its rate: two steps.
 const FALL: f64 = 0.02;
-/// Fall of the gauge above which it is taken for a correction or another battery, if it is faster than [`MIN_FLIGHT_S`]
-/// allows.
+/// Fall of the gauge taken for a correction or another battery, if faster than [`MIN_FLIGHT_S`] allows.
 const JUMP: f64 = 0.05;
 /// Shortest endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
-/// Longest endurance of a full battery, s: a measured power below this one is ignored.
+/// Longest endurance of a full battery, s; a lower measured power is ignored.
 const MAX_FLIGHT_S: f64 = 7200.0;
 /// Weight of a new measurement of the power.
 const NEW: f64 = 0.3;
@@ -37,37 +36,33 @@ const CLOSING_TIME_S: f64 = 10.0;
 const ARRIVED_M: f64 = 30.0;
 /// Endurance of a full battery, s, if neither gauge, current nor installer gives one: few drones land sooner.
 const ASSUMED_S: f64 = 300.0;
-/// Charge at the start of a flight without any report of a gauge: a drone observed on the ground took off with a full
-/// battery, a drone found in the air has used half.
+/// Charge at the start of a flight without a gauge: full for a drone observed on the ground, otherwise half.
 const TAKEN_OFF: f64 = 1.0;
 const FOUND_IN_AIR: f64 = 0.5;
 /// Largest excess of a reading over the charge extrapolated from the last minimum: three steps.
 const ABOVE: f64 = 0.03;
-/// Rise of the gauge above a minimum that shows the minimum to be wrong, if the discharge over the flight leaves that
-/// much charge.
+/// Rise above a minimum that shows it to be wrong, if the discharge over the flight leaves that much charge.
 const WRONG: f64 = 0.1;
 /// Lower bound of the closing speed, m/s, which keeps the cost finite.
 const MIN_MPS: f64 = 0.5;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct BatteryMonitor {
-    /// Queue of decreasing readings: the first one is the maximum over `battery_lasts_s`.
+    /// Decreasing readings, of which the first is the maximum over `battery_lasts_s`.
     readings: VecDeque<(DroneTime, f64)>,
-    /// Start of the gauge's reports.
     began: Option<DroneTime>,
-    /// Maximum of the readings; None if the gauge is silent or has reported for too short a time.
+    /// Maximum of the readings; None if the gauge is silent or too new.
     lasting: Option<f64>,
-    /// Last minimum of `lasting` in this flight, or the assumption for a gauge that has never reported.
+    /// Last minimum of `lasting` in this flight, or the assumption without a gauge.
     minimum: Option<(DroneTime, f64)>,
     /// Charge at the start of the flight; None if no gauge has reported.
     start: Option<(DroneTime, f64)>,
     last: Option<DroneTime>,
     /// Time and charge of the gauge's last fall.
     anchor: Option<(DroneTime, f64)>,
-    /// Whether the anchor lies at a step of the gauge; measured from the middle of a step, the rate would appear up to
-    /// twice as high.
+    /// Whether the anchor lies at a step of the gauge; between steps the rate would appear twice as high.
     at_step: bool,
-    /// Charge per second, measured by the gauge.
+    /// Charge per second.
     by_gauge: Option<f64>,
     /// Low-passed current, A.
     current_a: Option<f64>,
@@ -75,11 +70,11 @@ pub(super) struct BatteryMonitor {
     closing_mps: Option<f64>,
 }
 
-/// Power that empties a full battery in this time, 1/s; 0 if the endurance is unknown.
+/// Power that empties a full battery in this time, 1/s; 0 for an unknown endurance.
 fn per_s(endurance_s: f64) -> f64 {
     if endurance_s > 0.0 { 1.0 / endurance_s } else { 0.0 }
 }
-/// Charge at `now` after a constant `power` since the charge at `at`.
+/// Charge at `now` after a constant `power` since `at`.
 fn left((at, charge): (DroneTime, f64), now: DroneTime, power: f64) -> f64 {
     charge - power * (now - at).secs().max(0.0)
 }
@@ -90,12 +85,11 @@ impl BatteryMonitor {
         self.by_gauge = known.power;
         self.minimum = Some((known.at, known.gauge));
         self.start = known.start.map(|start| (known.start_at, start));
-        // The predecessor's gauge has reported for long enough.
         self.began = Some(at - Span::from_secs(c.battery_lasts_s));
         self.last = Some(at);
         self.readings = known.start.map(|_| (at, charge)).into_iter().collect();
     }
-    /// State for a successor; None before any charge is known.
+    /// None before any charge is known.
     pub(super) fn memory(&self) -> Option<KnownBattery> {
         self.minimum.map(|(at, gauge)| KnownBattery {
             at,
@@ -116,7 +110,7 @@ impl BatteryMonitor {
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
-            // On the ground no charge is used, but the state is kept, because the report of the ground may be wrong.
+            // The ground uses no charge, but the report of the ground may be wrong, so the state is kept.
             let both = self.minimum.iter_mut().chain(&mut self.start);
             both.for_each(|(at, _)| *at += since);
         }
@@ -161,7 +155,7 @@ impl BatteryMonitor {
             (self.minimum, self.start) = (Some((now, charge)), Some((now, charge)));
             return;
         };
-        // After wrong low readings a rise is accepted up to the charge that the discharge over the whole flight leaves.
+        // Wrong low readings are corrected up to the charge that the flight's discharge leaves.
         let back = self.by_gauge.map(|p| charge.min(left(start, now, p)));
         let back = back.filter(|b| *b > minimum.1 + WRONG);
         if let Some(lower) = back.or(Some(charge).filter(|b| *b < minimum.1)) {
@@ -169,7 +163,7 @@ impl BatteryMonitor {
         }
     }
 
-    /// Measures the power from the filtered charge, which is not affected by a lost reading.
+    /// Measures the power from the filtered charge, independent of a lost reading.
     fn measure(&mut self, now: DroneTime, charge: f64, armed: bool) {
         if !armed {
             (self.anchor, self.by_gauge) = (None, None);
@@ -185,18 +179,17 @@ impl BatteryMonitor {
         }
         if self.at_step && lasted > 0.0 && (fall < JUMP || fall * MIN_FLIGHT_S < lasted) {
             let measured = fall / lasted;
-            // Limits the fall of the power when a stuck gauge moves again.
+            // Limits the fall of the power when a stuck gauge moves.
             let next = |p: f64| p + NEW * (measured.max(SLOWER * p) - p);
             self.by_gauge = Some(self.by_gauge.map_or(measured, next));
         }
         (self.anchor, self.at_step) = (Some((now, charge)), true);
     }
 
-    /// Charge for decisions, 0 to 1: the smallest of three values. First, the maximum of the readings over
-    /// `battery_lasts_s`, which a single reading or a voltage drop under thrust does not affect; it is 0 if the voltage
-    /// was below its minimum for that time. Second, the charge extrapolated from the last minimum. Third, the charge at
-    /// the start of the flight less the discharge that the configured endurance implies. None on the ground without a
-    /// report for `battery_lasts_s`.
+    /// Charge for decisions, 0 to 1, the smallest of three values: the maximum of the readings over
+    /// `battery_lasts_s`, independent of a single voltage drop (0 if the voltage was below its minimum for
+    /// that time); the charge extrapolated from the last minimum; the charge at the start of the flight minus
+    /// the discharge by the configured endurance. None on the ground without a report for `battery_lasts_s`.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
         let (now, minimum) = (self.last?, self.minimum?);
         let extrapolated = left(minimum, now, self.usual_power(c));
@@ -210,16 +203,15 @@ impl BatteryMonitor {
         Some(by_gauge.min(by_time).max(0.0))
     }
 
-    /// Updates the closing speed to a deck at `distance_m` while the drone flies there. It includes wind and the
-    /// vessel's speed, and starts at `assumed_mps`.
+    /// Updates the speed made good towards a deck at `distance_m`, from `assumed_mps` on.
     pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
         let before = self.closing_mps.unwrap_or(assumed_mps);
         self.closing_mps = closing.map(|v| low_pass(before, v, dt, CLOSING_TIME_S));
     }
 
-    /// Power, 1/s: the current over the capacity if both are known, otherwise the gauge's rate; at least the
-    /// installer's value; 0 if nothing is known.
+    /// Power, 1/s: current over capacity if known, otherwise the gauge's rate; at least the installer's
+    /// value.
     fn power(&self, c: &MissionConfig) -> f64 {
         let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
         let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
@@ -228,11 +220,11 @@ impl BatteryMonitor {
         measured.max(per_s(c.battery_endurance_s))
     }
 
-    /// Charge that a take-off needs: the reserve plus one more attempt to land.
+    /// The reserve plus one more attempt to land.
     pub(super) fn for_take_off(&self, c: &MissionConfig) -> f64 {
         (c.battery_reserve + self.usual_power(c) * c.battery_attempt_s).min(1.0)
     }
-    /// The measured power, or that of a full battery that lasts [`ASSUMED_S`], 1/s.
+    /// Measured power, or that of a full battery that lasts [`ASSUMED_S`], 1/s.
     pub(super) fn usual_power(&self, c: &MissionConfig) -> f64 {
         match self.power(c) {
             measured if measured > 0.0 => measured,
@@ -249,8 +241,8 @@ impl BatteryMonitor {
         })
     }
 
-    /// Reserve for the way to the deck over `distance_m` and one attempt, `P (d / v + t)` with the measured power and
-    /// the speed made good; at least the configured reserve.
+    /// Reserve to fly `distance_m` to the deck and for one attempt, `P (d / v + t)` with the measured power
+    /// and the speed made good; at least the configured reserve.
     pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
         let speed = self.closing_mps.unwrap_or(assumed_mps).max(MIN_MPS);
         let way_s = if distance_m.is_finite() {
@@ -292,7 +284,6 @@ mod tests {
             ..config()
         }
     }
-    /// Ten readings a second for `seconds` from `from_s` on.
     fn run(
         m: &mut BatteryMonitor,
         c: &MissionConfig,
@@ -311,13 +302,11 @@ mod tests {
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
         assert_eq!(m.charge(&c), Some(0.0));
-        // A silent gauge does not raise the charge.
         run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
         assert_eq!(m.charge(&c), Some(0.0));
     }
 
-    /// A gauge that falls silent at 57 %: the charge continues to fall at the measured power, or at that of a battery
-    /// that lasts five minutes.
+    /// From 57 % the charge falls at the measured power, or as with a battery that lasts five minutes.
     #[test]
     fn battery_gauge_that_falls_silent() {
         let c = config();
@@ -333,7 +322,6 @@ mod tests {
             assert!((found - expected).abs() < 0.03, "{per_s}: {found} of {expected}");
             run(&mut m, &c, from + 100.0, 600.0, |t| state(t, None));
             assert_eq!(m.charge(&c), Some(0.0));
-            // On the ground the charge does not fall.
             let mut m = BatteryMonitor::default();
             run(&mut m, &c, 0.0, 10.0, |t| ground(t, Some(0.57)));
             run(&mut m, &c, 10.0, 600.0, |t| ground(t, None));
@@ -341,8 +329,8 @@ mod tests {
         }
     }
 
-    /// A gauge that never reports: on the ground the charge is unknown. In the air a full battery discharges from the
-    /// take-off on, or half of one if the drone was found in the air. The first report replaces the assumption.
+    /// On the ground the charge is unknown. In the air a full battery discharges from the take-off on, or
+    /// half of one if the drone was found in the air. The first report replaces the assumption.
     #[test]
     fn battery_gauge_that_is_silent_from_the_start() {
         let c = with_endurance(400.0);
@@ -366,9 +354,8 @@ mod tests {
         }
     }
 
-    /// A drone that flies for 400 s from 90 % on, with a correct gauge down to 57 % that is then wrong, as are voltage
-    /// and current: the charge continues to fall at the power measured before or by an installer, and across a
-    /// successor. A new minimum is used again.
+    /// Flight of 400 s from 90 %, with a correct gauge down to 57 % that is then wrong, as are voltage and
+    /// current. The charge falls at the known power, also in a successor. A new minimum is used again.
     #[test]
     fn battery_gauge_that_lies() {
         let truth = |t: f64| 0.9 - (t - 10.0).max(0.0) / 400.0;
@@ -432,7 +419,7 @@ mod tests {
                 m.resume(Time::from_secs(end), charge, &known, c);
             }
         }
-        // Nothing is used on the ground, and the gauge of a drone that never leaves it is trusted.
+        // On the ground the gauge is trusted.
         let (mut m, c) = (BatteryMonitor::default(), config());
         run(&mut m, &c, 0.0, 300.0, |t| AutopilotState {
             landed: LandedState::OnGround,
@@ -441,8 +428,8 @@ mod tests {
         assert_eq!(m.charge(&c), Some(0.57));
     }
 
-    /// Gauges with steps of a tenth, of a quarter with an installer's endurance, and on a tether: 1000 s in the air
-    /// with a battery for 1500 s.
+    /// Gauges with steps of a tenth, of a quarter (with an installer's endurance), and on a tether, over 1000
+    /// s.
     #[test]
     fn battery_gauge_in_coarse_steps() {
         let truth = |t: f64| 0.9 - t / 1500.0;
@@ -468,7 +455,7 @@ mod tests {
         }
     }
 
-    /// After ten seconds of wrong low readings the rise is accepted, because it is consistent with the flight.
+    /// The rise after ten seconds of wrong low readings is accepted: it is consistent with the flight.
     #[test]
     fn battery_gauge_that_was_low_for_a_while() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -480,7 +467,7 @@ mod tests {
         assert!((m.charge(&c).unwrap() - 0.4).abs() < 0.02);
     }
 
-    /// A gauge that corrects itself from 90 to 19 % has not emptied the battery within seconds.
+    /// A correction from 90 to 19 % has not emptied the battery within seconds.
     #[test]
     fn battery_gauge_that_corrects_itself() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -488,7 +475,7 @@ mod tests {
         run(&mut m, &c, 20.0, 20.0, |t| state(t, Some(0.19)));
         assert!((m.charge(&c).unwrap() - 0.19).abs() < 0.03);
         assert_eq!(m.reserve(0.0, 5.0, &c), c.battery_reserve);
-        // If the gauge then sticks, the charge before the correction does not raise the result.
+        // If the gauge then sticks, the charge before the correction has no effect.
         let mut m = BatteryMonitor::default();
         let honest = |t: f64| (90.0 - t / 4.0).round() / 100.0;
         run(&mut m, &c, 0.0, 160.0, |t| {
@@ -520,7 +507,6 @@ mod tests {
             ..state(t, Some(0.6))
         };
         let mut m = BatteryMonitor::default();
-        // Two seconds of full thrust every five.
         run(&mut m, &c, 0.0, 60.0, |t| {
             at(t, if t % 5.0 < 2.0 { 13.0 } else { 14.8 })
         });
@@ -532,7 +518,7 @@ mod tests {
     #[test]
     fn battery_reserve_of_a_way_and_an_attempt() {
         let (mut m, c) = (BatteryMonitor::default(), config());
-        // A gauge with steps of 1 %, and a battery for 1000 s.
+        // The gauge has steps of 1 %, and the battery lasts 1000 s.
         run(&mut m, &c, 0.0, 300.0, |t| {
             state(t, Some((90.0 - 0.1 * t).round() / 100.0))
         });
@@ -541,14 +527,14 @@ mod tests {
         let found = m.reserve(d, v, &c);
         assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
         assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
-        // Against the wind, towards a vessel that moves away, the speed made good is 4 m/s.
+        // The speed made good against the wind, towards a vessel that moves away, is 4 m/s.
         for _ in 0..600 {
             m.approach(0.1, d, Some(4.0), v);
         }
         let against = m.reserve(d, v, &c);
         let needed = 1e-3 * (d / 4.0 + c.battery_attempt_s);
         assert!((against / needed - 1.0).abs() < 0.1, "{against} of {needed}");
-        // The power by the current: 20 A empty 10 Ah in 1800 s.
+        // 20 A empty 10 Ah in 1800 s.
         let c = MissionConfig {
             battery_capacity_ah: 10.0,
             ..c

@@ -1,11 +1,10 @@
-//! Charge below the reserve: the place at which the drone lands, and the point of no return of each place.
+//! Charge below the reserve: the place to land, and the point of no return of each place.
 //!
-//! To reach a place and land there takes the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T`
-//! in the wind, the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays
-//! with the first place of `battery_order` and leaves it for the next one when its charge `b` falls to `n`, the last
-//! moment at which it can reach the next place. Until then it waits for a deck that is closed, reserved by another
-//! drone or unknown, and gives it up only after the deck has been unavailable for [`MISSING_S`]. If no other place is
-//! in reach, it stays with the deck.
+//! A place to land needs the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T` in
+//! the wind, the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone
+//! stays with the first place of `battery_order` until its charge `b` falls to the `n` of the next place, the
+//! last moment to reach that. Until then it waits for a deck that is closed, reserved by another drone or
+//! unknown. It gives the deck up only after [`MISSING_S`] without it, and only for a place in reach.
 
 use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -21,7 +20,7 @@ use crate::mission_config::MissionConfig;
 const MARGIN: f64 = 0.25;
 /// Step of a gauge.
 const STEP: f64 = 0.01;
-/// Time of a mode change and of the end of a descent on the ground, s.
+/// Time of a mode change and of the last part of a descent to ground, s.
 const ENDS_S: f64 = 10.0;
 /// Speed of the autopilot's descent to land, m/s. Source: PX4's MPC_LAND_SPEED; ArduCopter sinks faster above 10 m.
 const LAND_MPS: f64 = 0.7;
@@ -29,11 +28,10 @@ const LAND_MPS: f64 = 0.7;
 const RETURN_MPS: f64 = 5.0;
 /// Time of the shortest attempt, from above the deck onto it, s.
 const LAST_ATTEMPT_S: f64 = 30.0;
-/// Fraction of the configured reserve that is kept for a home at an unknown place.
+/// Fraction of the reserve that is kept for a home at an unknown place.
 const UNKNOWN_HOME: f64 = 0.5;
 
-/// Time for which the deck is unavailable before it is given up, s.
-/// Chosen: longer than the crew needs to cross it, another drone to finish its landing, or a process to restart.
+/// Time after which a missing deck is given up, s: enough for the crew to cross it, a landing, or a restart.
 const MISSING_S: f64 = 20.0;
 
 impl Charges {
@@ -70,14 +68,14 @@ impl Charges {
             BatteryPlace::Here => self.here,
         }
     }
-    /// Whether `place` can be reached with the charge `b`, without a margin; a landing in place is always possible.
+    /// Whether the charge `b` reaches `place`, without a margin; a landing in place is always possible.
     fn reaches(&self, place: BatteryPlace, b: f64) -> bool {
         match place {
             BatteryPlace::Deck | BatteryPlace::Here => true,
             BatteryPlace::Home => b >= without_margin(self.home),
         }
     }
-    /// Whether a drone with the charge `b` leaves for `place` when the deck has been missing for `missing_s`.
+    /// Whether a drone with the charge `b` leaves for `place` when the deck is missing for `missing_s`.
     fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
         let last = self.last_moment(place);
         let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
@@ -93,8 +91,7 @@ fn without_margin(n: f64) -> f64 {
 enum DeckAccess {
     /// The operator has declined the deck, or the mode permits no landing.
     Declined,
-    /// The deck is closed, reserved by another drone, unknown, not detected, or moves too much for any landing; this
-    /// may change.
+    /// The deck is closed, reserved by another drone, unknown, not detected, or moves too much for now.
     Awaited,
     Open,
 }
@@ -109,7 +106,7 @@ pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
     free && s.fresh_deck().is_some_and(lands)
 }
 
-/// Places that can be reached with the charge `b`, in the order of preference.
+/// Reachable places with the charge `b`, in the order of preference.
 fn remaining<'a>(
     b: f64,
     deck: DeckAccess,
@@ -126,7 +123,7 @@ fn remaining<'a>(
         .filter(move |p| s.charges.reaches(*p, b))
 }
 
-/// Place to land with the charge `b`, and the charge at which the drone leaves it for the next one.
+/// Place to land with the charge `b`, and the charge at which the drone leaves for the next one.
 fn place(
     b: f64,
     deck: DeckAccess,
@@ -146,8 +143,8 @@ fn place(
     }
 }
 
-/// Relaxation of the landing's limits on a low battery, 0 to 1. It is 0 in the first half of the reserve, while the
-/// drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
+/// Relaxation of the landing's limits on a low battery, 0 to 1: 0 in the first half of the reserve, in which
+/// the drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
 pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
     let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {
         return 0.0;
@@ -164,22 +161,21 @@ pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConf
     ((first - b) / (first - last)).clamp(0.0, 1.0)
 }
 
-/// Charge below which the drone lands: the reserve, or less after an operator's stop, to leave time for a decision.
+/// Charge below which the drone lands: the reserve, or less while an operator who stopped it may decide.
 fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     let kept = if progress.stopped { FOR_OPERATOR } else { 0.0 };
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the mission controls an airborne drone without an order, which no other transition would land.
+/// Whether the drone flies under the mission's control without an order, so that nothing else lands it.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();
     phase == MissionPhase::Idle && ours && !held && c.mode != LandingMode::Shadow
 }
 
-/// Transition of a drone whose charge is below its reserve, to the place at which it lands now. A descent that has
-/// begun continues, because it is the quickest way down. If the charge rises again, the drone returns to its previous
-/// state.
+/// Transition at a charge below the reserve, to the place to land. A descent in progress continues, because
+/// it is the quickest way down. If the charge rises again, the previous state returns.
 pub(super) fn charge(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -231,14 +227,13 @@ pub(super) fn charge(
         }
         Some((BatteryPlace::Home, needs)) => (gave_up(s, c), Reason::new(ReasonCode::BatteryHome, b, needs)),
         Some((BatteryPlace::Here, _)) => (gave_up(s, c), low(ReasonCode::BatteryHere)),
-        // The drone already holds.
         None if ended => return None,
         None => (gave_up(s, c), low(ReasonCode::BatteryLow)),
     };
     (changed || !gave_up_before).then(|| to.enter(why))
 }
 
-/// Transition when the charge is not low, or no longer low: a drone on its way to another place resumes.
+/// Transition at a sufficient charge: a drone on its way to another place resumes.
 fn above_again(
     phase: MissionPhase,
     progress: &mut MissionProgress,

@@ -18,7 +18,7 @@ use super::*;
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))
 }
-/// Changes that make the deck unavailable for now.
+/// Changes that make the deck unavailable.
 const MISSING: [fn(&mut Situation); 5] = [
     |s| s.reservation = Reservation::Others(DECK_CLOSED),
     |s| s.reservation = Reservation::Others(2),
@@ -32,8 +32,8 @@ fn without_deck(battery: f64, missing: fn(&mut Situation)) -> Situation {
     s
 }
 
-/// For each charge, cause and phase, the drone waits while it can still reach another place or has charge left for the
-/// deck, and lands on the deck once that is available again.
+/// For each charge, cause and phase the drone waits while it can reach another place or has charge for the
+/// deck, and lands on the deck once it is available again.
 #[test]
 fn deck_that_is_missing_for_a_moment() {
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -70,8 +70,7 @@ fn deck_that_is_missing_for_a_moment() {
     }
 }
 
-/// The drone leaves for the next place at the last moment at which it can reach it, after the deck has been unavailable
-/// for a long time.
+/// The drone leaves at the last moment for the next place, after a long time without the deck.
 #[test]
 fn last_moment_for_the_next_place() {
     for missing in MISSING {
@@ -88,7 +87,7 @@ fn last_moment_for_the_next_place() {
         goes(&d, State::GaveUp, BatteryHome);
         let text = d.entered.unwrap().to_string();
         assert_eq!(text, "battery at 6 % (needs 6 %): the autopilot returns home");
-        // If home is out of reach, the drone waits for the deck while it can still land in place.
+        // Without home in reach the drone waits for the deck while it can land in place.
         let d = after(&first, 21.0, 0.039);
         assert!(waits(&d));
         assert!(
@@ -128,11 +127,10 @@ fn configured_order_of_places() {
         assert_eq!((d.progress.low_battery, d.entered.unwrap().code), at_19);
         let d = decide(d.phase, d.progress, None, &closed(0.01), &c);
         assert_eq!(d.progress.low_battery, at_1);
-        // A descent that has begun is the quickest way down.
         let d = decide(DESCENT, attempt(), None, &charged(0.1), &c);
         assert_eq!(d.phase.state(), State::Descent);
     }
-    // An order below the reserve makes the deck the first place.
+    // An order below the reserve makes the deck the first choice.
     let c = MissionConfig {
         battery_order: vec![Home, Deck],
         ..config()
@@ -166,7 +164,7 @@ fn charge_above_the_reserve_again() {
     assert_eq!(step(&d, &charged(0.6)).progress.low_battery, None);
 }
 
-/// The first half of the reserve is for waiting for the best moment; below it the limits are relaxed.
+/// In the first half of the reserve the drone waits for the best moment; later the limits are relaxed.
 #[test]
 fn low_battery_limits_above_the_deck() {
     let rough = |battery: f64| {
@@ -194,7 +192,6 @@ fn low_battery_limits_above_the_deck() {
         let d = run(&d, &rough(0.07), 5.0);
         goes(&run(&d, &rough(0.07), 5.0), State::Descent, Permitted);
     }
-    // A drone with a stale grant keeps the deck.
     let silent = |battery| Situation {
         reservation: Reservation::Unknown(5.0),
         ..charged(battery)
@@ -206,8 +203,8 @@ fn low_battery_limits_above_the_deck() {
     waits(&full, State::TrackingStable, DeckGrantStale);
 }
 
-/// After an abort or a hold the operator decides until a quarter of the reserve is used; then the drone lands, and a
-/// second abort declines the deck.
+/// After an abort or a hold the operator decides until a quarter of the reserve is used; then the drone
+/// lands. A second abort declines the deck.
 #[test]
 fn low_battery_after_a_stop() {
     for (command, state, waiting) in [
@@ -231,8 +228,7 @@ fn low_battery_after_a_stop() {
     }
 }
 
-/// A landing that was given up does not leave a drone in the air until its battery is empty; nor does a mission without
-/// an order.
+/// A drone does not stay in the air until its battery is empty, after a given-up landing or without an order.
 #[test]
 fn low_battery_of_a_drone_that_waits() {
     let spent = MissionProgress {
@@ -256,7 +252,6 @@ fn low_battery_of_a_drone_that_waits() {
         let d = run(&d, &charged(low), 5.0);
         goes(&run(&d, &charged(low), 5.0), State::Descent, Permitted);
     }
-    // A pilot flies the drone or blocks orders by remote control.
     let unordered = (MissionPhase::Idle, MissionProgress::default());
     for change in [
         (|s| s.flight = ControlState::OtherControl(AutopilotMode::Other)) as fn(&mut Situation),
@@ -308,7 +303,7 @@ fn charge_of_a_way_home() {
 }
 
 proptest! {
-    /// The limits never become narrower as the battery empties.
+    /// The limits never narrow as the battery empties.
     #[test]
     fn urgency_grows_as_the_charge_falls(
         b in 0.0..0.3_f64, less in 0.0..0.3_f64, home in 0.0..0.5_f64, attempt in 0.0..0.2_f64,
@@ -321,7 +316,7 @@ proptest! {
             });
             urgency(&urgent, &s, &config())
         };
-        // With home out of reach the drone has more charge for the deck.
+        // Without home in reach the drone has more charge for the deck.
         let reach = (home - 0.01) / 1.25;
         let home_lost = b >= reach && b - less < reach;
         prop_assert!(home_lost || of(b - less) >= of(b) - 1e-12);

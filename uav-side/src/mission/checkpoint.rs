@@ -1,8 +1,7 @@
-//! Checkpoint of the mission: published with every state, validated by a successor before use.
+//! Checkpoint of the mission, published with every state and validated by a successor.
 //!
-//! A mission that starts while the drone flies continues the mission of its predecessor, or, without a usable
-//! checkpoint, makes the drone safe using its own inputs. Until this is decided it publishes no state, and the pilot
-//! continues with the last one while that is valid.
+//! A mission that starts while the drone flies continues its predecessor's, or, without a usable checkpoint,
+//! makes the drone safe by its own inputs. Until then it publishes no state, and the pilot uses the last one.
 
 use alight_shared::admission::command::keep;
 use alight_shared::msg::{
@@ -22,11 +21,11 @@ use crate::lift_off::LEFT_M;
 use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// Time for which a starting mission waits for autopilot, odometry and forecast: five periods of the slowest.
+/// Wait of a starting mission for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 const MAX_COMMANDS: usize = 16;
 
-/// Start-up of a mission that does not know yet whether it has a predecessor.
+/// Start-up of a mission that may have a predecessor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionStartUp {
     recovery: Recovery<MissionCheckpoint>,
@@ -35,15 +34,14 @@ pub(super) struct MissionStartUp {
 
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
-    /// Checkpoint that is too old to continue from; only the purpose of the flight is kept from it.
+    /// Checkpoint too old to continue from, which gives only the purpose of the flight.
     pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
 
 impl MissionStartUp {
-    /// Processes the inputs; returns the result once it is decided. `complete`: the mission has the states of drone and
-    /// deck.
+    /// Returns the result once it is decided. `complete`: the mission has the states of drone and deck.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -74,8 +72,7 @@ impl MissionStartUp {
     }
 }
 
-/// Phase of the checkpoint `m`, and the reason if it differs from the predecessor's. If the frame has changed
-/// (`same_frame` is false), positions in it are ignored.
+/// Phase of the checkpoint `m`, and the reason for a difference. `same_frame`: its positions are valid.
 pub(super) fn restored(
     m: &MissionCheckpoint,
     same_frame: bool,
@@ -91,9 +88,9 @@ pub(super) fn restored(
     }
 }
 
-/// Continuation of a mission in `state` that was last `published`. If the last state is too old, the pilot has left the
-/// plan and climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it, because a
-/// climb would hit the deck harder; or the operator has `stopped` it.
+/// Continuation of a mission in `state` that was last `published`. If that is too old, the pilot has left the
+/// plan and climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it,
+/// because a climb would hit the deck harder; the operator has `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -113,17 +110,16 @@ pub(super) fn interrupted(
     })
 }
 
-/// Whether the forecast shows that the feet are on the deck and stay there.
+/// Whether the feet are on the deck by the forecast and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
 }
-/// Speed away from the deck above which the drone has left it, m/s: several times the error of odometry and forecast.
+/// Speed away from the deck of a drone that has left it, m/s: several times the estimate's error.
 const RISES_MPS: f64 = 0.5;
 
-/// Whether a drone that was taking off stands on the deck and does not rise, according to its autopilot or to a camera
-/// that detects the deck. With GNSS receivers alone the deck's height may be wrong by metres, and the autopilot's
-/// report alone may be old or wrong.
+/// Whether a drone in a take-off stands on the deck and does not rise, by its autopilot or by a camera that
+/// detects the deck. By GNSS receivers the height may be wrong by metres; the autopilot's report may be old.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let Some(deck) = s.fresh_deck() else {
         return false;
@@ -132,7 +128,6 @@ fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let detected = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
     !rises && (s.on_ground || detected)
 }
-/// Whether the deck is beneath the drone and completing the landing is softer than climbing.
 pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
     s.outside_m <= LOST_OUTSIDE_M && d.ends.is_some_and(|e| e.landing_is_softer())
 }
@@ -146,7 +141,6 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         // A search restarts at the beacon's place.
         State::Approach | State::Search => MissionPhase::APPROACH,
-        // Steadiness is assessed again from the start.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
         State::Flare => MissionPhase::Flare {
@@ -158,7 +152,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             airborne: None,
         },
         State::Hold => {
-            // The hold after a take-off waits for an order as well.
+            // The hold after a take-off also waits for an order.
             let cause = match m.state.station {
                 Some(kept) => HoldCause::Station(kept),
                 None if m.stopped || m.sortie && !m.landing => HoldCause::Operator,
@@ -177,7 +171,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
-        // An order that was not carried out yet has to be repeated.
+        // A pending order has to be repeated.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
         State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),
@@ -217,10 +211,10 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     }
 }
 
-/// Time that a computer needs to boot, s.
+/// Time in which a computer boots, s.
 const BOOT_S: f64 = 30.0;
 
-/// Whether a checkpoint was written before the computer's last boot, which restarted its clock.
+/// Whether a checkpoint is older than the computer's boot, which restarted its clock.
 fn of_former_boot(m: &MissionCheckpoint) -> bool {
     m.header.at < DroneTime::EPOCH
 }
@@ -237,9 +231,10 @@ pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<Last
     m.last_vessel.map(known)
 }
 
-/// Purpose of the flight from a checkpoint that is too old to continue from. An order to land and a station continue
-/// once the drone is in our mode, and end if a pilot has the drone; an operator's stop and a declined deck persist; a
-/// drone on a sortie returns while its charge lasts, and its cycles end. Nothing is kept for a disarmed drone.
+/// Purpose of the flight from a checkpoint that is too old to continue from. An order to land and a station
+/// continue once the drone is in our mode, and end if a pilot has it. An operator's stop and a declined deck
+/// persist. A drone on a sortie returns while its charge lasts, and its cycles end. A disarmed drone has
+/// none.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.armed {
         return MissionProgress::default();
@@ -275,7 +270,7 @@ pub(super) fn is_away(s: &Situation) -> bool {
     s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
 
-/// Evasive climb of a drone without an order, if it hovers within the heave of the deck and the vessel comes near.
+/// Evasive climb of a drone that hovers without an order within the deck's heave when the vessel comes near.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
     let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
@@ -287,9 +282,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// Start of an idle mission without a checkpoint, if the drone flies near a deck or rests there with running motors: it
-/// was landing or taking off, and the rising deck could hit it if it held its position. A drone that is still `landing`
-/// climbs and starts again. `code` is the reason for the missing checkpoint. Returns `Err` while this is not decided.
+/// Start of an idle mission without a checkpoint, if the drone flies near a deck or rests there with running
+/// motors: it was landing or taking off, and the rising deck could hit it. A drone that is still `landing`
+/// climbs and starts again. `code` is the reason for the missing checkpoint. `Err` until decided.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,
@@ -297,7 +292,7 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // The drone may come under our control at any time, low over the deck.
+        // The drone may come under our control at any time, even low over the deck.
         ControlState::Unknown | ControlState::SetPointsLost | ControlState::OtherControl(_) => return Err(()),
         ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
@@ -308,7 +303,7 @@ pub(super) fn safe_start(
     let Some(deck) = s.fresh_deck() else {
         return Err(());
     };
-    // The drone may stay where it is at the tracking height, even without a deck.
+    // Even without a deck the drone may stay at the tracking height.
     let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
     if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);

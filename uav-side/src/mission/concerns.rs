@@ -1,10 +1,10 @@
-//! Concerns: table of the conditions that interrupt a state.
+//! Concerns: table of conditions that interrupt a state.
 //!
-//! A row applies in the phases of `in_phase` and acts while its condition holds; the first row that acts decides. Each
-//! input is already filtered: a touchdown by the pilot's detector, control by two heartbeats, data by the staleness
-//! limit of each topic, charge by `battery_lasts_s`. When the condition clears, the state resumes: a hold for data ends
-//! once they are fresh, a landing restarts after a set-point loss, and a charge above the reserve resumes the flight. A
-//! landing that a pilot or an operator has ended restarts only by an order.
+//! A row applies in the phases of `in_phase` and acts while its condition holds; the first such row decides.
+//! Inputs are already filtered: a touchdown by the pilot's detector, control by two heartbeats, data by the
+//! staleness limit of each topic, charge by `battery_lasts_s`. When the condition clears, the state resumes:
+//! a hold for data ends once they are fresh, a landing restarts after a set-point loss, and a charge above
+//! the reserve resumes the flight. A landing that a pilot or an operator has ended needs a new order.
 //!
 //! | row | action | clears by | overruled by |
 //! |---|---|---|---|
@@ -70,7 +70,7 @@ pub(super) const AFTER_ORDERS: [Concern; 8] = [
     },
     Concern {
         // charge
-        // A climb over the deck is not interrupted until the drone is clear of the deck.
+        // A climb over the deck continues until the drone is clear of the deck.
         in_phase: |phase, _, s, c| phase.flies() && !phase.takes_off() || is_unordered(phase, s, c),
         act: charge,
     },
@@ -111,21 +111,21 @@ pub(super) fn interrupt(
     })
 }
 
-/// Whether the drone is on its way to a landing, before the descent.
+/// Whether the drone is on its way to a landing.
 fn is_under_way(phase: MissionPhase) -> bool {
     let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
     phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
 }
 
-/// Whether the drone returns without an order: on a sortie, or in our mode after the vessel's radio has fallen silent.
+/// Whether the drone returns without an order: on a sortie, or in our mode after radio silence.
 fn returns(phase: MissionPhase, progress: &MissionProgress, s: &Situation) -> bool {
     let silent = s.flight == ControlState::Ours && s.fresh_deck().is_none();
     let waits = phase.waits_for_operator() || phase == MissionPhase::Idle;
     waits && (progress.sortie || silent) && !progress.landing && !progress.stopped
 }
 
-/// End of a sortie by the battery or by the end of the autopilot's own mission: the drone lands as if ordered. While
-/// the pilot or the autopilot's own mission flies it, the order waits.
+/// End of a sortie by the battery or by the autopilot's own mission: the drone lands as if ordered. While the
+/// pilot or that mission flies it, the order waits.
 fn turn_back(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -144,7 +144,7 @@ fn turn_back(
     Some(next.enter(why))
 }
 
-/// Transition when another pilot or the autopilot controls the drone.
+/// Transition when a pilot or the autopilot controls the drone.
 fn control(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -156,9 +156,9 @@ fn control(
             progress.landing = false;
             Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
         }
-        // Low over the deck the drone climbs as soon as it follows set-points again.
+        // Low over the deck the drone climbs once it follows set-points again.
         ControlState::SetPointsLost if phase.takes_off() => take_off::set_points_lost(phase, s, c),
-        // The drone resumes its hold, or its climb to the hold, once it follows set-points again.
+        // The drone resumes its hold, or its climb to it, once it follows set-points again.
         ControlState::SetPointsLost if phase.rests() => None,
         ControlState::SetPointsLost => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
@@ -168,7 +168,7 @@ fn control(
 /// Age of the data up to which a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Transition on stale data: a landing continues if that is softer, otherwise the drone holds until they are fresh.
+/// Transition on stale data: a landing continues if that is softer, otherwise the drone holds.
 fn data(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -183,9 +183,9 @@ fn data(
     })
 }
 
-/// Whether a landing that was not stopped continues for a moment with old data: because completing it is softer, or
-/// because the drone's own odometry is missing low over the deck. Without odometry nothing is commanded, so the
-/// decision to leave can wait until the drone's place is known again.
+/// Whether a landing that was not stopped continues for a moment with old data: because that is softer, or
+/// because the drone's own odometry is missing low over the deck. Nothing is commanded without odometry, so
+/// the decision to leave can wait for it.
 fn completes_without_data(
     phase: MissionPhase,
     progress: &MissionProgress,
@@ -208,12 +208,11 @@ fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) ->
     }
 }
 
-/// Time for which a drone without an order hovers low over deck or waves before it climbs, s: longer than a pilot needs
-/// to hand it over there and order a landing.
+/// Time after which a low hover without an order ends, s: enough for a pilot's hand-over and order.
 const RESTS_LOW_S: f64 = 3.0;
 
-/// Transition of a drone that hovers without an order within reach of waves: it holds at a safe height. A drone whose
-/// rotors do not carry it may stand on deck or ground.
+/// Transition of a drone without an order within reach of waves: it holds at a safe height. A drone that its
+/// rotors do not carry may stand on deck or ground.
 fn rest(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -233,8 +232,7 @@ fn rest(
     (lasted > RESTS_LOW_S).then(|| holding(HoldCause::Operator, s, c).enter(why))
 }
 
-/// Transition of a drone that has followed a beacon alone too far from where that began: a moving beacon could lead it
-/// anywhere.
+/// Transition of a drone that a beacon alone has led too far, because a moving beacon could lead it anywhere.
 fn way(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -251,7 +249,7 @@ fn way(
     let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
     let way_m = (here.x - x).hypot(here.y - y);
     let why = exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)?;
-    // A low battery does not make the drone follow the beacon any further.
+    // Not even with a low battery does the drone follow the beacon further.
     progress.deck_declined = true;
     Some(gave_up(s, c).enter(why))
 }

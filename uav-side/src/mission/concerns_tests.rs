@@ -61,7 +61,7 @@ pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     ]
 }
 
-/// Test of a row: its condition, the states in which it acts, and the resulting state by the initial one.
+/// Condition of a row, states in which it acts, and resulting state by initial state.
 type Row = (
     &'static str,
     fn(&mut Situation),
@@ -163,11 +163,11 @@ fn rows_in_every_state() {
             }
         }
     }
-    // The row for the way behind a beacon has its own test.
+    // The row for the way behind a beacon has a separate test.
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 
-/// When a condition clears that neither pilot nor operator has caused, the state resumes.
+/// The state resumes after a condition that neither pilot nor operator has caused.
 #[test]
 fn rows_that_are_over() {
     for (name, counts, _, _) in rows() {

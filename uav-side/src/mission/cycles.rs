@@ -1,12 +1,11 @@
-//! Unattended cycles from deck to deck: take-off, the autopilot's own mission, landing, and the next sortie once the
-//! drone is ready.
+//! Unattended cycles from deck to deck: take-off, the autopilot's own mission, landing, and the next sortie.
 //!
-//! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission takes
-//! over, from its beginning. The drone returns at the end of that mission, when the battery requires it or on an order,
-//! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its charge to
-//! the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck without a finding;
-//! otherwise the cycles end, and the mission reports the reason from then on. Only another order to take off starts
-//! them again.
+//! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission
+//! takes over, from its beginning. The drone returns at its end, when the battery requires it or on an order,
+//! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its
+//! charge to the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck
+//! without a finding; otherwise the cycles end, the mission keeps reporting the reason, and only another
+//! order to take off starts them again.
 //!
 //! This module holds the cycles' state; `turnaround` holds the transitions.
 
@@ -17,36 +16,34 @@ use alight_shared::time::{DroneClock, Time};
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Maximum number of consecutive take-offs that end because no suitable lift-off time was found.
+/// Maximum number of consecutive take-offs without a suitable lift-off time.
 const MOMENTS: u32 = 3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycles {
     pub(super) on: bool,
-    /// Sorties since the process started, over all orders.
+    /// Over all orders since the process started.
     pub(super) sorties: u32,
     pub(super) ended: Option<Reason>,
-    /// Whether an operator has confirmed that the drone is ready for the next sortie.
+    /// Whether an operator has confirmed the next sortie.
     pub(super) ready: bool,
     /// Time since which the charge has been sufficient.
     pub(super) charged: Option<Time<DroneClock>>,
-    /// Take-offs without a suitable lift-off time since the last landing.
     pub(super) tries: u32,
 }
 
 impl Cycles {
-    /// Starts the cycles with an order to take off.
     pub(super) fn begun(self, c: &MissionConfig) -> Cycles {
         let on = self.sorties < c.sorties_max;
         Cycles {
             on,
-            // The order also confirms that the drone is ready.
+            // The order also confirms a ready drone.
             ready: on,
             sorties: self.sorties,
             ..Cycles::default()
         }
     }
-    /// Number of sorties begun, and number planned; the latter is 0 without cycles.
+    /// Numbers of begun and planned sorties; the latter is 0 without cycles.
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
     }
@@ -67,9 +64,8 @@ impl Cycles {
         self.sorties = self.sorties.saturating_add(1);
         (self.ready, self.charged, self.tries) = (false, None, 0);
     }
-    /// Processes a change of state, whose reason may end the cycles.
+    /// Processes a change of state, which may end the cycles.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
-        // A pilot or another program controls the drone now.
         let is_anothers = before == State::StandDown && why.code != Disarmed;
         let ends = after == State::GaveUp
             || after == State::Landed && why.code == HardContact

@@ -13,7 +13,7 @@ use super::tests::{at, with};
 use super::*;
 const LANDED: MissionPhase = MissionPhase::STANDS;
 
-/// Cycles in which one sortie has begun.
+/// Cycles in their first sortie.
 fn cycling() -> MissionProgress {
     MissionProgress {
         started: at(9.0),
@@ -60,7 +60,7 @@ fn next_sortie_by_charge_or_by_order() {
         (MissionPhase::Preparing, SortieBegins)
     );
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
-    // The drone is ready by the order, once the crew has cleared the deck.
+    // The order makes the drone ready, once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
     let d = step(LANDED, cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
@@ -94,7 +94,7 @@ fn preparation_of_the_next_sortie() {
     // The crew withdraws its clearance.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
-    // The mission waits for calmer waves for any length of time, but not for conditions that do not pass.
+    // The mission waits for calmer waves without a time limit, but not for lasting conditions.
     let steep = |s: &mut Situation| {
         s.now = at(500.0);
         s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
@@ -178,14 +178,13 @@ fn endings_of_unattended_cycles() {
             "{phase:?}"
         );
     }
-    // The drone lands if its own mission does not start; before that the hand-over is in progress.
+    // The drone lands if its own mission does not start after the hand-over.
     let d = step(hold(), handed, None, &with(|_| {}));
     assert!(d.progress.landing && d.phase.state() == State::Hold);
     let soon = with(|s| s.now = at(3.0));
     assert_eq!(step(hold(), handed, None, &soon).waiting.code, HandsOver);
 }
 
-/// A take-off without a suitable lift-off time is tried three times.
 #[test]
 fn unattended_cycles_without_a_moment() {
     let spins = MissionPhase::SpinUp {
@@ -226,8 +225,8 @@ fn mission_restarted_while_it_hands_over() {
     }
 }
 
-/// A mission that starts long after its predecessor, or on another boot of the computer, knows the purpose of the
-/// flight: a drone that hovers 60 m away returns when its battery requires it. A disarmed drone is on no sortie.
+/// A mission long after its predecessor, or on another boot, knows the purpose of the flight: a drone that
+/// hovers 60 m away returns when its battery requires it. A disarmed drone is on no sortie.
 #[test]
 fn purpose_of_an_aged_checkpoint() {
     let kept = |sortie, deck_declined| {
@@ -293,7 +292,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
     assert_eq!(d.waiting.code, MissionDone);
-    // A pilot controls the drone now, so Alight no longer requests control.
+    // A pilot has control, so Alight does not request it.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
     // Without a sortie the drone does not return.
@@ -353,12 +352,11 @@ fn way_to_a_vessel_that_is_not_received() {
             (MissionPhase::Seek, SeeksVessel)
         );
     }
-    // It flies at the approach height and heads for the place.
+    // Flies at the approach height towards the place.
     let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Without reception it seeks the vessel until the last moment at which it can reach home; with reception the
-    // landing proceeds as usual.
+    // Without reception it seeks the vessel until the last moment for home; with reception it lands as usual.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(
@@ -379,7 +377,7 @@ fn way_to_a_vessel_that_is_not_received() {
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // Without a sortie the drone seeks no vessel before the charge requires it, and none that is too far away.
+    // Without a sortie the drone seeks a vessel that is near enough, and only when the charge requires it.
     let stays = MissionProgress {
         sortie: false,
         ..called

@@ -1,4 +1,4 @@
-//! Tests of the ends of orders: waiting orders, orders of a previous flight, doubtful heights.
+//! Tests of orders that wait or belong to a previous flight, and of doubtful heights.
 
 use alight_shared::msg::ReasonCode::{HeightsDisagree, NotCommanded, NotFlying, OffHeight, OrderExpired};
 use alight_shared::msg::{AutopilotMode, CommandKind};
@@ -7,7 +7,7 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// An order to land waits for a flight for a minute at most.
+/// The order waits for a minute at most.
 #[test]
 fn order_that_waits_for_a_flight() {
     let given = at(10.0);
@@ -31,7 +31,6 @@ fn order_that_waits_for_a_flight() {
         let d = step(&d, &waiting(61.0));
         goes(&d, State::Idle, OrderExpired);
         assert!(!d.progress.landing);
-        // A pilot selects our mode an hour later.
         let later = Situation {
             now: given + Span::from_secs(3600.0),
             ..fair()
@@ -40,7 +39,6 @@ fn order_that_waits_for_a_flight() {
     }
 }
 
-/// An order ends with the flight in which it was given.
 #[test]
 fn order_of_the_flight_before() {
     let other = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
@@ -63,8 +61,7 @@ fn order_of_the_flight_before() {
     assert_eq!(step(&d, &fair()).phase.state(), State::GetAltitude);
 }
 
-/// If a second height source contradicts the deck's height, the approach stays above both levels, and no descent
-/// follows the deck.
+/// While a second source contradicts the deck's height, the approach stays above both, without a descent.
 #[test]
 fn heights_that_disagree_in_every_phase() {
     let doubtful = with(|s| {

@@ -1,9 +1,8 @@
-//! Second sources (witnesses) of the deck's height, which confirm or contradict the forecast before a drone goes lower
-//! than it has flown.
+//! Second sources (witnesses) of the deck's height, for or against the forecast before a drone goes lower.
 //!
-//! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers' heights, and a
-//! receiver that ignores the geoid is wrong by up to 100 m. Therefore a second source has to agree within its error
-//! (deck level, NED z, against the forecast's):
+//! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers'
+//! heights, and a receiver that ignores the geoid is wrong by up to 100 m. A second source therefore has to
+//! agree within its error (deck level, NED z, against the forecast's):
 //!
 //! | witness | deck level | error |
 //! |---|---|---|
@@ -14,10 +13,10 @@
 //!
 //! A relative place that the tags have confirmed has the role of the camera.
 //!
-//! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error: the drone then
-//! stays high enough for both levels. Without a witness it stays no lower than a pilot has flown it. Mean sea level is
-//! no witness if the drone itself has been lower (an inland water below sea level), and contradicts no height that a
-//! take-off from the deck confirms.
+//! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error, and the
+//! drone stays high enough for both levels. Without a witness it stays no lower than a pilot has flown it.
+//! Mean sea level is no witness if the drone has been lower (an inland water below sea level), and
+//! contradicts no height that a take-off from the deck confirms.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
@@ -30,36 +29,32 @@ use super::phase::DroneTime;
 use super::situation::relative_age_s;
 use crate::mission_config::MissionConfig;
 
-/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS receivers.
-/// The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, from an estimator that had lost
-/// the tilt) must not lower it. A permanent jump of the frame is reported by the count of origin resets.
+/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS
+/// receivers. The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, by an
+/// estimator without tilt) must not lower it. A permanent jump of the frame counts as an origin reset.
 const LEVEL_MPS: f64 = 0.2;
-/// Standard deviation of the deck's height above which the deck is not considered detected, m: that of two receivers is
-/// larger; that of a camera that detects the tag from the tracking height is ten times smaller.
+/// Largest standard deviation of a detected deck's height, m: less than by two receivers, more than by a
+/// camera.
 const VISION_SD_M: f64 = 0.5;
 
-/// Error of the levels by a take-off and by the last detection, m: a barometer drifts by 1 to 4 m in ten minutes, and
-/// the deck's heave is not averaged.
+/// Error of the levels by a take-off and by the last detection, m: a barometer drifts by 1 to 4 m in ten
+/// minutes, and the deck's heave is not averaged.
 const FLIGHT_DRIFT_M: f64 = 5.0;
 /// Error of mean sea level, m: tides of up to 4 m from the mean, two receivers of 2 m each, and geoid models of 1 m.
 const SEA_LEVEL_M: f64 = 8.0;
-/// Distance from the deck's centre, by the forecast, within which a disarmed drone stands on the deck, m: two
-/// receivers.
+/// Distance from the forecast deck's centre of a disarmed drone on the deck, m: two receivers.
 const ON_DECK_M: f64 = 4.0;
 
-/// Time for which readings of a surface have to continue before they are used, s, and time after the last one for which
-/// they stay in use.
+/// Time for which a surface must be read before its use, and for which it stays in use, s.
 const SURFACE_LASTS_S: f64 = 0.5;
 const SURFACE_STALE: Span = Span::from_millis(500);
-/// Difference of two readings above which they belong to different surfaces, m: it allows for waves; a deck's edge
-/// exceeds it.
+/// Difference of readings from different surfaces, m: more than waves and less than a deck's edge.
 const SURFACE_JUMP_M: f64 = 3.0;
 const SURFACE_TIME_S: f64 = 0.5;
 
-/// Surface below the drone, by its rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Surface {
-    /// Time of the first and of the newest reading, and the surface's height, NED z, m.
+    /// Time of the first and newest reading, and the surface's NED z, m.
     observed: Option<(DroneTime, DroneTime, f64)>,
 }
 
@@ -75,7 +70,7 @@ impl Surface {
             None => z.is_finite().then_some((at, at, z)),
         };
     }
-    /// Height of the surface, NED z, m; None until readings of it have lasted.
+    /// NED z, m; None until readings have lasted.
     pub(super) fn level(&self, now: DroneTime) -> Option<f64> {
         let (since, last, level) = self.observed?;
         (now - last <= SURFACE_STALE && (last - since).secs() >= SURFACE_LASTS_S).then_some(level)
@@ -86,13 +81,12 @@ impl Surface {
 pub(super) struct HeightInput {
     /// Deck's mean level in the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
-    /// Whether the camera detects the deck, or a relative place that the tags have confirmed gives its position.
+    /// Whether the camera, or a relative place that the tags have confirmed, gives the deck's position.
     pub(super) observed: bool,
-    /// Drone's centre of mass, NED z, m; None without fresh odometry.
+    /// NED z of the centre of mass, m; None without fresh odometry.
     pub(super) own_z: Option<f64>,
     /// Feet below the centre of mass, m.
     pub(super) feet_m: f64,
-    /// Horizontal distance from the deck's centre, m.
     pub(super) distance_m: f64,
     pub(super) landed: LandedState,
     pub(super) armed: bool,
@@ -102,7 +96,7 @@ pub(super) struct HeightInput {
     pub(super) flies: bool,
 }
 
-/// Level according to each witness, in the drone's present NED.
+/// Levels by each witness, in the drone's present NED.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct HeightWitnesses {
     /// Mean sea level, NED z, m.
@@ -111,15 +105,15 @@ pub(super) struct HeightWitnesses {
     take_off_z: Option<f64>,
     /// Level of the deck while the camera detected it, NED z, m.
     vision_z: Option<f64>,
-    /// Lowest height to which someone other than the mission has flown the drone, NED z, m.
+    /// Lowest height to which others have flown the drone, NED z, m.
     proven_z: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heights {
-    /// Highest deck level among the forecast and the witnesses that contradict it, NED z, m.
+    /// Highest deck level of the forecast and contradicting witnesses, NED z, m.
     pub(super) deck_z: Option<f64>,
-    /// Highest level of the water, NED z, m: at least mean sea level until the camera has detected the deck.
+    /// Highest level of the water, NED z, m: mean sea level or above until the camera has detected the deck.
     pub(super) water_z: Option<f64>,
     /// Lower limit of the drone's height, NED z, m; None if only its heights over the deck apply.
     pub(super) lowest_z: Option<f64>,
@@ -128,8 +122,8 @@ pub(super) struct Heights {
 }
 
 impl Heights {
-    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. This limit does not make the
-    /// drone climb, because a range that is wrongly short would follow the drone upwards.
+    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. It does not make the
+    /// drone climb, because a range that is too short would follow the drone upwards.
     pub(super) fn above_surface(self, surface_z: f64, own_z: f64, above_m: f64, clear_m: f64) -> Heights {
         let lowest = (surface_z - clear_m).max(own_z);
         let aims_z = self.deck_z.map(|deck| deck - above_m);
@@ -159,7 +153,7 @@ impl HeightWitnesses {
         self.sea_z = i.origin_sea_m;
         let stands = !i.armed || i.landed == LandedState::OnGround;
         if let Some(z) = i.own_z {
-            // From the ground a drone first climbs clear of the waves.
+            // From the ground a drone climbs clear of the waves first.
             let z = if stands { z - c.minimum_altitude_m } else { z };
             if !i.flies || self.proven_z.is_none() {
                 self.proven_z = Some(self.proven_z.map_or(z, |p| p.max(z)));
@@ -181,7 +175,7 @@ impl HeightWitnesses {
         self.sea_z.filter(|sea| !below(sea))
     }
 
-    /// Levels of the deck with their errors, m; `deck_m`: height of the deck over still water.
+    /// Levels of the deck with their errors, m; `deck_m`: deck over still water.
     fn levels(&self, deck_m: f64) -> [Option<(f64, f64)>; 3] {
         [
             self.take_off_z.map(|z| (z, FLIGHT_DRIFT_M)),
@@ -195,7 +189,7 @@ impl HeightWitnesses {
         let [take_off, sea, observed] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, observed])
     }
-    /// Whether the witnesses that do not depend on the forecast confirm the level.
+    /// Whether the forecast-independent witnesses confirm the level.
     pub(super) fn confirm_aside(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, _] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, None])
@@ -205,7 +199,7 @@ impl HeightWitnesses {
         self.contradiction(z, deck_m).is_none() && levels.iter().flatten().any(near)
     }
 
-    /// The highest level that contradicts the deck's at `z`, with its error.
+    /// Highest contradicting level, with its error.
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
         let [take_off, sea, observed] = self.levels(deck_m);
         let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);
@@ -216,8 +210,8 @@ impl HeightWitnesses {
             .reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 
-    /// Assesses a deck at the mean level `mean_z` and at that of the newest forecast, NED z, m; `deck_m`: height of the
-    /// deck over still water, `above_m`: height of the approach over the deck.
+    /// Assesses a deck at the mean level `mean_z` and at the newest forecast's, NED z, m; `deck_m`: deck over
+    /// still water, `above_m`: approach over the deck.
     pub(super) fn judge(
         &self,
         mean_z: Option<f64>,
@@ -228,7 +222,7 @@ impl HeightWitnesses {
         let Some(mean) = mean_z else {
             return Heights::default();
         };
-        // The lower of both levels is the more dangerous one.
+        // The lower of the two levels is the more dangerous one.
         let lowest = forecast_z.map_or(mean, |z| z.max(mean));
         let sea_z = self.sea_z().filter(|_| self.vision_z.is_none());
         let water_z = sea_z.map_or(mean + deck_m, |sea| sea.min(mean + deck_m));
@@ -284,7 +278,7 @@ impl MissionNode {
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
                 landed: a.landed,
                 armed: a.armed,
-                // In the frame that stays continuous across jumps of the autopilot's estimate.
+                // In the frame that is continuous across jumps of the estimate.
                 origin_sea_m: a.origin_sea_m.zip(own).map(|(m, d)| m + d.datum_offset[2]),
                 flies: self.phase.flies(),
             };
@@ -302,13 +296,12 @@ impl MissionNode {
         }
     }
 
-    /// Updates the deck's mean level with that of a forecast, NED z, m.
     pub(super) fn follow_level(&mut self, at: DroneTime, z: f64) {
         let mean = self.mean_deck_z.map_or(z, |(last, mean)| {
             let limit_m = LEVEL_MPS * (at - last).secs().max(0.0);
             mean + (z - mean).clamp(-limit_m, limit_m)
         });
-        // A jump by which vision corrects the radio is followed at once if a second witness confirms it.
+        // A jump by which vision corrects the radio applies at once if a second witness confirms it.
         let (deck_m, w) = (self.deck_height_m(), &self.heights);
         let rises = z < mean && w.confirm(z, deck_m) && !w.confirm(mean, deck_m);
         let agrees = rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m);
@@ -331,7 +324,6 @@ mod tests {
     const DECK_M: f64 = 1.3;
     const ABOVE_M: f64 = 15.0;
 
-    /// Input of a drone that a pilot flies at the height `own_z`.
     fn airborne(own_z: f64) -> HeightInput {
         HeightInput {
             forecast_z: None,
@@ -357,7 +349,7 @@ mod tests {
         h.doubt.map(|why| why.code)
     }
 
-    /// A vessel whose receiver ignores the geoid: its deck is 22 to 51 m too low, or too high.
+    /// With a receiver that ignores the geoid the deck is 22 to 51 m too low, or too high.
     #[test]
     fn height_against_mean_sea_level() {
         let at_sea = HeightInput {
@@ -373,11 +365,11 @@ mod tests {
             assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
             assert!((h.lowest_z.unwrap() - (true_z - ABOVE_M)).abs() < 1e-9, "{h:?}");
             assert!((h.water_z.unwrap() - 10.0).abs() < 1e-9, "{h:?}");
-            // If the deck's level is too high, the drone stays too far above the deck, at a safe height.
+            // With too high a deck the drone stays too far above it, at a safe height.
             let h = judged(&w, true_z - wrong_m);
             assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         }
-        // A wrong level in the newest forecast is noticed before the mean has followed it.
+        // A wrong level in the newest forecast shows before the mean has followed.
         let h = w.judge(Some(true_z), Some(true_z + 30.0), DECK_M, ABOVE_M);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
     }
@@ -424,8 +416,7 @@ mod tests {
         }
     }
 
-    /// Radio and sea level share an error, that of the autopilot's origin. The rangefinder measures the approaching
-    /// water.
+    /// Radio and sea level share the origin's error; the rangefinder measures the approaching water.
     #[test]
     fn height_above_the_surface_that_the_rangefinder_sees() {
         let deck_z = 40.0;
@@ -443,7 +434,7 @@ mod tests {
             (h.lowest_z, code(&h)),
             (Some(-3.0), Some(ReasonCode::HeightsDisagree))
         );
-        // The drone is already too low, or the beam ends at its own feet: the limit is the present height.
+        // The drone is already too low, or the beam ends at its feet: the limit is the present height.
         assert_eq!(observed(0.0, -1.0).lowest_z, Some(-1.0));
         assert_eq!(observed(-50.0, -50.5).lowest_z, Some(-50.5));
 
@@ -473,12 +464,11 @@ mod tests {
             ..airborne(-0.3)
         };
         let w = after(&[on_deck, airborne(-20.0)]);
-        // At this tide mean sea level would be 13 m below the deck.
+        // At this tide mean sea level is 13 m below the deck.
         assert_eq!(code(&judged(&w, 0.5)), None);
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
         assert!((h.deck_z.unwrap()).abs() < 1e-9, "{h:?}");
-        // A drone that appears above the deck and is reported armed late.
         let appears = HeightInput {
             distance_m: 1.0,
             armed: false,

@@ -84,7 +84,7 @@ fn on_the_deck() -> ContactOutcomes {
     }
 }
 
-/// A drone low over the deck whose climb would hit the deck at this speed.
+/// Low over the deck, with a climb that would hit the deck at this speed.
 fn low(contact_mps: f64) -> Situation {
     with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(ContactOutcomes::of_speeds(0.5, Some(contact_mps)))))
 }
@@ -102,14 +102,14 @@ fn abort_with_a_climb_into_the_deck() {
         for s in [low(0.8), on_it] {
             let d = commanded(COMMITTED, command, &s);
             waits(&d, State::Flare, CompletesLanding);
-            // A second order has no effect, even if the climb has become possible.
+            // A second order has no effect, even when the climb becomes possible.
             let d = commanded(&d, command, &low(0.1));
             waits(&d, State::Flare, CompletesLanding);
             let mut stopped = s;
             stopped.motors_stopped = true;
             goes(&step(&d, &stopped), State::Landed, Touchdown);
         }
-        // If the landed drone would slide overboard, it climbs unless that contact is harmful.
+        // A drone that would slide overboard climbs unless that contact is harmful.
         let slides = |contact_mps| Situation {
             staying: Staying {
                 probability: 0.8,
@@ -120,7 +120,6 @@ fn abort_with_a_climb_into_the_deck() {
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
         let d = commanded(COMMITTED, command, &slides(1.1));
         waits(&d, State::Flare, CompletesLanding);
-        // The drone is not above the deck.
         let mut off_deck = low(0.8);
         off_deck.outside_m = 0.5;
         goes(&commanded(COMMITTED, command, &off_deck), climbs, Operator);
@@ -138,7 +137,6 @@ fn abort_with_a_completed_landing_broken_off() {
     let gone = step(&d, &stale);
     goes(&gone, State::GaveUp, ForecastStale);
     waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);
-    // A later order to land is carried out.
     let again = commanded(&d, CommandKind::Land, &low(0.8));
     goes(&step(&again, &missed), State::Tracking, Deviated);
 }
@@ -164,7 +162,7 @@ fn hold_position_with_the_deck() {
             phase => panic!("{phase:?}"),
         };
         assert_eq!(place(&d, &at_height(-5.0, 1.0)), (30.0, true));
-        // Cases: high enough; vessel far away; deck unknown.
+        // High enough; vessel far away; deck unknown.
         assert_eq!(place(&d, &at_height(-17.0, 1.0)), (0.0, false));
         assert_eq!(place(&d, &at_height(-5.0, 11.0)), (0.0, false));
         let mut stale = at_height(-5.0, 1.0);
@@ -210,7 +208,7 @@ fn abort_after_a_touchdown() {
     };
     let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &in_air(true));
     goes(&d, State::GaveUp, Operator);
-    // A false stop of the pilot is ignored until it is withdrawn; the next stop is accepted again.
+    // The pilot's false stop is ignored until withdrawn; its next stop is accepted.
     let d = step(&d, &in_air(true));
     assert_eq!(d.phase.state(), State::GaveUp);
     let d = step(&d, &in_air(false));
@@ -224,8 +222,7 @@ fn abort_after_a_touchdown() {
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
     }
-    // If the thrust is unknown, the height above the deck shows that the drone flies; if that is unknown, too, the
-    // pilot's mode shows it.
+    // Without a thrust the height above the deck shows a flight, and without a height the pilot's mode.
     let silent = |mut s: Situation| {
         s.rotors_carry = None;
         s
@@ -274,7 +271,7 @@ fn last_attempt() {
             goes(&d, State::GaveUp, OutOfRetries);
         }
     }
-    // A further descent does not begin, regardless of how the drone came back above the deck.
+    // No further descent begins, however the drone came back above the deck.
     let d = step((MissionPhase::TrackingStable, progress), &fair());
     goes(&d, State::GaveUp, OutOfRetries);
 }
@@ -286,7 +283,7 @@ fn completion_of_a_landing_without_data() {
         ContactOutcomes::of_speeds(0.5, None),
         ContactOutcomes::of_speeds(0.5, Some(harder)),
     );
-    // Without odometry no set-point is sent; whether the drone leaves is decided afterwards.
+    // Without odometry no set-point is sent, and leaving is decided later.
     for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
         (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),
@@ -326,7 +323,7 @@ fn hard_contact_that_is_not_repeated() {
     goes(&d, State::Landed, HardContact);
     let text = d.entered.unwrap_or_default().to_string();
     assert!(text.starts_with("hard contact at 2.6 m/s (limit 1.5)"), "{text}");
-    // After a bounce over the edge no further attempt is made without a new order.
+    // After a bounce over the edge another attempt needs an order.
     let d = step(
         COMMITTED,
         &hard(|s| (s.outside_m, s.deck.as_mut().unwrap().clearance_m) = (0.5, 0.3)),

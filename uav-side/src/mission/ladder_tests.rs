@@ -1,4 +1,4 @@
-//! Tests of the modes before a first landing: shadow, and match (follow the deck, then climb).
+//! Tests of the modes before a first landing: shadow and match.
 
 use alight_shared::msg::ReasonCode::{
     BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost,

@@ -7,10 +7,10 @@
 //! | speed along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
 //! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
 //!
-//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a` are the
-//! horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has levelled. The gap
-//! has to stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen,
-//! because it then falls away below the drone.
+//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a`
+//! are the horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has
+//! levelled. The gap has to stay open at every time `s` of the forecast. A level deck that has just risen
+//! suits both limits best, because it then falls away below the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::normal::{below, inside, norm, smaller};
@@ -22,23 +22,22 @@ use nalgebra::Vector3;
 use crate::contingency::Climb;
 use crate::mission_config::MissionConfig;
 
-/// Time from the decision until the rotors carry the drone, s: two periods, the link, the rotors' lag and the first
-/// part of the pilot's ramp.
+/// Time from the decision until the rotors carry the drone, s: two periods, link, rotors' lag, part of the
+/// ramp.
 const LAG_S: f64 = 0.25;
-/// Time from the lift-off until the drone has levelled, s: 0.2 s until the feet are clear, and half of the attitude's
-/// 0.2 s.
+/// Time from lift-off to level, s: 0.2 s until the feet are clear, half of the attitude's 0.2 s.
 const LEVELS_S: f64 = 0.3;
 /// Times after lift-off at which the gap is checked, s: first, step and last.
 const GAP_FROM_S: f64 = 0.3;
 const STEP_S: f64 = 1.0 / 16.0;
 const GAP_UNTIL_S: f64 = 1.5;
-/// Standard deviations that pilot and feet add to the gap, m, and to the speed along the deck, m/s.
+/// Standard deviations due to pilot and feet, of the gap, m, and of the speed along the deck, m/s.
 const GAP_SD_M: f64 = 0.03;
 const ALONG_SD_MPS: f64 = 0.1;
 /// Spacing of the later lift-off times, and the latest one, s.
 const GRID_S: f64 = 0.25;
 const AHEAD_S: f64 = 2.0;
-/// Upper bound of the probability, as for landings, for effects outside the model.
+/// Upper bound of the probability, for effects outside the model.
 const MAX: f64 = 0.99;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,8 +74,7 @@ impl LiftOff {
 }
 
 impl Moments {
-    /// Reason against a take-off now: its probability is too low, or a later lift-off is better by more than the cost
-    /// of waiting.
+    /// Reason against a take-off now: too low a probability, or a later lift-off that is worth waiting for.
     pub fn not_now(&self, c: &MissionConfig) -> Option<Reason> {
         let p = self.now.whole();
         self.now.below(c.min_probability).or_else(|| {
@@ -96,7 +94,7 @@ impl Moments {
 
 pub(super) struct LiftOffConditions<'a> {
     pub(super) forecast: &'a DeckForecast,
-    /// Wind, if an earlier flight has measured it.
+    /// Wind measured by an earlier flight.
     pub(super) wind: WindPush,
     pub(super) drone: &'a DroneGeometry,
 }
@@ -129,7 +127,7 @@ impl LiftOffConditions<'_> {
             clear: self.clear(leaves, &deck)?,
         })
     }
-    /// Probability that the speed along the deck is harmless once the drone has levelled.
+    /// Probability of a harmless speed along the deck once the drone has levelled.
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);
@@ -224,7 +222,7 @@ mod tests {
     #[test]
     fn take_off_from_a_deck_that_rises_into_it() {
         let c = MissionConfig::default();
-        // The deck accelerates upwards by 12 m/s² from the time at which the feet leave it.
+        // The deck accelerates upwards by 12 m/s² once the feet leave it.
         let hit = moments(|t| {
             let s = (t - LAG_S).max(0.0);
             DeckStage {
@@ -236,7 +234,6 @@ mod tests {
         assert_eq!(hit.not_now(&c).map(|r| r.code), Some(ReasonCode::TakeOffHit));
     }
 
-    /// On a rolling deck the best lift-off is when the deck is level.
     #[test]
     fn moment_of_a_level_deck() {
         let c = MissionConfig::default();

@@ -11,21 +11,21 @@ pub(super) const STEADY_DISTANCE_M: f64 = 1.5;
 /// Maximum difference of a steady drone from the tracking height, m.
 /// Source: The drone does not follow heave at tracking height.
 pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
-/// Limit of the feet's centre outside the part of the deck on which all feet stand, m; beyond it a committed flare is
-/// broken off.
-/// Source: Half of the feet's span: half of the feet are off the deck.
+/// Distance of the feet's centre outside the area where all feet stand, m, at which a committed flare breaks
+/// off.
+/// Source: half of the feet's span, with half of the feet off the deck.
 pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
-/// Time for which an order to land waits for a drone that is disarmed or under other control, s: enough for a pilot to
-/// arm, take off and select the mode. For a drone under our control that waits for something else, the order lasts as
-/// long as a landing may.
+/// Time for which an order to land waits for a drone that is disarmed or under other control, s: enough to
+/// arm, take off and select the mode. For a drone under our control the order lasts as long as a landing may.
 pub(super) const ORDER_WAITS_S: f64 = 60.0;
-/// Time at the decision clearance without the conditions for the flare after which the drone returns to Tracking, s.
+/// Time at the decision clearance without the flare's conditions after which the drone returns to Tracking,
+/// s.
 pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
 /// Time for which data have to be fresh before a Hold ends, s.
 pub(super) const RECOVER_S: f64 = 0.5;
-/// Factor on the limits of a drone that was steady, or of a deck that was feasible.
+/// Factor on the limits of a steady drone or a feasible deck.
 pub(super) const HYSTERESIS: f64 = 1.5;
-/// Fraction of the reserve that may be used while an operator who has stopped the landing decides.
+/// Fraction of the reserve for the decision of an operator who has stopped the landing.
 pub(super) const FOR_OPERATOR: f64 = 0.25;
 /// Horizontal distance to a detected deck within which the state after Hold is Tracking, m.
 pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
@@ -33,8 +33,7 @@ pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
 pub(super) const CLIMB_S: f64 = 4.0;
 /// Maximum rise of a deck in waves, m.
 pub(super) const HEAVE_M: f64 = 2.0;
-/// Horizontal distance above which a drone without an order is away from the vessel, m: wave motion alone does not
-/// cover it.
+/// Horizontal distance of a drone without an order that is away from the vessel, m: more than wave motion.
 pub(super) const AWAY_M: f64 = 1.5 * RESUME_DISTANCE_M;
 
 /// Reason if `value` exceeds `limit` or is NaN.
@@ -48,8 +47,8 @@ pub(super) fn first_beyond<const N: usize>(values: [(ReasonCode, f64, f64); N]) 
         .into_iter()
         .find_map(|(code, value, limit)| exceeds(code, value, limit))
 }
-/// Maximum waiting height over a vessel that is known by its tags alone, m: from there a tag's tilt is accurate to a
-/// degree, from 7 m to three or four.
+/// Maximum waiting height over a vessel known by its tags alone, m: a tag's tilt is accurate to a degree
+/// there, and to three or four from 7 m.
 pub(super) const TAG_HEIGHT_M: f64 = 3.5;
-/// Minimum height of the start of a descent that does not land above its lowest plan, m.
+/// Minimum height above its lowest plan at which a descent without a landing starts, m.
 pub(super) const MATCHES_FROM_M: f64 = 0.5;

@@ -1,11 +1,12 @@
 //! Mission: permissions for the planner, with the reasons for every restriction.
 //!
-//! Reading order: `transition` (the state machine as a pure function), `concerns` (interruptions of every state, with
-//! `charge`), `states` (the state table), `phase` (states and their data), `search` and `seek` (the way to a deck that
-//! is known by a beacon alone, or not received), `situation` (every assessed quantity), `height` (confirmation of the
-//! deck's height by a second source), `outlook` (probability of a landing, with `staying` for the time on the deck),
-//! `take_off`, `lift_off` and `leaving` (the take-off), `cycles` (consecutive sorties), `waiting` (value of a better
-//! moment), and `checkpoint` (state that outlives the process). This file stores the inputs and writes the output.
+//! Reading order: `transition` (the state machine as a pure function), `concerns` (interruptions of every
+//! state, with `charge`), `states` (the state table), `phase` (states and their data), `search` and `seek`
+//! (the way to a deck that is known by a beacon alone, or not received), `situation` (every assessed
+//! quantity), `height` (confirmation of the deck's height), `outlook` (probability of a landing, with
+//! `staying` for the time on the deck), `take_off`, `lift_off` and `leaving` (the take-off), `cycles`
+//! (consecutive sorties), `waiting` (value of a better moment), and `checkpoint` (state that outlives the
+//! process). This file stores the inputs and writes the output.
 
 mod answers;
 mod assessment;
@@ -109,9 +110,9 @@ pub struct MissionIn {
     pub drone: Option<DroneState>,
     pub autopilot: Option<AutopilotState>,
     pub plan: Option<Plan>,
-    /// The pilot's set-point: its `motors` field reports the touchdown.
+    /// The `motors` field reports the touchdown.
     pub set_point: Option<SetPoint>,
-    /// Operators' commands, in the order of their arrival.
+    /// In the order of arrival.
     pub commands: Vec<Command>,
     pub settings: Option<SettingsOrder>,
     pub deck: Option<DeckGrant<DroneClock>>,
@@ -126,12 +127,11 @@ pub struct MissionOut {
     /// Published at 50 Hz, and at once on a change of state.
     pub state: Option<MissionState>,
     pub checkpoint: Option<MissionCheckpoint>,
-    /// Published once at the start if the predecessor's checkpoint was rejected.
+    /// Published once at the start, with the rejection of the predecessor's checkpoint.
     pub rejected: Option<CheckpointRejection>,
 }
 
 wiring! {
-    /// Topics that the mission reads and writes.
     MissionPorts of MissionNode: MissionIn => MissionOut {
         reads {
             newest forecast: DeckForecast,
@@ -154,7 +154,7 @@ wiring! {
 const PERIOD: Span = Span::from_millis(20);
 #[derive(Clone, Debug, Default)]
 pub struct MissionNode {
-    /// Configuration with heights above all volumes around the deck.
+    /// Heights are above all volumes around the deck.
     config: MissionConfig,
     settings: MissionSettings,
     drone_geometry: DroneGeometry,
@@ -171,26 +171,25 @@ pub struct MissionNode {
     grant: Latest<DeckGrant<DroneClock>>,
     light: Latest<CameraLight>,
     commands: CommandAdmission<DroneClock>,
-    /// Time and size of a jump of the drone's frame, until the next forecast.
+    /// Time and size of a jump of the drone's frame, kept until the next forecast.
     moved: Option<(Time<DroneClock>, f64)>,
-    /// Mean level of the deck that applies, NED z, m, and the time of its forecast.
+    /// Mean level of the deck, NED z, m, and the time of its forecast.
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
     heights: HeightWitnesses,
     surface: Surface,
     waiting: Waiting,
     tilt: TiltMonitor,
     swing: SwingMonitor,
-    /// Assessment of the newest forecast: time of the forecast, whether a landed drone stays, and the odds of a
-    /// landing.
+    /// Time of the newest forecast, whether a landed drone stays on the deck, and the odds of a landing.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
     /// State of the vessel when its deck was last known.
     last_vessel: Option<LastVessel>,
-    /// Target of the feet on the deck, from its centre, NED, m; fixed before the descent.
+    /// Target of the feet from the deck's centre, NED, m; fixed before the descent.
     meets: [f64; 2],
     leaving: LeavingMonitor,
 
-    /// Delay of a forced descent from the time at which the drone is first steady, and the resulting time.
+    /// Delay of a forced descent after the drone is first steady, and resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     succession: MissionSuccession,
     phase: MissionPhase,
@@ -225,14 +224,13 @@ impl MissionNode {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// For simulations: starts a descent after this delay from the time at which the drone is first steady above the
-    /// deck, at any probability.
+    /// For simulations: starts a descent this long after the drone is first steady, at any probability.
     #[must_use]
     pub fn forced_descent(mut self, after: Option<Span>) -> Self {
         self.forced_descent = after.map(|after| (after, None));
         self
     }
-    /// Makes the mission wait for a predecessor's checkpoint first.
+    /// Waits for a predecessor's checkpoint first.
     #[must_use]
     pub fn as_successor(mut self) -> Self {
         self.succession.beginning = Some(MissionStartUp::default());
@@ -253,7 +251,7 @@ impl MissionNode {
             moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
-            // Forecast, plan and level belong to the frame before the jump.
+            // Forecast, plan and level are in the frame before the jump.
             self.forecast.forget();
             self.plan.forget();
             self.mean_deck_z = None;
@@ -292,13 +290,13 @@ impl MissionNode {
         self.keep_range(&input.ranges);
     }
 
-    /// Sets the tracking and approach heights over this deck: above all volumes around it, and lower over a vessel that
-    /// is known by its tags alone.
+    /// Sets tracking and approach heights: above all volumes, and lower over a vessel known by its tags
+    /// alone.
     fn raise_heights(&mut self) {
         let forecast = self.forecast.get();
         let lowest_m = forecast.map_or(0.0, |f| f.surroundings.wait_height_m());
         let tracking_m = self.settings.tracking_height_m;
-        // If the deck is no longer detected, the drone goes higher to find it again.
+        // The drone goes higher to find a lost deck again.
         let by_tag = forecast.is_some_and(|f| {
             f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
         });
@@ -311,11 +309,11 @@ impl MissionNode {
         self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
-    /// Whether settings may change: not while the drone may fly, nor with an order to land or to take off.
+    /// Settings may change unless the drone may fly or has an order to land or to take off.
     fn is_settable(&self, s: &Situation) -> bool {
         s.flight == ControlState::Disarmed && !self.progress.landing && !self.phase.stands()
     }
-    /// Applies a ground station's settings, if they may change now and are within the configuration's limits.
+    /// Applies a ground station's settings, if they are within the configuration's limits and may change.
     fn set(&mut self, now: Time<DroneClock>, order: &SettingsOrder, s: &Situation) {
         let age = now - order.header.at;
         let fresh = (Span::ZERO..=topics::SETTINGS.stale_after).contains(&age);
@@ -331,7 +329,7 @@ impl MissionNode {
         }
     }
 
-    /// Returns to tracking after the maximum time in a landing state, which bounds the loop.
+    /// Returns to tracking after the maximum time in a landing state.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
             State::Descent => {
@@ -373,7 +371,7 @@ impl MissionNode {
         }
     }
 
-    /// Permitted speed of descent, m/s: zero unless deck, vision and control are available now.
+    /// Permitted speed of descent, m/s; zero without deck, vision or control.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
         let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
@@ -386,7 +384,7 @@ impl MissionNode {
         {
             return c.descent_mps;
         }
-        // A committed flare continues without vision for the maximum blind time.
+        // A committed flare continues blind for a limited time.
         if let MissionPhase::Flare { committed, .. } = self.phase
             && (deck.located_age_s() <= blind_limit(deck)
                 || (committed && deck.located_age_s() <= RADIO_BLIND_S + c.flare_timeout_s))
@@ -403,7 +401,7 @@ impl MissionNode {
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
-        // When the drone comes back under our control, it may be near the deck without an order.
+        // A drone that comes back under our control may be near the deck without an order.
         let away = matches!(
             s.flight,
             ControlState::SetPointsLost | ControlState::OtherControl(_)
@@ -414,7 +412,7 @@ impl MissionNode {
                 .get_or_insert(ReasonCode::GivenBack);
         }
         if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
-            // After a takeover only a new order lands the drone, not a repeated one.
+            // After a takeover a repeated order does not land the drone.
             self.commands.supersede(now);
         }
         if let Some(why) = decision.entered {
@@ -433,7 +431,7 @@ impl MissionNode {
         } else {
             c.minimum_altitude_m
         };
-        // A landing in progress is broken off if the deck's height is in doubt.
+        // Doubt about the deck's height ends a landing in progress.
         let lands = state.phase() == Phase::Landing;
         let lowest_m = (s.lowest_z.filter(|_| !lands)).map_or(f64::NEG_INFINITY, |z| -z);
         // Fixed before the descent, so that the plan does not move sideways low above the deck.
@@ -453,7 +451,7 @@ impl MissionNode {
             attempts: self.progress.attempts,
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
-            // The altitude is in the drone's NED, whose zero differs from the water level by a GNSS error.
+            // The altitude is in the drone's NED, which differs from the water level by a GNSS error.
             minimum_altitude_m: (altitude - s.water_z).max(lowest_m),
             hold_position: place.at.into(),
             hold_yaw: place.yaw,

@@ -29,7 +29,6 @@ pub(super) fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn
     }
 }
 
-/// A level deck at this height, known by radio, vision and tags.
 fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     DeckForecast {
         radio_age_s: 0.05,
@@ -62,8 +61,7 @@ fn flown(
     m.phase.state()
 }
 
-/// The tracking height is low while only the tags are detected, and the configured one with the radio or without any
-/// detection.
+/// The tracking height is low while only the tags are detected.
 #[test]
 fn tracking_height_over_a_silent_vessel() {
     let mut m = node();
@@ -81,8 +79,7 @@ fn tracking_height_over_a_silent_vessel() {
     assert_eq!(height(3, 0.05, 0.05), configured);
 }
 
-/// The minimum altitude is relative to the long-term water level: wrong forecasts may lower it by 0.2 m/s at most,
-/// whatever their jumps.
+/// Wrong forecasts lower the minimum altitude, relative to the long-term water level, by 0.2 m/s at most.
 #[test]
 fn minimum_altitude_with_a_forecast_below_the_water() {
     let mut m = node();
@@ -91,7 +88,7 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
         if k >= 500 {
-            // The forecast goes deeper and deeper, in steps.
+            // The forecast deepens in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
             input.forecast = Some(deck(k, t, depth));
         }
@@ -107,8 +104,7 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
     assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
 }
 
-/// By radio the deck is 31 m too low, and no camera detects it: by mean sea level the drone stays 15 m above its real
-/// height.
+/// By radio the deck is 31 m too low; by mean sea level the drone stays 15 m above its real height.
 #[test]
 fn heights_of_two_receivers_that_disagree() {
     let mut m = node();
@@ -157,14 +153,13 @@ fn waiting_and_leaving_among_volumes() {
     // 14 m, 3 m for waiting, and 0.2 of 9 m.
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
-    // The drone leaves at the same height, keeping its place over the deck.
     assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
-    // This place is beyond the volumes' 9 m plus the drone with its margin.
+    // Beyond the volumes' 9 m plus the drone with its margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
 }
 
-/// Drone that reaches the mission's place at once, with a pilot that stops the motors at the deck.
+/// A drone that is always at the mission's place, with a pilot that stops the motors at the deck.
 #[test]
 fn landing_of_an_ideal_drone() {
     let mut m = node();
@@ -254,12 +249,11 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
 }
 
-/// A pilot takes the drone over by remote control, and returns it while the order is still repeated.
+/// A pilot returns the drone by remote control while the order is still repeated.
 #[test]
 fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
-        // The order comes from a relay that was restarted.
         (land(8, 1, 20.01), State::Idle),
         // The order was sent before the takeover.
         (land(8, 1, 20.9), State::Idle),
@@ -278,7 +272,7 @@ fn repeated_landing_after_a_takeover() {
     }
 }
 
-/// A pilot selects Hold or Brake, and OFFBOARD or GUIDED minutes later: no descent begins without a new order.
+/// A pilot selects Hold or Brake, and OFFBOARD or GUIDED minutes later: a descent needs a new order.
 #[test]
 fn order_after_a_hold_by_the_pilot() {
     let mode = AutopilotMode::Hold;
@@ -303,7 +297,7 @@ fn order_after_a_hold_by_the_pilot() {
     }
 }
 
-/// A repetition with the next sequence number is not an order to use the battery's reserve.
+/// The next sequence number does not make a repetition an order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
@@ -334,7 +328,7 @@ fn repeated_landing_below_the_reserve() {
 fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // The order was pending before the abort, and is repeated.
+        // The order was pending before the abort.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
         // A later order by the sender of the abort, or by an operator who knows of it.
@@ -348,7 +342,6 @@ fn landing_of_another_operator_about_an_abort() {
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
-    // If both arrive in one step, the abort is carried out.
     let abort = command(header(1, at(19.99)), CommandKind::Abort);
     let both = vec![abort, land_at(7, 20.0)];
     assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
@@ -360,12 +353,10 @@ fn late_abort_after_a_newer_order() {
     let mut step = |t: f64, commands| state_after(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
-    // The abort was given before that landing and arrives late.
     assert_eq!(step(21.0, vec![abort(1, 19.5)]), State::GaveUp);
-    // The same landing is ordered again by an operator who cannot know of the abort.
+    // An operator who cannot know of the abort orders the same landing.
     assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
     assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    // The abort that was carried out is repeated.
     assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }
@@ -380,7 +371,7 @@ fn abort_echo_with_its_newest_repetition() {
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     assert_eq!(echo(20.0, vec![land(1, 1, 20.0)]).1, None);
     assert_eq!(echo(20.5, vec![abort(2, 20.5)]), (State::GaveUp, Some([1, 2])));
-    // Its repetition does not stop a later landing, and is answered.
+    // Its repetition is answered, but does not stop a later landing.
     assert_eq!(echo(22.0, vec![land(1, 3, 22.0)]), (State::Hold, Some([1, 2])));
     assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
 }
@@ -413,7 +404,6 @@ fn drone_without_an_order_where_the_vessel_comes() {
         (30.0, 30.0, 1.0, State::Idle),
         (30.0, 9.0, 1.0, State::GaveUp),
         (30.0, 9.0, 3.0, State::Idle),
-        // The drone was handed over at this place.
         (9.0, 9.0, 1.0, State::Idle),
     ] {
         let mut m = node();

@@ -43,12 +43,12 @@ const ORDERS: [CommandKind; 6] = [
     CommandKind::Station(Station::USUAL),
 ];
 
-/// Whether the order is fulfilled, as far as the drone is under our control.
+/// Whether the order is fulfilled, if the drone is under our control.
 fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situation) -> bool {
     let state = d.phase.state();
     match order {
         CommandKind::Land => d.progress.landing || d.waiting.code == CompletesLanding,
-        // No landing or take-off continues and the drone is under our control, or a waiting order has ended.
+        // Landing and take-off have ended with the drone under our control, or a waiting order has ended.
         CommandKind::Abort | CommandKind::Hold => {
             let landing = matches!(state.phase(), Phase::Follow | Phase::Landing) || state == State::Search;
             let stops = !landing || d.waiting.code == CompletesLanding;
@@ -146,7 +146,6 @@ fn orders_that_are_rejected_with_their_reason() {
         let rejected = d.progress.rejected.and_then(|r| r.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{order:?} in {phase:?}");
     }
-    // Stopping an order that waits for the drone fulfils the abort.
     let s = with(|s| s.flight = pilot);
     let d = decide(
         MissionPhase::Idle,
@@ -158,7 +157,7 @@ fn orders_that_are_rejected_with_their_reason() {
     assert!(d.progress.rejected.is_none() && !d.progress.landing);
 }
 
-/// The drone follows a beacon that moves ahead of it no further than the configured distance.
+/// A beacon that moves ahead of the drone leads it no further than the configured distance.
 #[test]
 fn beacon_that_leads_away() {
     let c = MissionConfig {
@@ -182,7 +181,7 @@ fn beacon_that_leads_away() {
     }
     d = decide(d.phase, d.progress, None, &led(301.0), &c);
     goes(&d, State::GaveUp, VesselTooFar);
-    // A low battery does not make the drone follow the beacon any further.
+    // Not even with a low battery does the drone follow the beacon further.
     let low = Situation {
         battery: Some(0.15),
         ..led(301.0)

@@ -1,17 +1,17 @@
 //! Probability that a landing which starts or continues now succeeds.
 //!
-//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the angle
-//! between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally distributed
-//! about its prediction for the contact, with the variance of everything that cannot be corrected before the contact.
+//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the
+//! angle between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally
+//! distributed about its prediction, with the variance of all that cannot be corrected before the contact.
 //!
-//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the height `h`.
-//! The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the present speed, plus
-//! the speed due to the deck's acceleration relative to an aligned drone. The unpredicted part is `r sd(a)` with the
-//! drone's reaction time `r` ([`alight_shared::landing`]'s contact).
+//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the
+//! height `h`. The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the
+//! present speed, plus that due to the deck's acceleration relative to an aligned drone, whose unpredicted
+//! part is `r sd(a)` with the drone's reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
-//! Errors of predictions older than `r` are not counted, because the feedback corrects them before the contact. The
-//! landing's probability is the product over the limits, whose errors have different causes. While the planner chooses
-//! the touchdown time, it is the probability of the best one in its window.
+//! Errors of predictions older than `r` do not count, because the feedback corrects them before the contact.
+//! The landing's probability is the product over the limits, whose errors have different causes; while the
+//! planner chooses the touchdown time, it is that of the best time in its window.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
@@ -28,8 +28,8 @@ use nalgebra::{Rotation2, Vector3};
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
 
-/// Time constant of the attitude that the reaction time already covers, s. A larger time constant adds its excess; the
-/// dead time is always added.
+/// Time constant of the attitude that the reaction time covers, s. A larger one adds its excess; the dead
+/// time is always added.
 const FOLLOWS_S: f64 = 0.2;
 /// Maximum deceleration of the sinking, m/s², twice the planned one, and its delay, s.
 const BRAKING_MPS2: f64 = 5.0;
@@ -44,7 +44,6 @@ pub struct Outlook<'a> {
     pub forecast: &'a DeckForecast,
     pub deck: &'a Deck,
     pub wind: WindPush,
-    /// Probability of staying on the deck after the landing.
     pub staying: &'a Staying,
     pub drone: &'a DroneGeometry,
     pub plate: &'a DeckGeometry,
@@ -53,7 +52,7 @@ pub struct Outlook<'a> {
 }
 
 impl Outlook<'_> {
-    /// Odds of a landing that continues from here at `now`; None if the forecast does not extend to the contact.
+    /// Odds of a landing from here at `now`; None if the forecast ends before the contact.
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
         let left_s = self.time_to_contact_s();
         let start = now.max(self.forecast.header.at);
@@ -65,7 +64,7 @@ impl Outlook<'_> {
         });
         moments.reduce(|best, next| if next.whole() > best.whole() { next } else { best })
     }
-    /// Time for which the drone does not follow the deck's unpredicted motion sideways and in tilt, s.
+    /// Time for which the drone does not follow the deck's unpredicted lateral motion and tilt, s.
     fn reaction_s(&self) -> f64 {
         let r = &self.response;
         let slowest = r.lag_s[0].max(r.lag_s[1]);
@@ -80,14 +79,13 @@ impl Outlook<'_> {
         stage.or(self.forecast.stages.last().copied())
     }
 
-    /// Odds of the contact with the deck `contact`, with the uncertainty of a forecast one reaction time ahead.
+    /// Odds of meeting the deck `contact`, with the uncertainty of a forecast one reaction time ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
         let wind = self.wind;
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
-        // Signed: the plan already allows for the predicted part of the acceleration between an aligned drone and the
-        // deck.
+        // Signed: the plan allows for the predicted acceleration between an aligned drone and the deck.
         let blown = wind_during_alignment(&wind.mean);
         let meant = aligned_acceleration(contact, &contact.normal());
         let apart = Vector3::from(contact.acceleration).xy() - meant - blown;
@@ -108,7 +106,7 @@ impl Outlook<'_> {
         };
         contact.odds(&Margins::on(self.plate, self.drone))
     }
-    /// Speed onto the deck if the drone brakes from now on, m/s; NaN if its speed or height is NaN.
+    /// Speed onto the deck of a drone that brakes from now on, m/s; NaN for a NaN of speed or height.
     fn contact_mps(&self) -> f64 {
         let [w, h] = [self.deck.sinking_mps, self.deck.clearance_m].map(|v| larger(v, 0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
@@ -163,9 +161,9 @@ mod tests {
     fn odds_of_a_calm_deck_and_of_each_limit() {
         assert!(of(|_| {}, |_| {}).whole() > 0.98);
         for (odds, why) in [
-            // Before the drone reacts, the deck's speed may change by 0.4 m/s.
+            // The deck's speed may change by 0.4 m/s before the drone reacts.
             (of(|_| {}, |s| s.acceleration_sd[2] = 1.4), ReasonCode::LikelyHard),
-            // A drone at 2.3 m/s cannot brake within half a metre.
+            // 2.3 m/s is too fast to brake within half a metre.
             (
                 of(|d| (d.sinking_mps, d.clearance_m) = (2.3, 0.5), |_| {}),
                 ReasonCode::LikelyHard,

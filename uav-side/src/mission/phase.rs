@@ -17,14 +17,14 @@ pub(super) type DroneTime = Time<DroneClock>;
 pub enum HoldCause {
     /// An operator ordered the hold; it ends with the next order to land.
     Operator,
-    /// Data were stale; the hold ends when they are fresh again.
+    /// Data were stale; the hold ends when they are fresh.
     Data,
     Station(KeptStation),
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Search {
-    /// Time at which the search started, and time of its last step.
+    /// Start of the search, and time of its last step.
     pub(super) since: DroneTime,
     pub(super) at: DroneTime,
     pub(super) flown_m: f64,
@@ -34,10 +34,10 @@ pub struct Search {
     pub(super) detected: Option<DroneTime>,
 }
 
-/// Phase of the mission: a state with its data.
+/// State of the mission, with its data.
 ///
-/// A field `Option<DroneTime>` is the time since which the named condition has held. `at` is a position, drone's NED, m;
-/// `yaw` a heading, rad.
+/// A field `Option<DroneTime>` is the time since which the named condition has held. `at` is a position,
+/// drone's NED, m; `yaw` a heading, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
     #[default]
@@ -63,12 +63,11 @@ pub enum MissionPhase {
         paused: Option<DroneTime>,
     },
     Flare {
-        /// Whether the drone is below the commit clearance, so that only hard reasons break the flare off.
+        /// Whether only hard reasons break the flare off.
         committed: bool,
         violated: Option<DroneTime>,
     },
     Landed {
-        /// Whether the autopilot has been disarmed since the touchdown.
         disarmed: bool,
         airborne: Option<DroneTime>,
     },
@@ -82,7 +81,7 @@ pub enum MissionPhase {
         at: Vector3<f64>,
         yaw: f64,
     },
-    /// Standing on the deck: checks, then a countdown before the motors start.
+    /// Checks on the deck before the countdown.
     Preparing,
     Countdown {
         since: DroneTime,
@@ -99,16 +98,15 @@ pub enum MissionPhase {
     /// Climbs away from the vessel to the height of the approach.
     ClimbOut {
         since: DroneTime,
-        /// Place of the hold at the end.
         at: Vector3<f64>,
         yaw: f64,
-        /// Whether an operator has stopped the climb-out: the drone then holds once it is clear of the vessel.
+        /// Whether an operator has stopped the climb-out; the drone then holds once clear of the vessel.
         stopped: bool,
     },
-    /// Standing on the deck after a take-off was stopped.
+    /// On the deck after a stopped take-off.
     StandDown {
         since: DroneTime,
-        /// Reason for the stop, if the autopilot was not reported armed.
+        /// Reason for the stop, unless the autopilot was reported armed.
         unarmed: Option<Reason>,
     },
 }
@@ -163,11 +161,11 @@ impl MissionPhase {
     pub(super) const fn stands(&self) -> bool {
         self.state().stands_for_take_off()
     }
-    /// Whether the drone leaves the deck, when only climbing is safe.
+    /// Whether only climbing is safe.
     pub(super) const fn takes_off(&self) -> bool {
         matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
     }
-    /// Whether the drone has left the deck in a take-off that has not ended.
+    /// Whether the drone has left the deck in an unfinished take-off.
     pub(super) const fn has_left(&self) -> bool {
         matches!(
             self,
@@ -197,7 +195,7 @@ impl MissionPhase {
             _ => None,
         }
     }
-    /// Whether the mission still intends to land and depends on fresh data.
+    /// Whether the mission intends to land and depends on fresh data.
     pub(super) const fn needs_data(&self) -> bool {
         self.flies()
             && !self.takes_off()
@@ -208,7 +206,7 @@ impl MissionPhase {
     }
 }
 
-/// Time for which a rejection is shown, s: until the vessel has stopped repeating the order, and one more report.
+/// Time for which a rejection is shown, s: the vessel's repetitions of the order, and one more report.
 const SHOWN_S: f64 = 15.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -228,31 +226,30 @@ impl RejectedOrder {
 pub struct MissionProgress {
     pub landing: bool,
     pub attempts: u32,
-    /// Start of the landing, of the take-off, or of the hold at its end.
+    /// Start of the landing, of the take-off, or of the hold after it.
     pub started: DroneTime,
-    /// Whether an operator ordered a landing below the battery's reserve: the deck is then the first choice until the
-    /// landing ends.
+    /// Whether a landing was ordered below the battery's reserve, which makes the deck the first choice.
     pub deck_first: bool,
-    /// Whether an operator has stopped a landing that the low battery had started: the deck is then not chosen again.
+    /// Whether an operator has stopped a landing on low battery, so that the deck is not chosen again.
     pub deck_declined: bool,
     /// Whether the drone was armed since the order, so that the order ends with the flight.
     pub armed: bool,
-    /// Time since which the deck has been closed, reserved by another drone, unknown or not detected.
+    /// Time since which the deck has been closed, reserved, unknown or undetected.
     pub missing: Option<DroneTime>,
     /// Time since which the drone has hovered without an order within reach of waves.
     pub low_since: Option<DroneTime>,
-    /// Place of the landing once the battery's reserve is reached.
+    /// Place to land at the battery's reserve.
     pub low_battery: Option<BatteryPlace>,
-    /// Whether an operator has stopped the mission and has not ordered a landing since. A descent or flare too close to
-    /// the deck for a climb is completed.
+    /// Whether an operator has stopped the mission and has not ordered a landing since. A landing too close
+    /// to the deck for a climb is completed.
     pub stopped: bool,
-    /// Whether the pilot's touchdown was false, so that it is ignored until it is withdrawn.
+    /// Whether the pilot's touchdown was false and is ignored until withdrawn.
     pub overruled: bool,
-    /// Whether set-points were lost and the autopilot holds: the landing resumes once they are back.
+    /// Whether set-points were lost and the autopilot holds; the landing resumes with them.
     pub set_points_lost: bool,
-    /// Station of the drone before its computer restarted; the drone returns to it once it is under our control.
+    /// Station before the computer restarted; the drone returns to it under our control.
     pub station: Option<KeptStation>,
-    /// Whether the drone has taken off from the deck and not landed since: it then returns while its battery lasts.
+    /// Whether the drone has taken off and not landed since; it then returns while its battery lasts.
     pub sortie: bool,
     pub cycles: Cycles,
     /// Position at which a beacon alone began to lead the drone, drone's NED, north and east, m.
@@ -273,10 +270,10 @@ pub(super) enum PhaseTransition {
     BreakOff(Reason),
 }
 
-/// Maximum distance of a vessel that the drone flies to, m: with a wrong origin the vessel could appear anywhere.
+/// Maximum distance of a vessel to fly to, m, because a wrong origin could place it anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
-/// Reason if the vessel is beyond that distance, or beyond the limit for a beacon alone.
+/// Reason if the vessel is beyond that distance, or too far for a beacon alone.
 pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     let by_beacon = deck.beacon.is_some() && deck.radio_age_s > c.radio_fresh_s;
     let limit_m = if by_beacon {
@@ -299,7 +296,7 @@ pub(super) fn hard_contact(s: &Situation) -> Option<Reason> {
     s.hard_contact_mps.map(reason)
 }
 
-/// Time since which `holds` has been true, and its duration, s.
+/// Start and duration (s) for which `holds` has been true.
 pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> (Option<DroneTime>, f64) {
     if !holds {
         return (None, 0.0);
@@ -312,20 +309,18 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
 pub struct Decision {
     pub phase: MissionPhase,
     pub progress: MissionProgress,
-    /// Reason for the change of state; None without a change.
+    /// None without a change of state.
     pub entered: Option<Reason>,
-    /// Reason why the next state is not entered yet.
+    /// Reason not to enter the next state yet.
     pub waiting: Reason,
 }
 
-/// Height of a hold over the deck, m. A drone with a waiting place holds at that place's height, because other drones
-/// may be below it.
+/// Height of a hold over the deck, m, or of the drone's waiting place, because others may be below it.
 pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
     s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))
 }
 
-/// Hold at the drone's place, no lower than the height of a hold over the deck ([`hold_height`]) and the minimum
-/// altitude ([`moving_place`]).
+/// Hold at the drone's place, at [`hold_height`] and the minimum altitude or higher ([`moving_place`]).
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, hold_height(s, c));
     MissionPhase::Hold {
@@ -353,10 +348,10 @@ pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     }
 }
 
-/// Whether the drone moves with the deck on its way to `at`, and its place on the way. Below the height of `at` it
-/// keeps its place over the deck, because structures on a vessel under way would hit a drone that stops. The place
-/// becomes fixed at that height, when the deck is far away, or when the forecast is stale. A drone that `leaves` a
-/// vessel with an escape direction continues until it is away from the vessel.
+/// Whether the drone moves with the deck on its way to `at`, and its place on the way. Below the height of
+/// `at` it keeps its place over the deck, because structures on a vessel under way would hit a drone that
+/// stops. The place becomes fixed at that height, far from the deck, or with a stale forecast. A drone that
+/// `leaves` a vessel with an escape direction continues until it is away from the vessel.
 pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
     let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
     let escapes = leaves && near.is_some_and(|d| d.escapes);
@@ -366,16 +361,14 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     })
 }
 
-/// Waiting place, from the deck's centre (NED, m), of a drone that has ended its landing and holds at `at` or climbs to
-/// it; there it keeps clear of the deck's owner. None if the drone stays at `at`.
+/// Waiting place, from the deck's centre (NED, m), of a drone after its landing; None if it stays at `at`.
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
     s.waiting_offset().filter(|_| here)
 }
 
-/// Present place of a drone that holds at `at`: it moves with the deck during the climb, then keeps clear of other
-/// drones.
+/// Place of a drone that holds at `at`: with the deck during the climb, then clear of other drones.
 pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vector3<f64> {
     match (stands_aside(at, s, leaves), s.own) {
         (Some(_), Some(own)) => Vector3::new(own.position.x, own.position.y, at.z),
@@ -383,7 +376,7 @@ pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vect
     }
 }
 
-/// Place straight above (or at) the drone, at least `height` over the deck's mean level.
+/// Place straight above (or at) the drone, `height` or more over the deck's mean level.
 fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
     let (mut at, yaw) = s
         .own

@@ -1,5 +1,4 @@
-//! Place of a drone that does not follow the deck: its waiting place, a place that moves with the deck during a climb,
-//! or a place off the deck.
+//! Place of a drone that does not follow the deck: a waiting place, one that moves with it, or one off it.
 
 use nalgebra::Vector3;
 
@@ -18,9 +17,9 @@ pub(super) struct Waypoint {
     pub(super) yaw: f64,
     /// Height over the deck's mean level, m.
     pub(super) height_m: f64,
-    /// Whether the drone keeps its place over the deck and moves with the deck.
+    /// Whether the drone moves with the deck.
     pub(super) with_deck: bool,
-    /// Waiting place off the deck, from its centre, NED, m.
+    /// Waiting place from the deck's centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,
 }
 

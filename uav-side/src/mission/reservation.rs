@@ -1,4 +1,4 @@
-//! The vessel's newest grant: the deck's owner, and the course announced by the helm.
+//! The vessel's newest grant: deck's owner, and course announced by the helm.
 
 use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Time};
@@ -6,7 +6,6 @@ use alight_shared::topics;
 
 use crate::mission_config::MissionConfig;
 
-/// Owner of the deck by the vessel's newest grant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reservation {
     /// Reservations are not used: one drone, one deck.
@@ -14,12 +13,12 @@ pub enum Reservation {
     Ours,
     /// Number of the owner; 0 if free, [`DECK_CLOSED`] if closed.
     Others(u32),
-    /// There is no fresh grant; age of the newest one, s.
+    /// Age of the newest grant, which is stale, s.
     Unknown(f64),
 }
 
 impl Reservation {
-    /// Reservation by the newest grant; `own` is this drone's number.
+    /// `own`: this drone's number.
     pub fn of(
         grant: Option<&DeckGrant<DroneClock>>,
         own: u32,
@@ -56,8 +55,7 @@ impl Reservation {
             )),
         }
     }
-    /// Reason to break off a descent. Radio silence is not a reason, because the vessel keeps a reservation for longer
-    /// than a descent takes.
+    /// Reason to break off a descent. Radio silence is not one, because a reservation outlasts a descent.
     pub fn lost(self) -> Option<Reason> {
         match self {
             Reservation::Others(owner) if owner != 0 => self.rejection(),
@@ -68,8 +66,7 @@ impl Reservation {
     }
 }
 
-/// Course that the helm announces, at `now`. An announced steady course is valid for its stated duration without
-/// repetition; an announced turn has to be repeated.
+/// Course announced by the helm. A steady course is valid for its stated duration; a turn has to be repeated.
 pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
     let Some(grant) = grant else {
         return Course::Unknown;

@@ -1,4 +1,4 @@
-//! Search for a deck that is known by a beacon alone: a spiral about the beacon's predicted place, which moves with it.
+//! Search for a deck known by a beacon alone: a spiral about the beacon's predicted place.
 //!
 //! ```text
 //! r = b theta,  2 pi b = pitch          pitch: three quarters of the camera's view from side to side
@@ -6,8 +6,7 @@
 //! R = 3.4 sd                            radius that contains the deck with 99.7 % (Rayleigh)
 //! ```
 //!
-//! The path ends with a full circle at `R` minus half of the camera's view. The radius increases while the beacon is
-//! silent.
+//! It ends with a full circle at `R` minus half of the camera's view. `R` increases during silence.
 
 use core::f64::consts::TAU;
 
@@ -21,29 +20,27 @@ use super::phase::{
 use super::situation::{Deck, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Radius that contains the deck in 997 of 1000 cases, in standard deviations (each axis) of the beacon's place.
+/// Radius that contains the deck with 99.7 %, in standard deviations (each axis) of the beacon's place.
 const WITHIN_SD: f64 = 3.4;
 /// Maximum radius of a search, m: it takes 5 min with the default camera.
 pub(super) const MAX_SEARCH_M: f64 = 50.0;
-/// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds, and the drone hardly tilts.
+/// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds at little tilt.
 const SEARCH_MPS: f64 = 3.0;
-/// Distance of the drone from its reference place on the spiral up to which that place advances, m.
+/// Distance of the drone from its reference on the spiral up to which that advances, m.
 const BEHIND_M: f64 = 3.0;
 /// Distance between two turns of the spiral, in widths of the camera's view.
 const PITCH: f64 = 0.75;
 /// Observation time at the end of the path, s.
 const LOOKS_S: f64 = 5.0;
-/// Maximum duration of a search as a multiple of the time that its path takes without wind and waits.
+/// Maximum duration of a search, as a multiple of its path's without wind and waits.
 const MAX_SLOWER: f64 = 2.0;
 /// Distance from the beacon's place at which the drone has arrived, m.
 const AT_BEACON_M: f64 = 3.0;
 
-/// Radius within which the deck is searched for, m.
 fn reach_m(sd_m: f64) -> f64 {
     WITHIN_SD * sd_m
 }
 
-/// Search path about a beacon with the given accuracy.
 #[derive(Clone, Copy, Debug)]
 struct Spiral {
     /// Radius per angle, m/rad.
@@ -68,7 +65,7 @@ impl Spiral {
             length_m: inner_m + TAU * outer_m,
         }
     }
-    /// Place after the path length `flown_m`, from the beacon's place, m.
+    /// Place at `flown_m` along the path, from the beacon, m.
     fn at(&self, flown_m: f64) -> Vector2<f64> {
         let turned = |flown_m: f64| (1.0 + 2.0 * flown_m / self.b).sqrt();
         let theta = if flown_m < self.inner_m || self.outer_m <= 0.0 {
@@ -84,14 +81,14 @@ impl Spiral {
 }
 
 impl Search {
-    /// Place of the drone, from the beacon's predicted place, north and east, m; None while the deck is detected.
+    /// Drone's place from the beacon's predicted one, north and east, m; None while the deck is detected.
     pub(super) fn offset(&self, deck: &Deck, c: &MissionConfig) -> Option<[f64; 2]> {
         let [sd_m, _] = deck.beacon.filter(|_| deck.vision_age_s > c.vision_fresh_s)?;
         Some(Spiral::new(sd_m, c.search_view_m[1]).at(self.flown_m).into())
     }
 }
 
-/// Reason against a search about this beacon: its radius would be too large.
+/// Reason against a search: its radius would be too large.
 pub(super) fn vague(deck: &Deck) -> Option<Reason> {
     let [sd_m, _] = deck.beacon?;
     let reach_m = reach_m(sd_m);
@@ -102,8 +99,7 @@ pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }
 
-/// Start of a search at the beacon's place, while the deck is not detected; None if the drone is not there yet, the
-/// vessel is received, or there is no beacon.
+/// Start of a search; None with a detected deck or a received vessel, and away from a beacon's place.
 pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
     if deck.distance_m > AT_BEACON_M {
@@ -121,7 +117,7 @@ pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Ph
     Some(MissionPhase::Search(search).enter(why))
 }
 
-/// Searches until the tags are detected, the vessel is received, or the path ends.
+/// Searches until tags are detected, the vessel is received, or the path ends.
 pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stays = MissionPhase::Search(search);
     let Some(deck) = s.fresh_deck() else {
@@ -153,11 +149,11 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseT
         detected: None,
         ..search
     };
-    // Tags at another place than the beacon's belong to another vessel.
+    // Tags off the beacon's place belong to another vessel.
     MissionPhase::Search(search).stay(deck.contradicted.or(s.several).unwrap_or(flies))
 }
 
-/// Transition while the deck is detected: the drone follows it after a while, if its height is not in doubt.
+/// Transition while the deck is detected: after a while the drone follows it, unless its height is in doubt.
 fn found(search: Search, s: &Situation) -> PhaseTransition {
     let (detected, lasted) = lasting(true, search.detected, s.now);
     let goes_on = MissionPhase::Search(Search {
@@ -173,7 +169,7 @@ fn found(search: Search, s: &Situation) -> PhaseTransition {
 }
 
 impl Search {
-    /// The search at `now`; its place advances if the drone is near it.
+    /// Search at `now`, advanced if the drone is near its place.
     fn advanced(self, spiral: &Spiral, deck: &Deck, now: DroneTime) -> Search {
         let from_beacon = Vector2::new(deck.bearing_rad.cos(), deck.bearing_rad.sin()) * -deck.distance_m;
         let behind_m = (spiral.at(self.flown_m) - from_beacon).norm();
@@ -195,7 +191,7 @@ impl Search {
 mod tests {
     use super::*;
 
-    /// Every place within the radius comes into view, and no point of the path lies beyond it.
+    /// Every place within the radius comes into view; the path stays within it.
     #[test]
     fn spiral_that_covers_its_circle() {
         for (sd_m, half_m) in [(2.0, 6.0), (5.0, 6.0), (12.0, 6.0), (17.0, 3.0)] {
@@ -208,14 +204,14 @@ mod tests {
             let reach_m = reach_m(sd_m).min(MAX_SEARCH_M);
             assert!(path.iter().all(|p| p.norm() <= reach_m));
             for k in 0..2000 {
-                // The points have the pattern of a sunflower's seeds, which covers the circle evenly.
+                // The points have the pattern of a sunflower's seeds, which cover the circle evenly.
                 let r = reach_m * (f64::from(k) / 2000.0).sqrt();
                 let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
                 let deck = Vector2::new(cos, sin) * r;
                 let nearest = path.iter().map(|p| (p - deck).norm()).fold(f64::MAX, f64::min);
                 assert!(nearest <= half_m + 0.3, "{sd_m} {half_m}: {deck:?} {nearest}");
             }
-            // Bounded in time: an error of 5 m is searched in 40 s.
+            // An error of 5 m is searched in 40 s.
             assert!(sd_m > 5.0 || spiral.length_m / SEARCH_MPS < 40.0, "{spiral:?}");
             assert!(spiral.limit_s() < 1500.0);
         }

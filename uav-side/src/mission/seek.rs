@@ -1,9 +1,9 @@
-//! Return to a vessel that is not received: to its place extrapolated with its last velocity, until it is received.
+//! Return to a vessel that is not received, to the place extrapolated with its last velocity.
 //!
-//! A drone on a sortie returns in this way, and so does any other drone when its charge requires it. The place is `p +
-//! u t` at the time `t` after the last reception; the charge needed for the way allows for the uncertainty of that
-//! place ([`super::sortie`]). When the radio is back, the landing starts as usual. Without any reception the battery's
-//! reserve sends the drone to the next place of `battery_order`.
+//! A drone returns in this way on a sortie, or when its charge requires it. The place is `p + u t` at the
+//! time `t` after the last reception; the required charge allows for its uncertainty ([`super::sortie`]).
+//! With the radio the landing starts as usual; without it the battery's reserve leads to the next place of
+//! `battery_order`.
 
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
@@ -12,13 +12,12 @@ use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTr
 use super::situation::{ControlState, SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Distance from the vessel's place up to which the drone waits for data in a hold, m.
+/// Distance from the vessel's place up to which the drone holds for data, m.
 pub(super) const FAR_M: f64 = 100.0;
-/// Distance to the place below which the heading stays constant, m.
+/// Distance to the place below which the heading is constant, m.
 const ARRIVED_M: f64 = 10.0;
 
-/// Vessel to seek for a drone that has to return, on a sortie or because of its charge; it needs fresh odometry and has
-/// no forecast.
+/// Vessel to seek for a drone that has to return; None without fresh odometry, and with a forecast.
 pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
     let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
@@ -26,7 +25,7 @@ pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVes
     s.sortie.seeks.filter(|_| returns && without).filter(near)
 }
 
-/// Reason with the distance, m, and the time since the last reception, s.
+/// Distance, m, and time since the last reception, s.
 fn reason(seeks: &SilentVessel) -> Reason {
     Reason::new(ReasonCode::SeeksVessel, seeks.offset.norm(), seeks.silent_s)
 }
@@ -40,7 +39,7 @@ pub(super) fn sets_out(
     MissionPhase::Seek.enter(reason(seeks))
 }
 
-/// Flies to the vessel's extrapolated place until the vessel is received.
+/// Flies to the vessel's extrapolated place.
 pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if s.fresh_deck().is_some() {
         progress.started = s.now;
@@ -54,7 +53,7 @@ pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     }
 }
 
-/// Place to fly to, at the approach height over the deck's known level or at the present height, and heading.
+/// Place at the approach height over the known deck or at the present height, and heading.
 pub(super) fn place(s: &Situation, c: &MissionConfig) -> (Vector3<f64>, f64) {
     let Some((own, seeks)) = s.own.zip(s.sortie.seeks) else {
         let own = s

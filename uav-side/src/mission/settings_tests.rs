@@ -1,4 +1,4 @@
-//! Tests of settings by a ground station, and of an idle mission's state that outlives its process.
+//! Tests of a ground station's settings, and of an idle mission's state after a crash.
 
 use alight_shared::msg::{CommandKind, LandingMode};
 
@@ -19,7 +19,6 @@ fn matching() -> MissionSettings {
         ..config().settings()
     }
 }
-/// A drone at rest on the ground, disarmed.
 fn disarmed(t: f64) -> MissionIn {
     let mut input = fresh_input((t * 100.0) as u32, at(t), [30.0, 0.0, 0.0]);
     input.autopilot.as_mut().unwrap().armed = false;
@@ -48,7 +47,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // These values are beyond the configuration's limits, or may be set in the file only.
+    // These values are beyond the limits, or only the file sets them.
     for (t, wrong) in [
         (
             3.0,
@@ -80,7 +79,6 @@ fn settings_of_a_ground_station() {
     m.phase = MissionPhase::Countdown { since: at(5.0) };
     assert!(!m.is_settable(&s));
     m.phase = MissionPhase::Idle;
-    // These orders are too old, or from the future.
     for given in [4.9, 6.1] {
         let input = MissionIn {
             settings: order(given, before),
@@ -108,7 +106,7 @@ fn settings_while_armed_or_ordered_to_land() {
         ..flying
     };
     assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
-    // The order to land arrives together with the settings, then before them.
+    // The order to land arrives with the settings, then before them.
     let mut m = node();
     let ordered = MissionIn {
         commands: vec![command(header(1, at(1.0)), CommandKind::Land)],
@@ -122,7 +120,7 @@ fn settings_while_armed_or_ordered_to_land() {
     assert_eq!(after(&mut m, 1.1, &late).settings, before);
 }
 
-/// First state of a mission that succeeds one with this checkpoint.
+/// First state of a successor with this checkpoint.
 fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (MissionNode, MissionState) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -147,8 +145,7 @@ fn settings_of_a_crashed_mission() {
     assert_eq!(next.config.mode, LandingMode::Match);
 }
 
-/// An operator stopped a landing, and the mission crashed for longer than its state is valid: the drone climbs to the
-/// height that was set, not to the file's.
+/// After an operator's stop and a long crash the drone climbs to the height that was set, not to the file's.
 #[test]
 fn approach_height_of_a_crashed_mission() {
     let mut m = node();
@@ -180,7 +177,7 @@ fn approach_height_of_a_crashed_mission() {
     assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
 }
 
-/// A drone hovers low without an order, away from the vessel, and the vessel comes near.
+/// A vessel comes near a drone that hovers low without an order.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {
     let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);
@@ -196,6 +193,5 @@ fn vessel_that_comes_near_after_a_crash() {
         (climbs.state, climbs.entered.code),
         (State::GaveUp, ReasonCode::TooNear)
     );
-    // A drone that was handed over near the deck stays there.
     assert_eq!(near(false).state, State::Idle);
 }

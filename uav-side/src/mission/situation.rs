@@ -1,4 +1,4 @@
-//! The situation: every quantity that transitions depend on, computed once per step.
+//! Situation: every quantity that transitions depend on, computed once per step.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -28,15 +28,14 @@ pub enum ControlState {
     OnGround,
     /// Armed, controlled by a pilot or by the autopilot itself.
     OtherControl(AutopilotMode),
-    /// Armed, in the autopilot's hold after a set-point loss, without a pilot's takeover.
+    /// Armed, in the autopilot's hold after a set-point loss without a takeover.
     SetPointsLost,
     /// Armed, in the air, following set-points.
     Ours,
 }
 
 impl ControlState {
-    /// Control state from the autopilot's state; None if that is missing or stale. In shadow mode any control is
-    /// treated as ours.
+    /// None: state missing or stale. In shadow mode any control counts as ours.
     pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
@@ -59,7 +58,7 @@ impl ControlState {
     }
 }
 
-/// Position (m) and velocity (m/s) in the drone's NED, and heading (rad), by the newest odometry.
+/// Position (m) and velocity (m/s) in the drone's NED, and heading (rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnState {
     pub position: Vector3<f64>,
@@ -77,23 +76,22 @@ impl OwnState {
     }
 }
 
-/// Turn rate of the vessel above which the rudder's lateral acceleration makes the forecast unreliable, rad/s: 11
-/// deg/s.
+/// Turn rate of the vessel from which the rudder's acceleration makes the forecast unreliable, rad/s.
 const MAX_TURN_RADPS: f64 = 0.2;
 /// Time over which the deck's motion is assessed, s.
 const FEASIBLE_S: f64 = 2.0;
 
-/// Lag of the forecast behind a turn, s: low-pass filter of the vessel's mean heading rate, plus radio delay. A vessel
-/// at the speed `U` that turns at `r` accelerates by `U r` across its course, which is unpredicted during this lag.
+/// Lag of the forecast behind a turn, s: low-pass of the vessel's mean heading rate, plus radio delay. The
+/// acceleration `U r` across the course, at the speed `U` and turn rate `r`, is unpredicted meanwhile.
 const TURN_LAG_S: f64 = 1.2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deck {
-    /// Foot plane above the deck along the deck's normal, m.
+    /// Foot plane above the deck along its normal, m.
     pub clearance_m: f64,
     /// Horizontal distance of the centre of mass from the deck's centre, m.
     pub distance_m: f64,
-    /// Distance below which the drone is over the vessel or next to it, m.
+    /// Distance below which the drone is over or next to the vessel, m.
     pub ring_m: f64,
     /// Whether the vessel has an escape direction for drones.
     pub escapes: bool,
@@ -109,42 +107,37 @@ pub struct Deck {
     pub leaving_mps: f64,
     /// Horizontal speed relative to the deck, m/s.
     pub relative_speed_mps: f64,
-    /// Age of the newest vessel estimate, s.
     pub radio_age_s: f64,
-    /// Age of the newest vision measurement, s.
     pub vision_age_s: f64,
-    /// Age of the newest relative place that may replace a vision measurement, s: confirmed by the tags; infinite
-    /// without one.
+    /// Age of the newest relative place confirmed by the tags, which may replace vision, s.
     pub relative_age_s: f64,
     /// Closing speed of drone and deck along its normal, m/s.
     pub sinking_mps: f64,
-    /// Maximum predicted horizontal speed over the horizon, m/s.
+    /// Maximum horizontal speed in the forecast, m/s.
     pub speed_mps: f64,
-    /// Maximum predicted vertical speed over the horizon, m/s.
+    /// Maximum vertical speed in the forecast, m/s.
     pub heave_mps: f64,
-    /// Maximum predicted tilt over the horizon, rad.
+    /// Maximum tilt in the forecast, rad.
     pub tilt_rad: f64,
-    /// Magnitude of the vessel's mean heading rate, rad/s, without the waves' yaw.
+    /// Magnitude of the vessel's mean heading rate, rad/s.
     pub turn_radps: f64,
-    /// Change of the deck's horizontal velocity due to the vessel's turn before the forecast follows, m/s.
+    /// Change of the deck's horizontal velocity by a turn before the forecast follows, m/s.
     pub turn_mps: f64,
-    /// Whether the vessel's motion is known: identified by the tags alone, or reported by the vessel.
+    /// Whether the vessel's motion is reported, or identified by the tags.
     pub identified: bool,
-    /// Beacon to fly to: standard deviation of its place, each horizontal axis, m, and its age, s; None without one, or
-    /// if the mission permits none.
+    /// Standard deviation of the beacon's place per axis, m, and its age, s; None without a permitted beacon.
     pub beacon: Option<[f64; 2]>,
     /// Reason if two sources of the deck's place or height contradict each other.
     pub contradicted: Option<Reason>,
-    /// Outcomes of completing the landing and of climbing from now on; None above the commit clearance.
+    /// Outcomes of landing and climbing from now on; None above the commit clearance.
     pub ends: Option<ContactOutcomes>,
 }
 
-/// Limit of the difference between the heights by rangefinder and camera, in standard deviations of both, RMS over
-/// seconds. Chosen: 1 if both meet their stated errors, 2.8 at most in 40 sound landings, 8 with images stamped 0.25 s
-/// late.
+/// Limit of the height difference between rangefinder and camera, in their standard deviations, RMS over
+/// seconds. Chosen: at most 2.8 in 40 sound landings, 8 with images stamped 0.25 s late.
 const MAX_HEIGHT_SD: f64 = 3.0;
 
-/// Reason if several decks are detected and it is unknown which one is the vessel's.
+/// Reason if several decks are detected and the vessel's own is unknown.
 pub fn several(forecast: &DeckForecast) -> Option<Reason> {
     let decks = f64::from(forecast.decks_in_sight);
     (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
@@ -159,13 +152,13 @@ fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
 }
 
-/// Age of the newest relative place that may replace a vision measurement, s.
+/// Age of the newest relative place that may replace vision, s.
 pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
     forecast.relative.map_or(f64::INFINITY, |r| r.stands_in_age_s())
 }
 
 impl Deck {
-    /// The deck at `now`; None if the forecast does not cover `now`.
+    /// None if the forecast does not cover `now`.
     pub fn of(
         forecast: &DeckForecast,
         own: &OwnState,
@@ -174,7 +167,6 @@ impl Deck {
         config: &MissionConfig,
         now: Time<DroneClock>,
     ) -> Option<Deck> {
-        // A forecast stamped one tick ahead still covers now.
         let start = now.max(forecast.header.at);
         let here = forecast.at(start)?;
         let centre = Vector3::from(here.position);
@@ -226,13 +218,13 @@ impl Deck {
                 .flatten(),
         })
     }
-    /// Age of the deck's position in a landing, s: that of the newest vision measurement, or of the relative place that
-    /// replaces it while the tags are too near, hidden or too dark. A landing begins only with the tags.
+    /// Age of the deck's position in a landing, s: of vision, or of the relative place that replaces it while
+    /// the tags are too near, hidden or too dark. A landing begins only with the tags.
     pub fn located_age_s(&self) -> f64 {
         self.vision_age_s.min(self.relative_age_s)
     }
-    /// Next waypoint to the place at this distance (m) and bearing (rad, from north) from the deck's centre, NED, m.
-    /// The way leads around the deck in steps of 22.5 deg.
+    /// Next waypoint, from the deck's centre, NED, m, to the place at this distance (m) and bearing (rad,
+    /// from north); the way leads around the deck in steps of 22.5 deg.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
@@ -240,8 +232,7 @@ impl Deck {
         let bearing = from + wrap_angle(bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
         [distance_m * bearing.cos(), distance_m * bearing.sin()]
     }
-    /// Reason if the deck's motion or tilt exceeds what drone and planner can follow. It applies at any probability of
-    /// a landing. `slack` widens the limits.
+    /// Reason if drone and planner cannot follow the deck's motion or tilt. `slack` widens the limits.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
         first_beyond([
             (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
@@ -250,7 +241,7 @@ impl Deck {
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
         ])
     }
-    /// Distance of the feet's centre outside the area of the deck where all feet stand on it, m; negative inside.
+    /// Distance of the feet's centre outside the area on which all feet stand, m; negative inside.
     pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
         let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
@@ -285,7 +276,7 @@ pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
     (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos()
 }
 
-/// A vessel that is no longer received, at its place extrapolated with its last velocity.
+/// Vessel without reception, at its place extrapolated with its last velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentVessel {
     /// Offset from the drone, north and east, m.
@@ -295,7 +286,6 @@ pub struct SilentVessel {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SortieEvidence {
-    /// Expected place of a vessel that is no longer received.
     pub seeks: Option<SilentVessel>,
     pub turns_back: Option<Reason>,
     /// Time until the drone has to turn back, s; None if unknown.
@@ -305,21 +295,20 @@ pub struct SortieEvidence {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TakeOffEvidence {
-    /// Probabilities of a take-off now and soon; None if unknown or not needed.
+    /// Probabilities of a take-off now and soon; None if not needed.
     pub lift_off: Option<Moments>,
     /// Rise of the drone since its take-off began, m.
     pub risen_m: f64,
     pub rise_measured: bool,
     /// Whether the drone stands, in spin-up or stand-down.
     pub(crate) standing: StandingVerdict,
-    /// Time since a witness last showed that the drone stands, s.
+    /// Time since the last evidence that the drone stands, s.
     pub unwitnessed_s: f64,
-    /// Time for which the autopilot has reported turning rotors, s.
+    /// Time with turning rotors by the autopilot's report, s.
     pub rotors_turn_s: f64,
-    /// Time for which the rotors have been able to lift the drone in a take-off, s; None without a recent report of the
-    /// thrust.
+    /// Time for which the rotors have been able to lift the drone, s; None without a recent thrust report.
     pub lifts_s: Option<f64>,
-    /// Predicted angle between the drone and the deck after one reaction time, rad.
+    /// Predicted angle between drone and deck after one reaction time, rad.
     pub tips_rad: f64,
 }
 
@@ -329,7 +318,7 @@ pub struct Charges {
     pub home: f64,
     /// Landing in place.
     pub here: f64,
-    /// One attempt to land on the deck from above it.
+    /// Attempt to land on the deck from above it.
     pub attempt: f64,
 }
 
@@ -339,9 +328,9 @@ pub struct Situation {
     pub flight: ControlState,
     /// Reason why the autopilot's state permits no landing.
     pub rejection: Option<Reason>,
-    /// Reason if the drone's frame has jumped since the last forecast.
+    /// Reason if the drone's frame has jumped since the forecast.
     pub moved: Option<Reason>,
-    /// Reason if several decks are detected and it is unknown which one is the vessel's.
+    /// Reason if several decks are detected and the vessel's own is unknown.
     pub several: Option<Reason>,
     /// Filtered battery charge, 0 to 1; None if not reported.
     pub battery: Option<f64>,
@@ -351,52 +340,49 @@ pub struct Situation {
     pub own: Option<OwnState>,
     pub odometry_age_s: f64,
     pub odometry_limit_s: f64,
-    /// The deck; None without a forecast that reaches `now`.
+    /// None without a forecast that reaches `now`.
     pub deck: Option<Deck>,
-    /// Mean level of the deck, NED z, m, or that of a witness with a higher one that contradicts it; None before the
-    /// first forecast.
+    /// Mean level of the deck, or of a higher witness that contradicts it, NED z, m.
     pub mean_deck_z: Option<f64>,
-    /// Lower limit of the height, NED z, m, while no second source confirms the deck's height; None without a limit.
+    /// Lower limit of the height, NED z, m, until a second source confirms the deck's height.
     pub lowest_z: Option<f64>,
     /// Reason for that limit.
     pub doubt: Option<Reason>,
-    /// Assessment of whether a drone that lands now stays on the deck.
+    /// Whether a drone that lands now stays on the deck.
     pub staying: Staying,
     /// Tilt of the drone beyond the recently commanded one, rad.
     pub tilt_excess_rad: f64,
     /// RMS oscillation of the commanded tilt beyond plan and wind, rad.
     pub swing_rad: f64,
-    /// Probabilities of a landing from here; None if unknown.
+    /// Probabilities of a landing from here.
     pub odds: Option<Odds>,
     pub forced_descent: Option<Time<DroneClock>>,
     /// Probability above which waiting for a better time does not pay.
     pub worth_waiting: f64,
-    /// Level of the water in the drone's NED, from the deck's mean level, m; 0 if unknown.
+    /// Level of the water in the drone's NED, m; 0 if unknown.
     pub water_z: f64,
     pub forecast_age_s: f64,
     pub forecast_limit_s: f64,
-    /// Age of the plan, s; infinite without one or if the solver failed.
+    /// Age of the plan, s; infinite without a solution.
     pub plan_age_s: f64,
     pub plan_limit_s: f64,
     /// Distance of the feet outside the usable deck, m.
     pub outside_m: f64,
     pub reservation: Reservation,
-    /// Reason if the vessel reports other dimensions of the deck than the drone's configuration.
+    /// Reason if the vessel reports other dimensions of the deck.
     pub other_deck: Option<Reason>,
-    /// Course of the vessel announced by its helm, from now on.
+    /// Course announced by the vessel's helm.
     pub course: Course,
-    /// Reason if the camera cannot detect a tag: too dark, or blinded by a light.
+    /// Reason if the camera cannot detect a tag: darkness, or a light.
     pub dark: Option<Reason>,
     /// Waiting place at the deck; None without one, or without reservations.
     pub place: Option<WaitingPlace>,
-    /// Ids of the other drones in the waiting places, from the lowest place up; 0 if a place is free or this drone's
-    /// own.
+    /// Ids of the other drones in the waiting places, from the lowest up; 0: free or this drone's own.
     pub others: [u32; PLACES],
-    /// Heights of those drones' stations, m; 0: none.
+    /// Heights of their stations, m; 0: none.
     pub other_stations_m: [u8; PLACES],
     pub motors_stopped: bool,
-    /// Whether the rotors carry the drone, according to the thrust that the autopilot reports; None without a recent
-    /// report.
+    /// Whether the rotors carry the drone, by the reported thrust; None without a recent report.
     pub rotors_carry: Option<bool>,
     /// Speed of the hardest hard contact reported by the pilot, m/s.
     pub hard_contact_mps: Option<f64>,
@@ -404,7 +390,7 @@ pub struct Situation {
     pub deck_wanted: bool,
     /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
-    /// Whether the autopilot reports that the drone is on the ground.
+    /// By the autopilot's report.
     pub on_ground: bool,
     /// Charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
@@ -412,12 +398,10 @@ pub struct Situation {
     pub leaving: TakeOffEvidence,
 }
 
-/// Time for which a drone continues to tip after the thrust was cut, s: a period, the link and three lags of the
-/// rotors.
+/// Time for which a drone tips on after the thrust was cut, s: a period, link, three lags of the rotors.
 const TIPS_ON_S: f64 = 0.15;
 
-/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their present rates, rad; 0 if the forecast does not cover
-/// that time.
+/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their present rates, rad; 0 beyond the forecast.
 pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
     let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
@@ -425,25 +409,24 @@ pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneCloc
     forecast.at(at).map_or(0.0, |deck| (-deck.normal()).angle(&down))
 }
 
-/// Clearance above which feet do not stand on the deck, m: several times the forecast's error.
+/// Clearance of feet that do not stand on the deck, m: several times the forecast's error.
 const ABOVE_DECK_M: f64 = 0.5;
-/// Distance of the feet outside the deck's edges above which the drone does not rest on it, m: the forecast's error
-/// without a detection.
+/// Distance outside the deck's edges of feet that do not rest on it, m: the error without a detection.
 const OFF_DECK_M: f64 = 0.6;
-/// Time for which a drone that moves relative to the deck continues to slide, s.
+/// Time for which a moving drone continues to slide on the deck, s.
 const SLIDES_S: f64 = 1.0;
-/// Fraction of hover's thrust above which the rotors carry most of the drone.
+/// Fraction of hover thrust above which the rotors carry most of the drone.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
-/// Whether the rotors carry a drone, given the autopilot's reported thrust and hover thrust (otherwise the hover thrust
-/// of the geometry); None if an armed autopilot has not reported its thrust recently.
+/// Whether the rotors carry a drone by the autopilot's thrust and hover thrust (or the geometry's); None if
+/// an armed autopilot has not reported its thrust recently.
 pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
     if !a.armed {
         return Some(false);
     }
     a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover_thrust(a, drone))
 }
-/// Hover thrust reported by the autopilot; without a report, that of the drone's geometry.
+/// By the autopilot, otherwise by the drone's geometry.
 pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
     if a.hover_thrust > 0.0 {
         a.hover_thrust
@@ -456,8 +439,8 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Reason why a detected touchdown is false: the rotors carry the drone, and it is above the deck or off it. If the
-    /// thrust is unknown, the height above the deck decides alone.
+    /// Reason why a detected touchdown is false: the rotors carry the drone above the deck or off it. Without
+    /// a thrust the height above the deck decides.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
@@ -469,8 +452,8 @@ impl Situation {
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Reason if a drone with its feet on the deck is beyond the edge, or will slide beyond it before it is disarmed
-    /// and at rest.
+    /// Reason if a drone with its feet on the deck is beyond the edge, or slides beyond it before it is
+    /// disarmed.
     pub fn slides(&self) -> Option<Reason> {
         let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
@@ -479,16 +462,15 @@ impl Situation {
     pub fn may_fly(&self) -> bool {
         self.false_touchdown().is_some() || self.rotors_carry.is_none() && self.fresh_deck().is_none()
     }
-    /// The height `z` (NED, m), raised to the limit of the height witnesses.
+    /// `z` (NED, m), raised to the limit of the height witnesses.
     pub fn no_lower(&self, z: f64) -> f64 {
         self.lowest_z.map_or(z, |lowest| z.min(lowest))
     }
-    /// Height of the approach above the deck's mean level, m, including the additional height of the waiting place.
+    /// Height of the approach above the deck's mean level, m, with the waiting place's additional height.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
-    /// Reason why the deck is not detected: darkness if the deck lies in the camera's image, within 45 deg of straight
-    /// below; otherwise no detection.
+    /// Reason why the deck is not detected: darkness if the deck is within 45 deg of straight below.
     pub fn not_detected(&self, deck: &Deck) -> Reason {
         let below = deck.distance_m <= deck.clearance_m;
         self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())
@@ -496,8 +478,7 @@ impl Situation {
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Next waypoint to the waiting place, from the deck's centre, NED, m ([`Deck::round`]); the present place if there
-    /// is no waiting place.
+    /// Next waypoint to the waiting place, from the deck's centre, NED, m, or the present place.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         let deck = self.fresh_deck()?;
         Some(match self.place {
@@ -508,7 +489,7 @@ impl Situation {
             }
         })
     }
-    /// Reason to reject any order to land or take off: the pilot blocks orders by remote control.
+    /// Reason to reject any order to land or take off: the remote control's switch.
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }
@@ -520,7 +501,7 @@ impl Situation {
             None
         }
     }
-    /// Clearance of the feet above the deck, m; 0 if unknown.
+    /// Clearance of the feet, m; 0 if unknown.
     pub fn clearance_m(&self) -> f64 {
         self.fresh_deck().map_or(0.0, |d| d.clearance_m)
     }

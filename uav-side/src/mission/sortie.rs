@@ -1,13 +1,11 @@
-//! Sortie: time until the drone has to return to the vessel's future place.
+//! Time of a sortie until the drone has to return to the vessel's future place.
 //!
-//! A drone at the offset `-r` from a vessel that moves at `u`, in the wind `w`, meets it after the smallest `T >= 0`
-//! with `|r + (u - w) T| = v T` at its air speed `v`: it flies to the vessel's place at that time. It turns back when
-//! its charge `b` has fallen to the sum of the reserve, the return and one missed attempt: after the time `t` with `b -
-//! P t = b_r + P (T(t) + t_a)` for the power `P`, during which the vessel moves on while the drone stays. The reserve
-//! is for the landing itself.
+//! A drone at the offset `-r` from a vessel that moves at `u` meets it, in the wind `w`, after the smallest
+//! `T >= 0` with `|r + (u - w) T| = v T` at its air speed `v`. It turns back when its charge `b` has fallen
+//! to the sum of the reserve (for the landing), the return and one missed attempt: after the time `t` with
+//! `b_r + P (T(t) + t_a) = b - P t` for the power `P`, while the vessel moves on and the drone stays.
 //!
-//! Out of radio range the vessel's place is extrapolated with its last velocity; a margin that increases with time is
-//! added to the distance.
+//! Out of radio range the vessel is extrapolated with its last velocity; an increasing margin is added.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -18,25 +16,25 @@ use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
 
-/// Maximum time of a return, s; it is used for a vessel that cannot be reached.
+/// Maximum time of a return, s; also for a vessel out of reach.
 const MAX_WAY_S: f64 = 3600.0;
 /// Steps of the bisection: from an hour to a tenth of a second.
 const STEPS: u32 = 16;
 
-/// Random walk of the velocity of a vessel that is not received: a constant part after 1 s, m/s, and a fraction of its
-/// speed, which covers turns. A beacon between its messages has the same.
+/// Random walk of a vessel's velocity without reception: after 1 s, m/s, and as a fraction of its speed, for
+/// turns. A beacon between its messages has the same.
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
-/// Time constant of the vessel's velocity, and age after which the average restarts, s: three periods of the longest
-/// waves that move a small boat.
+/// Time constant of the vessel's velocity, and age after which the average restarts, s: three periods of the
+/// longest waves that move a small boat.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
 /// Margin in standard deviations of the vessel's place.
 const MARGIN_SD: f64 = 2.0;
-/// Drift speed in the upper bound of the margin, m/s; the bound also covers a vessel that reverses its course at once.
+/// Drift in the margin's upper bound, m/s; the bound also covers a vessel that reverses at once.
 const DRIFT_MPS: f64 = 0.3;
 
-/// Maximum distance of the vessel from its extrapolated place, m: `2 q sqrt(t³ / 3)` after the time `t` with the
+/// Maximum distance of the vessel from its extrapolated place, m: `2 q sqrt(t³ / 3)` after `t` with the
 /// velocity's random walk `q` in 1 s, and at most `(2 u + 0.3 m/s) t`.
 fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     let walk = WALK_MPS + SPEED_WALK * speed_mps;
@@ -44,8 +42,7 @@ fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     (MARGIN_SD * sd_m).min((2.0 * speed_mps + DRIFT_MPS) * silent_s)
 }
 
-/// The vessel by a forecast: its deck's place as latitude and longitude, because the drone's frame may jump before the
-/// place is used, and the mean velocity.
+/// Mean velocity, and deck's place as latitude and longitude, because the drone's frame may jump.
 fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     let [north, east, _] = forecast.stages.first()?.position;
     let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
@@ -58,8 +55,7 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// The vessel with its velocity low-passed over the longest waves' periods, because a forecast of seconds does not
-/// average the waves. `before`: previous result.
+/// Low-pass of the velocity, because a forecast of seconds does not average the longest waves.
 fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     let Some((before, dt)) = before.map(|b| (b, (now.at - b.at).secs())) else {
         return now;
@@ -71,7 +67,7 @@ fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     LastVessel { velocity, ..now }
 }
 
-/// The vessel's place extrapolated to `now`, relative to the drone.
+/// Vessel extrapolated to `now`, relative to the drone.
 fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVessel {
     let velocity = Vector2::from(vessel.velocity);
     let silent_s = (now - vessel.at).secs().max(0.0);
@@ -83,7 +79,7 @@ fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVesse
     }
 }
 
-/// Offset of a vessel that is not received, including the margin, and its velocity.
+/// Offset of a vessel without reception, with the margin, and its velocity.
 fn towards(vessel: &LastVessel, seeks: &SilentVessel) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
     let SilentVessel { offset, silent_s } = *seeks;
@@ -102,7 +98,7 @@ pub(super) struct ReturnLeg {
 }
 
 impl ReturnLeg {
-    /// Time until the drone meets the vessel if it turns back after `stays_s`, s; [`MAX_WAY_S`] if it cannot reach it.
+    /// Time until the drone meets the vessel after staying for `stays_s`, s; [`MAX_WAY_S`] out of reach.
     pub(super) fn time_s(&self, stays_s: f64) -> f64 {
         let r = self.offset + self.vessel * stays_s;
         let drift = self.vessel - self.wind;
@@ -120,7 +116,6 @@ impl ReturnLeg {
         let time = if a > 1e-6 {
             (b + root) / a
         } else if b < -1e-6 {
-            // The vessel comes to the drone.
             c / (root - b)
         } else if c < 1e-6 {
             0.0
@@ -141,11 +136,11 @@ pub(super) struct Energy {
 }
 
 impl Energy {
-    /// Charge at which a drone that stays for another `stays_s` has to turn back, 0 to 1.
+    /// Charge at which the drone turns back after staying for `stays_s`, 0 to 1.
     fn needed(&self, way: &ReturnLeg, stays_s: f64) -> f64 {
         self.reserve + self.power * (way.time_s(stays_s) + self.attempt_s)
     }
-    /// Time until the drone turns back, s; 0 if it has to turn back now.
+    /// Time until the drone turns back, s.
     pub(super) fn turns_in_s(&self, way: &ReturnLeg) -> f64 {
         let left = |t: f64| self.charge - self.power * t - self.needed(way, t);
         if !(left(0.0) > 0.0) {
@@ -218,7 +213,7 @@ mod tests {
             (way([800.0, 0.0], [-2.0, 0.0], [0.0, 0.0]), 80.0),
             (way([800.0, 0.0], [0.0, 0.0], [-4.0, 0.0]), 200.0),
             (way([0.0, 0.0], [5.0, 0.0], [0.0, 0.0]), 0.0),
-            // The vessel is faster than the drone, and moves away from it or towards it.
+            // A vessel faster than the drone moves away from it or towards it.
             (way([100.0, 0.0], [9.0, 0.0], [0.0, 0.0]), MAX_WAY_S),
             (way([170.0, 0.0], [-9.0, 0.0], [0.0, 0.0]), 10.0),
         ] {
@@ -227,7 +222,7 @@ mod tests {
         }
     }
 
-    /// A vessel that moved north at 2 m/s when it was last received 1 km north of the drone: one and ten minutes later.
+    /// One and ten minutes after the vessel was received 1 km north, moving north at 2 m/s.
     #[test]
     fn way_to_a_vessel_out_of_radio_range() {
         let drone = DroneState {
@@ -241,7 +236,6 @@ mod tests {
             ..DeckStage::default()
         });
         let last = vessel(&forecast, &drone).unwrap();
-        // The drone's frame has jumped in the meantime.
         let jumped = DroneState {
             datum_offset: [105.0, -3.0, 0.0],
             position: [100.0, 0.0, 0.0],
@@ -255,7 +249,7 @@ mod tests {
         }
     }
 
-    /// At 2 m/s in waves that move the vessel by 0.7 m/s: the mean velocity is known to a tenth, and a new one within a
+    /// At 2 m/s in waves of 0.7 m/s the mean velocity is known to within a tenth, and a new one within a
     /// minute.
     #[test]
     fn way_of_a_vessel_in_waves() {

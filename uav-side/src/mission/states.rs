@@ -88,7 +88,7 @@ pub(super) fn step(
     }
 }
 
-/// Reason for the end of a waiting order to land: it has waited for too long, or its flight is over.
+/// Reason to end a waiting order: it waited for too long, or its flight is over.
 fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let over = progress.armed && s.flight == ControlState::Disarmed;
     progress.armed |= !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
@@ -101,8 +101,7 @@ fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfi
     (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
 }
 
-/// Reason while the battery of a drone whose landing was stopped is below the reserve and its operator has time to
-/// decide.
+/// Reason while the operator of a stopped landing may decide, with the battery below its reserve.
 fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
     let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
@@ -113,7 +112,7 @@ fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
 
-/// Idle: waits for an order, for the drone to fly in our mode, and for the vessel's state by radio.
+/// Idle: waits for an order, for a flight in our mode, and for the vessel's radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
@@ -129,7 +128,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
-    // The drone can return to a vessel that is received or whose place is extrapolated.
+    // The drone can return to a vessel that is received or extrapolated.
     let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
     let turns_back = ends.filter(|_| may_return);
     let stays_due = ends.is_some();
@@ -139,12 +138,11 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     if s.flight != ControlState::Ours {
         let missing = ends.and_then(|_| old_data(s));
-        // In unattended cycles there is no pilot to select the mode.
+        // Unattended cycles have no pilot to select the mode.
         let flies = s.sortie.own_mission == OwnMission::Flies;
         let recalled = progress.cycles.on && flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
-        // While the pilot's switch is on abort, no order takes the drone: under our control it would hover there
-        // instead of landing.
+        // With the pilot's switch on abort no order takes the drone, which would hover instead of landing.
         let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
         let why = held.or(turns_back).or(recalled).or(s.rejection).or(missing);
         return idle.stay(why.unwrap_or(NotFlying.into()));
@@ -192,7 +190,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
 }
 
-/// Climbs or descends until the approach height is reached.
+/// Climbs or descends to the approach height.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
@@ -212,13 +210,13 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransi
     MissionPhase::APPROACH.enter(HeightReached)
 }
 
-/// Climbs vertically to the height of the waiting place, and moves with the deck while above it.
+/// Climbs vertically to the waiting place's height, with the deck while above it.
 fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
     MissionPhase::GetAltitude { from }.enter(why)
 }
 
-/// Flies to the waiting place until the deck is reserved, then to the deck until visual contact is confirmed.
+/// Flies to the waiting place until the deck is reserved, then to the deck until vision is confirmed.
 fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(s.no_deck());
@@ -238,8 +236,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
             MissionPhase::APPROACH.stay(why)
         };
     }
-    // The drone stays over the vessel at a height that is safe according to every witness until one of them confirms
-    // the deck's height.
+    // Until a witness confirms the deck's height, the drone stays at a height that is safe by every witness.
     if let Some(why) = s.doubt {
         return MissionPhase::APPROACH.stay(why);
     }
@@ -247,7 +244,6 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
         if let Some(next) = search::begins(deck, s, c) {
             return next;
         }
-        // The detected tags may be another vessel's.
         let why = deck.contradicted.or(s.several);
         return MissionPhase::APPROACH.stay(why.unwrap_or(s.not_detected(deck)));
     }
@@ -271,7 +267,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     ])
 }
 
-/// Transition to the waiting place, if the drone has one and the deck is closed or owned by another drone.
+/// Transition to the waiting place from a deck that is closed or owned by another drone.
 fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = s
         .waits(c)
@@ -279,8 +275,7 @@ fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     s.place.map(|_| leave(s, why))
 }
 
-/// Transition when vision is lost in a state that follows the vessel by vision: back to an approach by radio or beacon,
-/// if available.
+/// Transition without vision, back to an approach by radio or beacon if available.
 fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
     let next = if deck.radio_age_s <= c.radio_fresh_s || deck.beacon.is_some() {
@@ -291,8 +286,7 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTra
     Some(next.enter(why))
 }
 
-/// Transition when a deck is no longer followed at the tracking height: not detected, owned by another drone, or at a
-/// doubtful height.
+/// Transition from a deck that is not detected, owned by another drone, or at a doubtful height.
 fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let doubted = || s.doubt.map(|why| MissionPhase::APPROACH.enter(why));
     vision_lost(deck, s, c)
@@ -304,8 +298,8 @@ fn widening(urgency: f64) -> f64 {
     if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
 
-/// Reason if the landing's probability is below the required one, or if the probability of an unsafe contact is above
-/// the permitted one: `(1 - u) needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
+/// Reason if the landing's probability is too low, or that of an unsafe contact too high. The limits are
+/// `needed (1 - u)` and `max_harm^(1 - u)` for the [`urgency`] `u`.
 fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if urgency >= 1.0 || s.forced_descent.is_some() {
         return None;
@@ -317,7 +311,6 @@ fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<R
     s.odds.map_or(Some(unknown), why)
 }
 
-/// Follows the deck until the drone is steady above it.
 fn tracking(
     steady: Option<DroneTime>,
     progress: &MissionProgress,
@@ -341,7 +334,6 @@ fn tracking(
     MissionPhase::TrackingStable.enter(Reason::new(Steady, lasted, c.steady_s))
 }
 
-/// Stays steady above the deck until the conditions of a descent are met.
 fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stable = MissionPhase::TrackingStable;
     let Some(deck) = s.fresh_deck() else {
@@ -358,7 +350,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     if s.flight != ControlState::Ours {
         return stable.stay(NotFlying);
     }
-    // A drone with a stale grant keeps the deck, because the vessel does not withdraw it from a silent owner.
+    // The vessel does not withdraw the deck from a silent owner, so a stale grant stays valid.
     let stale = matches!(s.reservation, Reservation::Unknown(_));
     let rejection = (s.reservation.rejection())
         .filter(|_| !(stale && urgent))
@@ -369,7 +361,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
             ])
         })
         .or_else(|| deck.infeasible(c, wide));
-    // Any risk at rest on the deck is smaller than that of an empty battery.
+    // A landing at any risk of sliding is better than an empty battery.
     let rejection = rejection.or_else(|| {
         if urgent {
             return None;
@@ -394,14 +386,13 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     MissionPhase::DESCENT.enter(Permitted)
 }
 
-/// Longest time from here to the touchdown, s, at the speeds of descent and flare and with the longest pause at the
-/// decision clearance.
+/// Longest time to the touchdown, s, with the longest pause at the decision clearance.
 fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Reason not to begin a descent because of the course that the helm announces.
+/// Reason not to begin a descent because of the helm's course.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     match s.course {
         Course::Unknown => None,
@@ -410,18 +401,16 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
     }
 }
 
-/// Limit of the commanded tilt's RMS oscillation beyond plan and wind, rad (5 deg): half of the angle of a harmful
-/// contact. A stable attitude loop stays below it.
+/// Limit of the commanded tilt's RMS oscillation beyond plan and wind, rad (5 deg): half of a harmful
+/// contact's angle. A stable attitude loop stays below it.
 const MAX_SWING_RAD: f64 = 0.087;
 
-/// Maximum time of a flare without vision, s: for the last metre, in which the tags are out of view, and longer while
-/// the radio reports the vessel's position.
+/// Maximum time of a flare without vision, s: the last metre, and longer while the radio reports the vessel.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
-/// Maximum age of the vessel's position by radio for it to extend a flare without vision, s.
+/// Maximum age of the radio's position that extends a flare without vision, s.
 const RADIO_FRESH_S: f64 = 1.5;
 
-/// Maximum time of a flare without vision, s: longer while the radio reports the vessel's position.
 pub(super) fn blind_limit(deck: &Deck) -> f64 {
     if deck.radio_age_s <= RADIO_FRESH_S {
         RADIO_BLIND_S
@@ -430,11 +419,10 @@ pub(super) fn blind_limit(deck: &Deck) -> f64 {
     }
 }
 
-/// Time for which the rotors have to carry a landed drone above the deck before the touchdown is considered false, s.
+/// Time for which the rotors carry a landed drone above the deck in a false touchdown, s.
 const AIRBORNE_S: f64 = 1.0;
 
-/// Stays landed until the drone was disarmed and is armed again, or until it is shown to be in the air; the link then
-/// keeps its motors running.
+/// Stays landed until armed again after a disarm, or shown to fly; the link then keeps the motors running.
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,
@@ -443,7 +431,6 @@ fn landed(
     c: &MissionConfig,
 ) -> PhaseTransition {
     progress.landing = false;
-    // The pilot has withdrawn its touchdown.
     if let Some(why) = s
         .slides()
         .filter(|_| !disarmed && !s.motors_stopped && s.flight != ControlState::Disarmed)
@@ -478,7 +465,7 @@ fn above(deck: &Deck, c: &MissionConfig) -> bool {
     deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
 }
 
-/// Holds until data are fresh again and a landing is ordered. `hold` creates this hold with the start of fresh data.
+/// Holds until data are fresh and a landing is ordered. `hold`: this hold with the start of fresh data.
 fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,

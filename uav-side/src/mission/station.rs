@@ -1,9 +1,8 @@
-//! A station next to the vessel: a waiting place that an operator orders for a limited time, in the frame of the
-//! vessel's mean heading.
+//! Station next to the vessel: a place ordered for a limited time, in the frame of the vessel's mean heading.
 //!
-//! It is a hold ([`HoldCause::Station`]) and ends as any hold does. Its height is that of an approach, which is clear
-//! of all keep-out volumes; if the deck is shared, it differs from the heights of other drones' places and stations. If
-//! two drones are ordered to the same height at once, the vessel's grant decides on the first, and the other leaves.
+//! It is a hold ([`HoldCause::Station`]) and ends as any hold does. Its height is that of an approach, clear
+//! of all keep-out volumes; over a shared deck it differs from other drones' places and stations. If two
+//! drones are ordered to one height at once, the vessel's grant decides on the first, and the other leaves.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::ReasonCode::{
@@ -47,11 +46,10 @@ fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Rea
         .chain(stations)
         .find(|other_m| shared && (other_m - height_m).abs() < STATION_APART_M)
         .map(|other_m| Reason::new(StationTaken, other_m, STATION_APART_M))
-        // The vessel reserves a station only for a drone with a waiting place.
+        // Only a drone with a waiting place gets a station.
         .or((shared && s.place.is_none()).then(|| Reason::new(NoPlace, PLACES as f64, 0.0)))
 }
 
-/// Reason if the vessel is neither received nor detected.
 fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let silent_s = match s.fresh_deck() {
         Some(deck) if deck.vision_age_s <= c.vision_lost_s => 0.0,
@@ -61,7 +59,7 @@ fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     exceeds(NoVessel, silent_s, c.radio_lost_s).map(|_| NoVessel.into())
 }
 
-/// Reason to reject an order for a station in `phase`.
+/// Reason to reject a station in `phase`.
 fn rejected(
     phase: MissionPhase,
     station: &Station,
@@ -91,7 +89,7 @@ fn rejected(
         .or_else(|| impossible(station, s, c))
 }
 
-/// Transition by an operator's order for a station, or continuation with the reason for its rejection.
+/// Transition by an order for a station, or continuation with the reason of its rejection.
 pub(super) fn commanded(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -112,14 +110,14 @@ pub(super) fn commanded(
         until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),
     };
     let mut next = holding(HoldCause::Station(kept), s, c);
-    // A drone over the vessel first climbs straight up.
+    // A drone over the vessel climbs straight up first.
     if let (MissionPhase::Hold { at, .. }, Some(mean)) = (&mut next, s.mean_deck_z) {
         at.z = at.z.min(mean - f64::from(station.height_m));
     }
     Some(next.enter(waiting(&kept, s)))
 }
 
-/// Distance of the drone from its station, m, and the time left there.
+/// Distance from the station, m, and the time left there.
 fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     let left_s = (kept.until - s.now).secs().max(0.0);
     let off_m = s.fresh_deck().map_or(0.0, |deck| {
@@ -133,9 +131,8 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     Reason::new(OnStation, left_s, off_m)
 }
 
-/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel the drone
-/// stays at its place over ground, and continues to the station once the vessel is back. Orders, a low battery and a
-/// change of mode are handled before this.
+/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel
+/// the drone stays over ground. Orders, low battery and changes of mode come first.
 pub(super) fn keeps(
     phase: MissionPhase,
     kept: &KeptStation,
@@ -152,8 +149,7 @@ pub(super) fn keeps(
     phase.stay(without.unwrap_or_else(|| waiting(kept, s)))
 }
 
-/// Adjusts `next` when the drone leaves a station: it goes to the height of its waiting place, because the station's
-/// height may be reserved by another drone now.
+/// A drone that leaves a station goes to its waiting place's height, because the station's may be reserved.
 pub(super) fn leaves(
     phase: MissionPhase,
     mut next: MissionPhase,
@@ -167,8 +163,8 @@ pub(super) fn leaves(
     next
 }
 
-/// Next waypoint on the way round the deck to the station, from the deck's centre, NED, m. None if the drone first has
-/// to climb from low over the vessel, or stays because the vessel is missing.
+/// Next waypoint round the deck to the station, from the deck's centre, NED, m. None while the drone climbs
+/// from low over the vessel, or stays without a vessel.
 pub(super) fn offset(
     kept: &KeptStation,
     at: &Vector3<f64>,
@@ -188,7 +184,7 @@ pub(super) fn offset(
     })
 }
 
-/// Place at which the drone stays if the vessel is lost on the way to the station; `at` is the hold's place.
+/// Place of a drone that loses the vessel on the way to the station; `at` is the hold's.
 pub(super) fn held_place(
     kept: &KeptStation,
     at: &Vector3<f64>,

@@ -71,7 +71,6 @@ fn station_is_taken_in_the_air() {
 #[test]
 fn station_in_the_frame_of_the_heading() {
     let d = on_station();
-    // Low over the vessel the drone climbs first.
     let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
@@ -138,8 +137,7 @@ fn station_rejected_with_its_reason() {
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
-        // The autopilot link acts on the waiting reason, e.g. it arms, so that reason has to be the same as without the
-        // order.
+        // The autopilot link acts on the waiting reason (it arms), so that must not change with the order.
         let without = decided(phase, None, &s);
         assert_eq!(
             (d.phase.state(), d.waiting),
@@ -148,7 +146,7 @@ fn station_rejected_with_its_reason() {
     }
 }
 
-/// Two drones at one station: the vessel's grant decides on the first owner, and the other returns to its own height.
+/// The vessel's grant decides on the station's first owner; the other drone returns to its own height.
 #[test]
 fn station_of_another_drone() {
     let order = |height_m| CommandKind::Station(Station { height_m, ..ABEAM });
@@ -165,7 +163,7 @@ fn station_of_another_drone() {
         assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
         assert_eq!(d.phase.station().is_none(), taken);
     }
-    // Both drones were ordered to the station before either knew of the other.
+    // Both were ordered to the station before either knew of the other.
     let high = |other_m| Situation {
         own: flies(other_m).own.map(|own| OwnState {
             position: Vector3::new(0.0, 20.0, -31.3),
@@ -203,7 +201,6 @@ fn rejection_is_shown_and_forgotten() {
         shown(&d, &flying(|_| ())).map(|why| why.code),
         Some(StationTooLow)
     );
-    // Other nodes depend on the waiting reason.
     let without = decided(hold, None, &flying(|_| ()));
     assert_eq!(d.waiting, without.waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
@@ -247,7 +244,7 @@ fn station_ended_by_time_vessel_or_mode() {
     assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
 }
 
-/// Without the vessel the drone stays at its place over ground, and continues to its station once the vessel is back.
+/// Without the vessel the drone stays over ground, and continues once it is back.
 #[test]
 fn station_after_a_silence() {
     let high = |s: &mut Situation| {
@@ -269,7 +266,7 @@ fn station_after_a_silence() {
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
         let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
-        // The radio is back, and the vessel is 490 m further away.
+        // The vessel is back, 490 m further away.
         let back = flying(|s| {
             high(s);
             s.deck.as_mut().unwrap().distance_m = 490.0;

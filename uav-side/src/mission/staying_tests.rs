@@ -4,7 +4,6 @@ use alight_shared::msg::{DeckForecast, DeckStage};
 use super::MissionConfig;
 use crate::odometry::wind::WindMonitor;
 
-/// Whether the minimum probability of the shipped configuration is reached.
 fn likely(p: f64) -> bool {
     p >= MissionConfig::default().min_probability
 }
@@ -28,7 +27,7 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
     Staying::of(&Slopes::of(Some(&f), &wind), &support).probability
 }
 
-/// Waves of four seconds with this slope.
+/// Four-second waves with this slope.
 fn waves(s: i8) -> [i8; 48] {
     core::array::from_fn(|k| (f64::from(s) * (core::f64::consts::TAU * k as f64 / 16.0).sin()).round() as i8)
 }
@@ -38,11 +37,10 @@ fn probability_of_staying_by_slope_and_wind() {
     assert!(of(&[], &[], 0.0) > 0.999);
     assert!(likely(of(&waves(10), &[10; 60], 0.5)));
     assert!(!likely(of(&waves(26), &[10; 60], 0.0)));
-    // A steep wave after the drone has come to rest is ignored.
     let mut late = waves(10);
     late[45] = 60;
     assert!(likely(of(&late, &[10; 60], 0.0)));
-    // Slope and wind are each acceptable alone, but not together.
+    // Slope and wind are acceptable alone, but not together.
     assert!(!likely(of(&waves(22), &[10; 60], 2.0)));
     assert!(likely(of(&waves(22), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
     assert!(!likely(of(&[], &[], 7.0)));
@@ -59,7 +57,7 @@ fn slope_measured_a_moment_ago() {
 
 #[test]
 fn drift_by_waves_and_wind_together() {
-    // Waves that move the drone to both sides equally, and the apparent wind of a vessel at 8 m/s.
+    // Waves that move the drone to both sides, and the apparent wind of a vessel at 8 m/s.
     let mut steep = [22; 60];
     (steep[0], steep[1]) = (5, 5);
     assert!(likely(of(&[0; 48], &steep, 0.0)));

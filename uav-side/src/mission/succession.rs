@@ -1,4 +1,4 @@
-//! Succession of missions: from a predecessor's checkpoint, or from a drone that is found in flight.
+//! Start of a mission from a predecessor's checkpoint, or with a drone found in flight.
 
 use alight_shared::admission::CommandAdmission;
 use alight_shared::checkpoint::CheckpointRejection;
@@ -11,27 +11,24 @@ use super::phase::{Decision, MissionPhase};
 use super::situation::{ControlState, Situation};
 use super::{MissionIn, MissionNode};
 
-/// Start of the mission, and safety of the drone that it found.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionSuccession {
-    /// Start-up state while it is unknown whether a predecessor flew the drone.
+    /// State until it is known whether a predecessor flew the drone.
     pub(super) beginning: Option<MissionStartUp>,
-    /// Reason why the drone has to be made safe first: a start without a checkpoint, or a loss of control to the
-    /// autopilot's hold.
+    /// Reason to make the drone safe first: no checkpoint at the start, or control lost to a hold.
     pub(super) needs_safe_start: Option<ReasonCode>,
-    /// Whether the drone has been away from the deck while under our control without an order.
+    /// Whether the drone was away from the deck, under our control without an order.
     was_away: bool,
     pub(super) published: Option<Time<DroneClock>>,
 }
 
 impl MissionNode {
-    /// Starts in the predecessor's state or from the beginning; returns the command received during the start.
+    /// Returns the command received during the start.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
         self.succession.needs_safe_start = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
-            // The destination depends on the settings.
             self.adjust(&m.state.settings);
             let s = self.situation(now);
             let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
@@ -61,8 +58,7 @@ impl MissionNode {
         self.commands.first_of(now, &begun.commands)
     }
 
-    /// The command to apply, if any, and the reason why a predecessor's checkpoint was rejected; None until the start
-    /// is decided.
+    /// Command to apply, and reason of a rejected checkpoint; None until the start is decided.
     pub(super) fn order(
         &mut self,
         now: Time<DroneClock>,
@@ -73,7 +69,7 @@ impl MissionNode {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
-        // If the drone is disarmed, the pilot's state shows whether its landing is over.
+        // The pilot's state shows whether a disarmed drone's landing is over.
         let complete = match s.flight {
             ControlState::Disarmed => self.set_point.get().is_some(),
             ControlState::Unknown => false,
@@ -88,7 +84,7 @@ impl MissionNode {
         Some((self.begin(now, &begun), begun.rejected))
     }
 
-    /// Continues as its own successor after a pause that was longer than other nodes wait for the mission's state.
+    /// Continues as its own successor after a pause longer than other nodes wait for the mission's state.
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
@@ -102,11 +98,10 @@ impl MissionNode {
         }
     }
 
-    /// An idle mission's decision about a drone in flight: one found without a checkpoint or after a set-point loss, or
-    /// one that the vessel approaches.
+    /// Decision of an idle mission on a drone in flight, found without a checkpoint or near the vessel.
     pub(super) fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
         let waits = self.phase == MissionPhase::Idle;
-        // A drone that is handed over above the deck stays there.
+        // A drone handed over above the deck stays there.
         self.succession.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
             self.succession.needs_safe_start = None;

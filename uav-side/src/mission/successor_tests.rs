@@ -24,8 +24,7 @@ fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     }
 }
 
-/// First state of a successor with this checkpoint at 10 s while the drone hovers at `height` above the deck, and the
-/// reason for a rejection.
+/// First state of a successor with this checkpoint, `height` above the deck, and its rejection.
 fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -65,13 +64,12 @@ fn successor_with_a_checkpoint() {
         };
         assert_eq!((s.state, rejected), (wanted, None));
         if matches!(state, State::Hold | State::GaveUp) {
-            // Over the deck the drone moves with the deck until it is high enough.
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
     for (at_s, height, state) in [
         (9.8, 0.5, State::Flare),
-        // The pilot has left the plan in the meantime: the landing starts again unless the drone is on the deck.
+        // The pilot has left the plan, so the landing starts again unless the drone is on the deck.
         (9.0, 0.5, State::Tracking),
         (9.0, 0.05, State::Flare),
     ] {
@@ -80,7 +78,7 @@ fn successor_with_a_checkpoint() {
     assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
 }
 
-/// The pilot stopped the motors while no mission ran; the successor reads its set-point one step late.
+/// The successor reads the set-point that stops the motors one step late.
 #[test]
 fn successor_after_the_pilot_stopped_the_motors() {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
@@ -111,7 +109,6 @@ fn successor_without_a_sound_checkpoint() {
     use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
     for (bad, why) in [
         (None, None),
-        // The checkpoint store is empty.
         (Some(MissionCheckpoint::default()), None),
         (change(|m| m.header.version -= 1), Some(Version)),
         (change(|m| m.state.header.version -= 1), Some(Damaged)),
@@ -126,7 +123,7 @@ fn successor_without_a_sound_checkpoint() {
         assert_eq!(s.entered.code, ReasonCode::Restarted);
         assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
     }
-    // On the deck the pilot's touchdown detector decides; away from the deck the mission stays idle.
+    // On the deck the pilot's detector decides; away from it the mission stays idle.
     assert_eq!(begun(None, 0.05).0.state, State::Flare);
     assert_eq!(begun(None, 12.0).0.state, State::Idle);
 }
@@ -160,12 +157,12 @@ fn abort_among_many_commands_to_a_successor() {
     }
 }
 
-/// For each state, control after a reboot and charge: the purpose of the flight continues, the drone returns, or waits
-/// for a new order; a landing that the pilot has ended stays ended.
+/// For each state, control after a reboot and charge the purpose of the flight continues, or the drone
+/// returns or waits for an order; a landing that the pilot has ended stays ended.
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};
-    // The clock restarts after the reboot; before it, the clock had reached 500 s.
+    // The clock had reached 500 s and restarts with the reboot.
     let written = |change: fn(&mut MissionCheckpoint)| {
         let mut m = MissionCheckpoint {
             armed: true,
@@ -232,6 +229,5 @@ fn purpose_that_outlives_a_reboot() {
     }
     let kept = flown(station, ours, 0.9).station.unwrap();
     assert!((at(60.0)..at(130.0)).contains(&kept.until), "{kept:?}");
-    // Nothing is kept for a disarmed drone.
     assert!(written(|m| (m.landing, m.armed) = (true, false)).is_none());
 }

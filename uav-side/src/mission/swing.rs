@@ -1,9 +1,10 @@
-//! Oscillation of the commanded attitude: an unstable loop of pilot and autopilot commands alternating tilts that
-//! neither the plan nor the wind requires.
+//! Oscillation of the commanded attitude: an unstable loop of pilot and autopilot commands alternating tilts
+//! that neither plan nor wind requires.
 //!
-//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`; the feedback is the remainder,
-//! `r = (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. Its part slower
-//! than a second is a position error, or the wind; the RMS of the faster part over two seconds is the oscillation.
+//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`, and the feedback `r =
+//! (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. Its part
+//! slower than a second is a position error or wind; the oscillation is the faster part's RMS over two
+//! seconds.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::geometry::GRAVITY;
@@ -11,8 +12,7 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
-/// Time constant above which feedback is not an oscillation, s: an unstable loop oscillates with a period of about a
-/// second.
+/// Time constant of feedback that is no oscillation, s: an unstable loop oscillates in about a second.
 const SLOW_S: f64 = 1.0;
 const AVERAGE_S: f64 = 2.0;
 /// Gap between set-points after which the monitor restarts, s.
@@ -26,7 +26,7 @@ pub(super) struct SwingMonitor {
 }
 
 impl SwingMonitor {
-    /// Processes the pilot's newest set-point and the disturbance reported in the `drone`'s odometry.
+    /// `drone`: odometry with the disturbance.
     pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         let at = s.header.at;
         let dt = self.last.map(|last| (at - last).secs());
@@ -57,8 +57,8 @@ mod tests {
     use alight_shared::msg::Header;
     use nalgebra::UnitQuaternion;
 
-    /// Oscillation after ten seconds of the roll `roll(t)` (rad) and the plan's sideways acceleration `a(t)` (m/s²), at
-    /// a heading of 1 rad in a constant wind of 2 m/s².
+    /// Oscillation after ten seconds of `roll(t)` (rad) and lateral acceleration `a(t)` (m/s²) of the plan,
+    /// at a heading of 1 rad in a constant wind of 2 m/s².
     fn swing(roll: impl Fn(f64) -> f64, a: impl Fn(f64) -> f64) -> f64 {
         let mut m = SwingMonitor::default();
         let across = UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0) * Vector3::y();
@@ -87,7 +87,7 @@ mod tests {
     #[test]
     fn swing_of_a_limit_cycle() {
         let waves = |t: f64| 1.5 * (1.2 * t).sin();
-        // Standard deviation of 16 deg at 1 Hz, from the flight of a real ArduCopter; plan and wind contribute nothing.
+        // Standard deviation of 16 deg at 1 Hz, as in the flight of a real ArduCopter.
         let cycle = swing(|t| 0.39 * (std::f64::consts::TAU * t).sin(), waves);
         assert!((12.0..19.0).contains(&cycle), "{cycle}");
         let quiet = swing(|_| 0.0, waves);

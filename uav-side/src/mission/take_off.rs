@@ -1,10 +1,9 @@
-//! Take-off from the deck: checks, countdown, arming, wait for the best lift-off time, and climb.
+//! Take-off from the deck: checks, countdown, arming, lift-off at the best time, and climb.
 //!
-//! The mission commands nothing before the end of the countdown. From then on the link selects the mode and arms while
-//! the mission is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in
-//! [`MissionPhase::TakeOff`]. A stop before the feet have left the deck cuts the thrust, and the link disarms
-//! ([`MissionPhase::StandDown`]). Afterwards only climbing is safe: an order to stop leads to the hold at the end of
-//! every take-off.
+//! The mission commands nothing before the end of the countdown. In [`MissionPhase::SpinUp`] the link selects
+//! the mode and arms while the pilot stands on the deck; in [`MissionPhase::TakeOff`] the pilot jumps. A stop
+//! before the feet have left the deck cuts the thrust, and the link disarms ([`MissionPhase::StandDown`]).
+//! Afterwards only climbing is safe: an order to stop leads to the hold at the end of every take-off.
 
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
@@ -28,35 +27,31 @@ use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
 use crate::mission_config::MissionConfig;
 use crate::standing::{StandingVerdict, WITNESSED_WITHIN_S};
 
-/// Duration of the countdown that the crew sees before the motors start, s.
+/// Duration of the countdown shown to the crew, s.
 const COUNTDOWN_S: f64 = 5.0;
-/// Time within which the autopilot has to arm, s: PX4 needs a second of set-points before OFFBOARD, then three attempts
-/// a second apart, and two heartbeats a second apart report it.
+/// Time within which the autopilot has to arm, s: a second of set-points before PX4's OFFBOARD, three
+/// attempts a second apart, and two heartbeats a second apart.
 const ARMING_S: f64 = 10.0;
-/// Time until the effect of a pending command to arm becomes visible, s: its answer, and two heartbeats a second apart.
+/// Time until a pending command to arm shows an effect, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
-/// Time until rotors that an armed autopilot reports as turning are at idle speed, s: speed controllers start a motor
-/// within a second, without a report.
+/// Time until turning rotors are at idle speed, s: speed controllers start within a second, unreported.
 const IDLES_S: f64 = 1.5;
-/// Maximum time on the deck with turning rotors, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, while they
-/// stand still) disarm by themselves after 10 s, and the heartbeat that reports the arming may be a second late.
+/// Maximum time on the deck with turning rotors, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, at
+/// rest) disarm after 10 s, and the heartbeat that reports the arming may be a second late.
 const MOMENT_S: f64 = 8.5;
-/// Rise below which a drone may tip over a foot, m: half of its feet's span times the sine of the angle. Higher up it
-/// no longer touches the deck, and turns in order to level.
+/// Rise below which a drone may tip over a foot, m: half of its feet's span times the sine of the angle.
 const TIPS_BELOW_M: f64 = 0.1;
-/// Clearance above which the drone is clear of the deck, with and without a detection by the camera, m.
+/// Clearance of a drone that is clear of the deck, with and without a detection, m.
 const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
-/// Time after which a drone that has left the deck climbs out in any case, s.
+/// Time after which a drone that has left the deck climbs out, s.
 const TAKE_OFF_S: f64 = 6.0;
-/// Maximum time of the climb-out before the drone holds at its place, s: twice that of 20 m at 2 m/s and the way out.
+/// Maximum time of the climb-out before a hold, s: twice that of 20 m at 2 m/s and the way out.
 const CLIMB_OUT_S: f64 = 30.0;
-/// Maximum distance from the deck's centre, by the forecast, of a drone that stands on the deck, m: two receivers and
-/// half a deck.
+/// Maximum distance from the forecast deck's centre of a drone on the deck, m: two receivers and half a deck.
 const ON_DECK_M: f64 = 5.0;
 
-/// Reason in the vessel's report not to leave the deck: no fresh grant, a deck owned by another drone, or no clearance
-/// by the crew.
+/// Reason not to leave the deck, by the vessel's report: no fresh grant, another owner, or no clearance.
 pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: DroneTime) -> Option<Reason> {
     let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
     let stale = exceeds(DeckGrantStale, age_s, topics::DECK.stale_after.secs());
@@ -99,7 +94,7 @@ pub(super) fn commanded(
     Some(MissionPhase::Preparing.enter(TakeOffCommanded))
 }
 
-/// Transition on an order to stop; None if the take-off continues to its hold, or is already stopped.
+/// Transition on an order to stop; None if the take-off continues to its hold or is stopped.
 pub(super) fn stopped(
     phase: MissionPhase,
     s: &Situation,
@@ -135,8 +130,7 @@ pub(super) fn stopped(
     }
 }
 
-/// Whether a measurement of the rise without a gap shows that the feet are still on the deck in a take-off, so that the
-/// thrust may be cut.
+/// Whether a rise measured without a gap shows the feet on the deck, so that the thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.leaving.risen_m < LIES_BELOW_M && is_measured(s)
 }
@@ -144,8 +138,7 @@ fn is_measured(s: &Situation) -> bool {
     s.leaving.rise_measured && old_data(s).is_none()
 }
 
-/// Transition on a set-point loss in a take-off, while the autopilot holds low over the deck: the drone climbs out once
-/// set-points are back.
+/// Transition on a set-point loss with a hold low over the deck: a climb once set-points are back.
 pub(super) fn set_points_lost(
     phase: MissionPhase,
     s: &Situation,
@@ -155,7 +148,7 @@ pub(super) fn set_points_lost(
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
-/// Ends the take-off on the deck, before anything was commanded.
+/// Ends a take-off before anything was commanded.
 fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
@@ -163,8 +156,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
         down(s, why)
     }
 }
-/// Ends the take-off after the motors may have been started. The thrust is cut if the drone stands. If that is
-/// uncertain, the drone climbs, because the autopilot may have lifted it after a set-point loss.
+/// Ends a take-off after the motors may have started. The thrust is cut if the drone stands; otherwise it
+/// climbs, because the autopilot may have lifted it after a set-point loss.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
     if is_armed(s)
         && s.leaving.standing != StandingVerdict::Stands
@@ -175,20 +168,18 @@ fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransit
         down(s, why)
     }
 }
-/// Ends the take-off with the thrust cut in any case.
 fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
-/// Whether the drone is armed under this program's control.
+/// Whether the drone is armed under our control.
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
         ControlState::OnGround | ControlState::Ours | ControlState::SetPointsLost
     )
 }
-/// Stand-down on the deck with the thrust cut. The rotors may turn even if the drone is not reported armed, because a
-/// command to arm may be pending.
+/// Stand-down with the thrust cut. A disarmed drone's rotors may turn, if a command to arm is pending.
 pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     let unarmed = matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
     MissionPhase::StandDown {
@@ -201,7 +192,7 @@ fn turns(s: &Situation) -> Option<Reason> {
     (s.course == Course::Turning).then(|| VesselTurns.into())
 }
 
-/// Reason against a take-off while the drone stands on the deck.
+/// Reason not to take off from the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let first = s
         .not_cleared
@@ -230,7 +221,7 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
 }
 
-/// Transition when somebody else has armed the drone.
+/// Transition when the drone is armed by others.
 fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     match s.flight {
         ControlState::OnGround
@@ -241,7 +232,7 @@ fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     }
 }
 
-/// Waits until every check passes and the forecast contains a suitable lift-off time.
+/// Waits until every check passes and the forecast has a suitable lift-off time.
 pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -261,7 +252,7 @@ pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &Missi
     }
 }
 
-/// Counts down; any reason against the take-off ends the countdown, and the next one starts from the beginning.
+/// Counts down; any reason against the take-off resets the countdown.
 pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -280,7 +271,7 @@ pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> P
     .enter(CountedDown)
 }
 
-/// Waits with the motors started until the autopilot is armed, reports turning rotors, and the lift-off time has come.
+/// Waits with started motors for the arming, turning rotors, and the lift-off time.
 pub(super) fn spin_up(
     since: DroneTime,
     armed: Option<DroneTime>,
@@ -289,7 +280,6 @@ pub(super) fn spin_up(
 ) -> PhaseTransition {
     let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
     let armed = match (s.flight, armed) {
-        // A pilot or the autopilot itself has disarmed the drone.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
         (ControlState::SetPointsLost, _) => return cut(s, c, NotFlying),
@@ -299,7 +289,6 @@ pub(super) fn spin_up(
     if let Some(why) = unfit(s, c) {
         return cut(s, c, why);
     }
-    // The drone has risen by itself.
     if armed.is_some() && s.leaving.standing == StandingVerdict::Flies {
         return climbing_out(s, c).enter(MayFly);
     }
@@ -325,7 +314,6 @@ pub(super) fn spin_up(
     };
     match moments.not_now(c) {
         None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
-        // The better lift-off time comes too late.
         Some(why) if turn_s > MOMENT_S && why.code == BetterMoment => {
             rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
@@ -341,8 +329,7 @@ fn rising(s: &Situation) -> MissionPhase {
     }
 }
 
-/// Lifts off and climbs until the drone is clear of the deck. Before the feet have left it, the thrust may still be cut
-/// if the rise is measured without a gap.
+/// Lifts off and climbs clear. The thrust may be cut while a rise without a gap shows feet on the deck.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
@@ -350,7 +337,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        // Time without sufficient thrust is not attributed to stuck feet.
+        // Stuck feet do not explain a time without sufficient thrust.
         let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
@@ -371,9 +358,9 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     leaving
 }
 
-/// Climbs away from the vessel to the height of the approach, where the drone holds for the next pilot or program. Once
-/// the drone is clear of the vessel, an order, a low battery or stale data end this state early; its maximum time ends
-/// it in any case. The hold then completes the climb and responds to each of them.
+/// Climbs away from the vessel to the height of the approach, where the drone holds for the next pilot or
+/// program. Clear of the vessel an order, a low battery or stale data end this state early, and its maximum
+/// time ends it anywhere. The hold then completes the climb and responds to each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -429,8 +416,8 @@ pub(super) fn climb_out(
     }
 }
 
-/// Stands down until the drone is disarmed or has never been armed. If the autopilot holds after a set-point loss, it
-/// returns to the set-points of this state. If the drone is not shown to stand, it may be in the air, and climbs.
+/// Stands down until the drone is disarmed or was never armed. From the autopilot's hold after a set-point
+/// loss it returns to this state's set-points. A drone that is not shown to stand may fly, and climbs.
 pub(super) fn stand_down(
     since: DroneTime,
     unarmed: Option<Reason>,

@@ -28,7 +28,7 @@ pub(super) fn permits() -> MissionConfig {
 fn moments(now: LiftOff) -> Option<Moments> {
     Some(Moments { now, later: None })
 }
-/// A disarmed drone on a deck from which it may take off.
+/// A disarmed drone on a suitable deck.
 pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
@@ -41,8 +41,7 @@ pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// Situation of a drone that stands on the deck according to two witnesses, with rotors that the autopilot has reported
-/// turning for `turn_s` (s).
+/// Drone that stands by two witnesses, with rotors reported turning for `turn_s` (s).
 fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
         since: at(10.0 - turn_s),
@@ -73,7 +72,6 @@ fn order_to_take_off() {
     for phase in [MissionPhase::Idle, MissionPhase::STANDS] {
         let s = standing(|_| {});
         assert_eq!(follows(phase, order, &s), (State::Preparing, TakeOffCommanded));
-        // Take-offs are off in the shipped configuration and in shadow mode.
         for c in [
             config(),
             MissionConfig {
@@ -89,7 +87,6 @@ fn order_to_take_off() {
         follows(MissionPhase::Idle, order, &fair()),
         (State::Idle, NotOnDeck)
     );
-    // The pilot blocks orders by remote control: no order waits for the switch.
     let held = standing(|s| s.rejection = Some(SwitchAborts.into()));
     for kind in [CommandKind::TakeOff, CommandKind::Land] {
         let d = decided(MissionPhase::Idle, Some(kind), &held);
@@ -134,7 +131,7 @@ fn checks_before_the_countdown() {
         };
         assert_eq!(follows(counting, None, &s), expected);
     }
-    // The wait is bounded, and no take-off follows if the pilot armed the drone.
+    // The wait is bounded, and no take-off follows a pilot's arming.
     assert_eq!(waits(|s| s.now = at(69.1)), (State::Idle, OrderExpired));
     assert_eq!(waits(|s| s.flight = ControlState::Ours), (State::Idle, NotOnDeck));
 }
@@ -167,7 +164,7 @@ fn countdown_and_arming() {
     };
     assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
     assert_eq!(follows(spins(10.1), None, &s), (State::StandDown, ArmingRejected));
-    // Alight armed the drone, and somebody else disarmed it or chose another mode.
+    // Alight armed the drone, and others disarmed it or chose another mode.
     let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
     assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
     let (phase, s) = spun(1.0, |s| {
@@ -184,7 +181,7 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
     assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
-    // The mission waits for motors that stand still after arming, as long as the autopilot stays armed.
+    // The mission waits for motors that stand still while the autopilot stays armed.
     let still: fn(&mut Situation) = |s| s.leaving.rotors_turn_s = 0.0;
     for (armed_s, expected) in [
         (1.6, State::SpinUp),
@@ -204,7 +201,7 @@ fn moment_of_the_take_off() {
         at_moment(8.6, |s| s.motors_stopped = true),
         (State::StandDown, SpinningUp)
     );
-    // It waits for a better moment while the autopilot stays armed on the deck.
+    // It waits for a better moment while the autopilot stays armed.
     let better: fn(&mut Situation) = |s| {
         s.leaving.lift_off = Some(Moments {
             now: LiftOff { along: 0.96, ..SURE },
@@ -218,14 +215,13 @@ fn moment_of_the_take_off() {
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
 
-/// A take-off that began `since_s` (s) ago.
 fn rising(since_s: f64, left: bool) -> MissionPhase {
     MissionPhase::TakeOff {
         since: at(10.0 - since_s),
         left,
     }
 }
-/// A climb that began `since_s` (s) ago, on its way to 15 m over the deck.
+/// Climb to 15 m over the deck.
 fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     MissionPhase::ClimbOut {
         since: at(10.0 - since_s),
@@ -235,7 +231,7 @@ fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     }
 }
 
-/// The thrust is not cut after an unmeasured rise, nor for a drone that has left the deck and descends to it again.
+/// The thrust is not cut after an unmeasured rise, nor for a drone that descends to the deck again.
 #[test]
 fn thrust_of_a_drone_that_may_be_in_the_air() {
     let s = with(|s| (s.leaving.risen_m, s.leaving.tips_rad) = (0.05, 0.3));
@@ -262,14 +258,13 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
     assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
 }
 
-/// Low over the deck only climbing is safe, regardless of who controls the drone after a set-point loss.
+/// Low over the deck only climbing is safe, whoever controls the drone.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
     let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::SetPointsLost, 0.5));
     for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
         let d = decided(phase, None, &holds);
         assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
-        // The climb-out has its full time once set-points are back.
         let MissionPhase::ClimbOut { since, .. } = d.phase else {
             panic!("{:?}", d.phase)
         };
@@ -280,7 +275,7 @@ fn set_points_that_cease_in_a_take_off() {
     assert_eq!(d.phase, MissionPhase::Idle);
 }
 
-/// After a set-point loss on the deck the thrust is cut only if two witnesses show that the drone stands.
+/// The thrust is cut only if two witnesses show that the drone stands.
 #[test]
 fn set_points_that_cease_while_it_stands() {
     let cut = |change: fn(&mut Situation)| {
@@ -318,8 +313,7 @@ fn set_points_that_cease_while_it_stands() {
     }
 }
 
-/// A climb over the deck continues; clear of the vessel it ends by an order, a low battery or stale data, and anywhere
-/// by the time limit.
+/// Over the deck the climb continues; clear of it an order, a low battery or stale data end it.
 #[test]
 fn climb_that_ends_sooner() {
     let over = with(|_| {});
@@ -348,7 +342,7 @@ fn climb_that_ends_sooner() {
         follows(climbing(30.1, false), None, &over),
         (State::Hold, ReasonCode::TooLong)
     );
-    // An order to land applies from there.
+    // Clear of the vessel an order to land applies.
     let d = decided(climbing(2.0, false), Some(CommandKind::Land), &clear);
     assert!(
         d.progress.landing && d.phase.state() == State::Hold,
@@ -372,7 +366,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
     assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
-    // The mission waits for rotors without sufficient thrust; with sufficient thrust the drone has to rise.
+    // The mission waits for sufficient thrust, with which the drone has to rise.
     let lifted = |since_s: f64, lifts_s: f64| {
         let s = with(|s| (s.leaving.risen_m, s.leaving.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
         follows(rising(since_s, false), None, &s)
@@ -380,7 +374,6 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(lifted(3.0, 0.0).0, State::TakeOff);
     assert_eq!(lifted(3.0, 1.1), (State::StandDown, DoesNotRise));
     assert_eq!(lifted(6.1, 0.0), (State::StandDown, DoesNotRise));
-    // Once the feet have left, the thrust is not cut any more.
     assert_eq!(leaves(0.9, 0.4, 0.3, false).0, State::TakeOff);
     assert_eq!(leaves(1.5, 3.1, 0.0, true), (State::ClimbOut, ClearOfDeck));
     assert_eq!(leaves(1.5, 3.1, 0.0, false).0, State::TakeOff);
@@ -405,20 +398,20 @@ fn take_off_stopped_by_an_operator() {
                 (MissionPhase::Idle, Some(Operator))
             );
         }
-        // The drone is armed, or a command to arm may have just been sent.
+        // The drone is armed, or a command to arm may be pending.
         let (armed, s) = spun(2.0, |_| {});
         let since = at(8.0);
         let waits = MissionPhase::SpinUp { since, armed: None };
         for (phase, s) in [(armed, s), (waits, on_deck)] {
             assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
         }
-        // The drone is still on the deck: an order stops the take-off, and so does the closing of the deck.
+        // On the deck an order stops the take-off, as does the closing of the deck.
         let s = with(|s| s.leaving.risen_m = 0.1);
         assert_eq!(
             follows(rising(0.2, false), Some(command), &s),
             (State::StandDown, Operator)
         );
-        // The feet may have left: the take-off continues to its hold, and the sortie ends as usual.
+        // The feet may have left, so the take-off continues to its hold, and the sortie ends as usual.
         let s = with(|s| s.leaving.risen_m = 0.2);
         let d = decided(rising(0.4, false), Some(command), &s);
         assert_eq!((d.phase, d.progress.stopped), (rising(0.4, false), false));
@@ -460,7 +453,7 @@ fn end_of_a_take_off() {
         follows(spins, None, &set_points_lost),
         (State::StandDown, ReasonCode::NotFlying)
     );
-    // A low battery does not end a climb that has just begun.
+    // A low battery does not end a new climb.
     let climbs = climbing(2.0, false);
     let low = with(|s| s.battery = Some(0.1));
     let (state, why) = follows(climbs, None, &low);
@@ -469,7 +462,6 @@ fn end_of_a_take_off() {
     assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
 }
 
-/// A mission that restarts in a take-off does not start anything that was not ordered.
 #[test]
 fn successor_of_a_mission_that_takes_off() {
     let restored_in = |state: State, sortie: bool, s: &Situation| {
@@ -499,8 +491,8 @@ fn successor_of_a_mission_that_takes_off() {
     ] {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
-    // The drone is on the deck according to its autopilot or the camera. The receivers alone may be wrong by metres,
-    // and a rising drone has left the deck.
+    // The drone is on the deck by its autopilot or the camera; by receivers alone, or while it rises, it is
+    // not.
     let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
         with(|s| {
             s.on_ground = on_ground;
@@ -517,14 +509,14 @@ fn successor_of_a_mission_that_takes_off() {
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
-    // Without a deck the autopilot's report may be old; after the feet have left, it is wrong.
+    // Without a deck the autopilot's report may be old; after the lift-off it is wrong.
     let mut s = low(0.05, true, 0.0);
     assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
     s.deck = None;
     assert_eq!(restored_in(State::TakeOff, false, &s).0, State::ClimbOut);
 }
 
-/// The battery ends a sortie: at once from the hold, otherwise by an order that waits for the drone.
+/// The battery ends it at once from the hold, otherwise by an order that waits for the drone.
 #[test]
 fn end_of_a_sortie_by_the_battery() {
     let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
@@ -543,7 +535,6 @@ fn end_of_a_sortie_by_the_battery() {
     let s = with(|s| s.sortie.turns_back = Some(due));
     let d = step(hold, sortie(false), &s);
     assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
-    // After a stop the operator decides; a drone that is not on a sortie stays.
     assert_eq!(step(hold, sortie(true), &s).entered, None);
     assert_eq!(step(hold, MissionProgress::default(), &s).entered, None);
     let others = with(|s| {
@@ -558,7 +549,7 @@ fn end_of_a_sortie_by_the_battery() {
         let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
         assert!(!d.progress.stopped, "{phase:?}");
     }
-    // A drone that could not fly back is not handed over. A reason against a landing does not prevent the return.
+    // A drone that could not fly back is not handed over, but returns despite a reason against a landing.
     let with_order = MissionProgress {
         landing: true,
         started: at(9.0),

@@ -1,4 +1,4 @@
-//! State table: situation to state and reason, except descent and flare.
+//! State table by situation and reason, except descent and flare.
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
@@ -133,11 +133,9 @@ const SURE: Odds = Odds {
     slides: 1.0,
     turns: false,
 };
-/// As [`fair`], but with unsuitable parameters of the autopilot.
 fn rejected() -> Situation {
     with(|s| s.rejection = Some(AutopilotParameter.into()))
 }
-/// As [`fair`], but with changed odds of a landing.
 pub(super) fn with_odds(change: impl FnOnce(&mut Odds)) -> Situation {
     with(|s| change(s.odds.as_mut().unwrap()))
 }
@@ -149,8 +147,7 @@ pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
 pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
     with(|s| change(s.deck.as_mut().unwrap()))
 }
-/// Start of a test: a phase with its usual progress (an attempt under way from the descent on), or the result of a
-/// decision.
+/// Phase with its usual progress (an attempt under way from the descent on), or result of a decision.
 #[derive(Clone, Copy)]
 pub(super) struct StepStart(MissionPhase, MissionProgress);
 
@@ -179,7 +176,7 @@ pub(super) fn commanded(from: impl Into<StepStart>, command: CommandKind, s: &Si
     let StepStart(phase, progress) = from.into();
     decide(phase, progress, Some(command), s, &config())
 }
-/// Runs the constant situation for `secs`; returns the decision that changed the state, or the last one.
+/// Decision that changed the state within `secs` of a constant situation, or the last one.
 pub(super) fn run(from: impl Into<StepStart>, s: &Situation, secs: f64) -> Decision {
     let mut s = *s;
     let mut last = step(from, &s);
@@ -233,7 +230,7 @@ pub(super) fn goes(d: &Decision, to: State, why: ReasonCode) {
 pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
     assert_eq!(Does::of(d), Does::Stay(in_state, why), "{d:?}");
 }
-/// Rows from `start`: a constant situation, its duration (s), and the decision that changed the state, or the last one.
+/// Rows: constant situation, duration (s), and decision that changed the state, or the last one.
 #[track_caller]
 pub(super) fn table<const N: usize>(start: impl Into<StepStart>, rows: [(Situation, f64, Does); N]) {
     let start = start.into();
@@ -287,7 +284,6 @@ fn silent_vessel_with_its_beacon() {
     );
     waits(&step(MissionPhase::Idle, &known(5.0, 6e3)), Idle, VesselTooFar);
     waits(&step(MissionPhase::Idle, &known(40.0, 300.0)), Idle, BeaconVague);
-    // The search begins at the beacon's place only.
     waits(
         &step(MissionPhase::APPROACH, &known(5.0, 30.0)),
         Approach,
@@ -296,7 +292,7 @@ fn silent_vessel_with_its_beacon() {
     let begun = step(MissionPhase::APPROACH, &known(5.0, 2.0));
     goes(&begun, Search, AtBeacon);
     waits(&step(begun.phase, &known(5.0, 2.0)), Search, Searching);
-    // Without a beacon nothing leads to the vessel; a vessel that is received is approached directly.
+    // Without a beacon nothing leads to the vessel; a received one is approached directly.
     let lost = with_deck(|d| (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY));
     goes(&step(begun.phase, &lost), Hold, NoVessel);
     goes(
@@ -304,7 +300,6 @@ fn silent_vessel_with_its_beacon() {
         Approach,
         Recovered,
     );
-    // Several decks are detected, one of them the vessel's.
     let several = Situation {
         several: Some(Reason::new(SeveralDecks, 2.0, 0.0)),
         ..with_deck(|d| d.vision_age_s = 9.0)
@@ -322,7 +317,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
     waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
     goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
-    // If the tag is not detected, or the drone is off the deck, the tag does not lead it to the vessel.
+    // A tag that is not detected, or a drone off the deck, does not lead to the vessel.
     for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
         let s = with_deck(|d| {
             d.radio_age_s = f64::INFINITY;
@@ -330,13 +325,12 @@ fn silent_vessel_with_its_tags_in_sight() {
         });
         waits(&step(MissionPhase::Idle, &s, &by_tag), Idle, NoVessel);
     }
-    // A vessel that is received is approached directly at any configured level.
     goes(
         &step(MissionPhase::Idle, &fair(), &by_tag),
         GetAltitude,
         Commanded,
     );
-    // The vessel's motion has to be known before a descent, unless the battery is low.
+    // A descent needs the vessel's motion, unless the battery is low.
     let unknown = with_deck(|d| (d.radio_age_s, d.identified) = (f64::INFINITY, false));
     let stable = MissionPhase::TrackingStable;
     waits(&step(stable, &unknown, &by_tag), TrackingStable, NotIdentified);
@@ -541,7 +535,7 @@ fn turn_in_a_landing() {
     waits(&step(flare(true), &low(0.5, stated)), Flare, Flaring);
     goes(&step(descent, &low(3.0, turns)), Tracking, TurnTooFast);
     waits(&step(flare(true), &low(0.5, turns)), Flare, TurnTooFast);
-    // With an empty battery the deck is the only place, even while the vessel turns.
+    // With an empty battery the deck is the only place, even in a turn.
     let urgent = MissionProgress {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()

@@ -1,11 +1,10 @@
-//! Tilt of the drone relative to the commanded one: an autopilot that loses the attitude exceeds every command.
+//! Tilt beyond the commanded one: an autopilot that loses the attitude exceeds every command.
 
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Time constant with which the memory of a commanded tilt decays, s: twice the lag of a typical attitude loop, so that
-/// the loop follows a smaller command sooner.
+/// Decay time of a commanded tilt, s: twice a typical attitude loop's lag.
 const MEMORY_S: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -14,8 +13,7 @@ pub(super) struct TiltMonitor {
 }
 
 impl TiltMonitor {
-    /// Processes the pilot's newest set-point. Commands before the first one are unknown, so the tilt of the `drone` is
-    /// taken for the first.
+    /// Processes the newest set-point. The `drone`'s tilt replaces the commands before the first one.
     pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         if s.kind != SetPointKind::Attitude {
             // The autopilot chooses its own tilt.
@@ -27,7 +25,7 @@ impl TiltMonitor {
         let kept = self.kept(at).unwrap_or_else(is);
         self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
     }
-    /// Tilt of the drone beyond the commanded one, rad; 0 without an attitude command.
+    /// Tilt beyond the commanded one, rad; 0 without a command.
     pub(super) fn excess(&self, drone: &DroneState) -> f64 {
         let is = tilt(&drone.attitude());
         self.kept(drone.header.at).map_or(0.0, |max| (is - max).max(0.0))
@@ -78,7 +76,7 @@ mod tests {
         m.update(&commanded(0.0, 0.4), None);
         for k in 0..200 {
             let t = 0.01 * f64::from(k);
-            // The command is reversed at once; the slowest measured loop has a lag of 0.32 s.
+            // The command reverses at once; the slowest measured loop has a lag of 0.32 s.
             m.update(&commanded(t, -0.05), None);
             is += (-0.05 - is) * 0.01 / 0.32;
             assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
@@ -100,7 +98,7 @@ mod tests {
 
     #[test]
     fn tilt_of_an_earlier_manoeuvre() {
-        // The mission restarts while the drone turns back from 0.22 rad.
+        // The mission restarts while the drone returns from 0.22 rad.
         let mut m = TiltMonitor::default();
         let mut is = 0.22;
         for k in 0..100 {

@@ -1,7 +1,7 @@
-//! The state machine of Procházka et al. 2024, section IV, as a pure function from phase, progress, command and
+//! State machine of Procházka et al. 2024, section IV: a pure function from phase, progress, command and
 //! situation to phase and reasons.
 //!
-//! Concerns and orders come first (`concerns`), then the transitions of the state itself (`states`).
+//! Concerns and orders come first (`concerns`), then the state's own transitions (`states`).
 
 use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
@@ -36,7 +36,7 @@ pub fn decide(
         PhaseTransition::Stay(phase, waiting) => (phase, None, waiting),
         PhaseTransition::Go(phase, why) => (phase, Some(why), Reason::default()),
         PhaseTransition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
-        // After a hard contact the drone may be damaged, so no further attempt is made.
+        // The drone may be damaged, so there is no further attempt.
         PhaseTransition::BreakOff(why) if s.hard_contact_mps.is_some() => {
             (gave_up(s, c), hard_contact(s), why)
         }
@@ -48,14 +48,13 @@ pub fn decide(
         PhaseTransition::BreakOff(why) => (MissionPhase::TRACKING, Some(why), why),
     };
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
-        // On the way to another place the deck is still wanted.
         progress.landing &= is_elsewhere(&progress);
         progress.deck_first = false;
     }
     if !phase.flies() {
         progress.low_battery = None;
     }
-    // Whoever controls the drone later takes over a drone that has left the deck.
+    // A drone that has left the deck stays on its sortie under any control.
     if phase.has_left() && !progress.sortie {
         progress.sortie = true;
         progress.cycles.leave();
@@ -83,7 +82,7 @@ pub fn decide(
     decision
 }
 
-/// Whether there is something for an operator to stop: the drone is in the air under our control.
+/// Whether the drone is in the air under our control.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
     let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
@@ -91,9 +90,9 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
 }
 
 /// Whether a landing that an operator stops now is completed, because that contact is softer
-/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even if that contact is
-/// harder, unless it is harmful. The decision to complete is final, because otherwise each new forecast could reverse
-/// it at a decreasing height.
+/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even into a
+/// harder, but not harmful contact. Completion is final, because forecasts could reverse it at a decreasing
+/// height.
 fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> bool {
     let stays = s.staying.probability >= c.min_probability;
     let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {
@@ -108,14 +107,14 @@ fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: 
     touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }
 
-/// Keeps an order across a set-point loss, and ends it if a pilot takes the drone over before set-points are back. An
-/// order that waits for a drone found in a hold continues to wait.
+/// Keeps an order across a set-point loss, unless a pilot takes over before set-points are back. An order for
+/// a drone that is found in a hold keeps waiting.
 fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
         ControlState::SetPointsLost => {
             if !progress.set_points_lost {
-                // From now on the order waits for the drone.
+                // The wait for the drone restarts.
                 progress.started = s.now;
             }
             progress.set_points_lost |= phase.flies();
@@ -140,7 +139,7 @@ fn interrupted(
     progress.missing = lasting(!is_open(s, c), progress.missing, s.now).0;
     if s.flight == ControlState::Disarmed && progress.sortie {
         progress.sortie = false;
-        // The drone was disarmed away from the deck, as far as this mission has observed.
+        // As far as this mission has observed, the drone was disarmed away from the deck.
         if !matches!(phase, MissionPhase::Landed { .. }) {
             progress.cycles.end(ReasonCode::NotOnDeck.into());
         }
@@ -163,7 +162,7 @@ fn commanded(
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
             let completes = completes(phase, progress, s, c);
-            // There is no landing to stop in a take-off, nor on a sortie before its landing.
+            // Neither a take-off nor a sortie before its landing has a landing to stop.
             let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
             progress.cycles.end(ReasonCode::Operator.into());
             let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);
@@ -197,7 +196,7 @@ fn commanded(
                 return None;
             }
             if let Some(why) = s.held_back() {
-                // A landing that is completed in any case is not rejected.
+                // The reason does not stop a landing that has to be completed.
                 return (!stopped).then(|| phase.enter(why));
             }
             progress.landing = true;

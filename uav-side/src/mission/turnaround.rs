@@ -1,5 +1,4 @@
-//! Turnaround of unattended cycles ([`super::cycles`]): from the deck to the next take-off, and from the climb out to the
-//! autopilot's own mission.
+//! Turnaround of unattended cycles ([`super::cycles`]), and hand-over to the autopilot's mission in the air.
 
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
@@ -12,12 +11,12 @@ use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, ho
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Duration of a sufficient charge after which the drone is ready, s: a gauge recovers after a flight.
+/// Duration of a sufficient charge that makes the drone ready, s: a gauge recovers after a flight.
 const CHARGED_S: f64 = 30.0;
-/// Time within which the autopilot has to start its own mission, s: three commands a second apart, and their answers.
+/// Time for the autopilot to start its own mission, s: three commands a second apart, and their answers.
 const HAND_OVER_S: f64 = 8.0;
 
-/// Keeps a drone with cycles disarmed on the deck, in `phase`, until it is ready and cleared.
+/// Keeps a drone disarmed on the deck, in `phase`, until it is ready and cleared.
 pub(super) fn stands(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -38,7 +37,7 @@ pub(super) fn stands(
     );
     cycles.charged = charged;
     let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
-    // A drone that waits in the air needs the deck more urgently than this one needs the rest of its charge.
+    // A drone in the air needs the deck more than this one needs the rest of its charge.
     let gives_way = s.deck_wanted && s.battery.is_some_and(|b| b >= s.battery_for_take_off);
     if !(cycles.ready || is_charged || gives_way) {
         let unknown = BatteryUnknown.into();
@@ -57,7 +56,7 @@ pub(super) fn stands(
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
 
-/// Whether a reason against a take-off passes without the crew: the sea, the vessel's course, the radio.
+/// Whether a reason passes without the crew: the sea, the vessel's course, the radio.
 const fn passes(why: ReasonCode) -> bool {
     matches!(
         why,
@@ -73,8 +72,8 @@ const fn passes(why: ReasonCode) -> bool {
     )
 }
 
-/// Transition of a drone on the deck that has lost its clearance, or is not fit for a sortie, for the reason `why`. If
-/// the reason passes by itself, the mission waits.
+/// Transition of a drone on the deck without clearance or unfit for a sortie, for the reason `why`. The
+/// mission waits if the reason passes by itself.
 pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Reason) -> PhaseTransition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);
@@ -89,8 +88,8 @@ pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Rea
     MissionPhase::Preparing.stay(why)
 }
 
-/// In the hold after the climb-out, since `progress.started`: hands over to the autopilot's own mission, or returns to
-/// the deck if that does not start.
+/// In the hold after the climb-out, since `progress.started`: hands over to the autopilot's own mission, or
+/// returns to the deck if that does not start.
 pub(super) fn hands_over(
     hold: MissionPhase,
     progress: &mut MissionProgress,

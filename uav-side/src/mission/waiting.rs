@@ -1,13 +1,12 @@
-//! Value of waiting: optimal stopping of independent draws without recall gives the probability of a landing above
-//! which waiting does not pay.
+//! Value of waiting: probability above which it does not pay, by optimal stopping without recall.
 //!
-//! Waiting for a second costs the probability `c`, for battery and crew. The probability at a later time is modelled as
-//! a draw from the probabilities `P` of the last minute: waiting at `p` pays while `E[(P - p)+] > c`, so a landing
-//! begins at the `p*` with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
+//! A second of waiting costs the probability `c`, for battery and crew. A later probability is modelled as a
+//! draw from those of the last minute, `P`: waiting at `p` pays while `E[(P - p)+] > c`, so a landing begins
+//! at the `p*` with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Number of stored probabilities, one a second: a minute.
+/// Number of stored probabilities: a minute, one a second.
 const MAX_DRAWS: usize = 60;
 const DRAW_S: f64 = 1.0;
 
@@ -19,7 +18,7 @@ pub struct Waiting {
 }
 
 impl Waiting {
-    /// Adds the probability `p` of a landing that begins at `now`.
+    /// Adds the probability of a landing that begins at `now`.
     pub fn update(&mut self, now: Time<DroneClock>, p: f64) {
         if self.due.is_some_and(|due| now < due) {
             return;
@@ -37,8 +36,7 @@ impl Waiting {
         let mut best = self.draws.clone();
         best.sort_by(|a, b| b.total_cmp(a));
         let spent = cost_per_s * DRAW_S * best.len() as f64;
-        // The solution for the k best draws satisfies sum (P_i - p) = n c. It increases with k until the next draw lies
-        // below it.
+        // The solution for the k best draws, sum (P_i - p) = n c, increases until the next draw is below it.
         let (mut sum, mut threshold) = (0.0, 0.0_f64);
         for (k, p) in best.iter().enumerate() {
             sum += p;
@@ -59,7 +57,6 @@ mod tests {
         }
         w
     }
-    /// Expected gain of waiting at `p`.
     fn gain(w: &Waiting, p: f64) -> f64 {
         w.draws.iter().map(|d| (d - p).max(0.0)).sum::<f64>() / w.draws.len() as f64
     }
@@ -71,7 +68,6 @@ mod tests {
             let p = waves.threshold(cost);
             assert!((gain(&waves, p) - cost).abs() < 1e-9, "{cost}: {p}");
         }
-        // In calm water waiting gains nothing.
         let calm = of([0.99; 30]);
         assert!(calm.threshold(1e-3) < 0.99);
         assert!(of([]).threshold(1e-3) < 1e-9);

@@ -155,7 +155,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Flight of three parts: hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
+    /// Hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
     fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> WindEstimator {
         let mut air = WindEstimator::default();
         for step in 0..4000 {

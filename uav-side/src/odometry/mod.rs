@@ -1,14 +1,13 @@
 //! Smooth odometry of the drone, from the autopilot's odometry and inertial sensors.
 //!
-//! An autopilot corrects position and velocity separately with each GNSS fix: its position moves by a centimetre ten
-//! times a second, and its velocity is not the derivative of its position. A landing needs the opposite: a frame that
-//! may be offset but is consistent with the drone's motion. The inertial sensors are therefore integrated here a second
-//! time and coupled to the autopilot's odometry so softly that over a second only the accelerometers' noise matters. A
-//! slowly changing error of velocity remains; the predictor estimates it from the camera (`predictor::axis::DRIFT`) and
-//! removes it.
+//! An autopilot corrects position and velocity separately with each GNSS fix: its position moves by a
+//! centimetre ten times a second, and its velocity is not the derivative of its position. A landing needs the
+//! opposite: a frame that may be offset but is consistent with the drone's motion. The inertial sensors are
+//! therefore integrated here again, coupled to the autopilot's odometry so softly that over a second only the
+//! accelerometers' noise matters. A slow velocity error remains, which the predictor estimates by the camera
+//! (`predictor::axis::DRIFT`) and removes.
 //!
-//! The smooth frame differs from the autopilot's by some decimetres, so [`Odometry::for_autopilot`] converts set-points
-//! back.
+//! The smooth frame is decimetres off the autopilot's; [`Odometry::for_autopilot`] converts set-points back.
 //!
 //! An autopilot's estimate jumps when it aligns its heading, when GNSS returns, or when another sensor takes over the
 //! height; not every jump is counted. This module alone detects such jumps. The smooth frame continues across a jump,
@@ -51,11 +50,11 @@ const COUNTED_JUMP_M: f64 = 0.02;
 const JUMP_IN_GAP_M: f64 = 0.5;
 /// Gap of odometry above which jumps within it are not detected, s.
 const MAX_GAP_S: f64 = 1.0;
-/// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong: the smoothing
-/// restarts from the autopilot's odometry, in the present frame.
+/// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong; the
+/// smoothing then restarts from the autopilot's odometry, in the present frame.
 const MAX_DIFFERENCE: f64 = 1.5;
-/// Difference between the integrated force and the change of the autopilot's velocity in one step that indicates an
-/// impact, m/s. A GNSS fix changes the velocity by less.
+/// Difference between integrated force and the autopilot's velocity change in one step that shows an impact,
+/// m/s. A GNSS fix changes the velocity by less.
 const IMPACT_MPS: f64 = 0.3;
 /// Averaging time of the disturbance, against the accelerometers' noise, s.
 pub(crate) const DISTURBANCE_S: f64 = 0.3;
@@ -78,8 +77,7 @@ const BIAS_LIMIT_MPS2: f64 = 1.0;
 config! {
     /// Coupling of the smooth odometry to the autopilot's.
     ///
-    /// Chosen: Softer gains leave less noise over a second but a larger error of velocity, which the camera then has to
-    /// correct.
+    /// Chosen: softer gains reduce the noise over a second and increase the velocity error for the camera.
     #[derive(Copy)]
     pub struct OdometryConfig {
         /// Smooth the odometry; if false, the autopilot's odometry is used unchanged.
@@ -99,8 +97,8 @@ struct SmoothState {
 }
 
 impl SmoothState {
-    /// Propagates by `dt` (s) with the specific force and gravity; the autopilot's position and velocity differ by
-    /// `ahead` (m) and `faster` (m/s).
+    /// Propagates by `dt` (s) with specific force and gravity; `ahead` (m) and `faster` (m/s) are the
+    /// differences of the autopilot's position and velocity.
     fn advance(
         &mut self,
         reported: &DroneState,
@@ -109,8 +107,8 @@ impl SmoothState {
         faster: &Vector3<f64>,
         dt: f64,
     ) {
-        // An impact lasts for milliseconds, so a sample does not show its impulse, even if it falls within it. The
-        // autopilot's velocity does, because the autopilot integrates its sensors at their own rate.
+        // A sample does not show the impulse of an impact, which lasts for milliseconds. The autopilot's
+        // velocity does, because the autopilot integrates its sensors at their own rate.
         let change = reported.velocity() - self.reported.velocity();
         let impact = (force * dt - change).norm() > IMPACT_MPS;
         let force = if impact { change / dt } else { *force };
@@ -171,7 +169,7 @@ impl Odometry {
     pub(crate) fn jumps(&self) -> Jumps {
         self.jumps
     }
-    /// Position (m) and velocity (m/s) relative to the autopilot's odometry without its jumps, the bias and the
+    /// Position (m) and velocity (m/s) relative to the autopilot's odometry without its jumps, bias and
     /// disturbance (m/s²).
     pub(crate) fn difference(&self) -> [[f64; 3]; 4] {
         self.smoothed.map_or([[0.0; 3]; 4], |h| {
@@ -186,9 +184,8 @@ impl Odometry {
         (self.first, self.jumps) = (difference, jumps);
     }
 
-    /// The autopilot's odometry with smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`,
-    /// `p' = v + drift`, `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump of its estimate since the
-    /// last call.
+    /// Smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`,
+    /// `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump since the last call.
     ///
     /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part,
     /// `k_p / (k_p + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
@@ -203,7 +200,7 @@ impl Odometry {
                 reported.velocity(),
                 h.disturbance,
             ),
-            // The sample is out of order; its receivers reject it.
+            // Receivers reject this sample because it is out of order.
             None => return *reported,
         };
         DroneState {
@@ -449,8 +446,7 @@ mod tests {
 
     #[test]
     fn odometry_frame_at_jumps_and_gaps() {
-        // The drone moves north at 1 m/s, with counted and uncounted jumps of several sizes and a gap. The frame
-        // continues across all of them, and the datum offset absorbs the jumps.
+        // The drone moves north at 1 m/s, with counted and uncounted jumps of several sizes and a gap.
         for (jump, counted) in [
             (5.0, false),
             (0.4, false),

@@ -1,9 +1,9 @@
 //! Wind over the deck, as the acceleration of a drone that follows the vessel: mean and gusts.
 //!
-//! In the air the wind requires a tilt that the touchdown has to remove or keep, and gusts displace the drone before it
-//! has reacted; on the deck the wind loads a drone that only friction holds. Both are assessed as accelerations, which
-//! the odometry measures. The mean includes the vessel's speed; the gusts are those of the true wind
-//! ([`WindEstimator`]).
+//! In the air the wind requires a tilt that the touchdown has to remove or keep, and gusts displace the drone
+//! before it has reacted; on the deck the wind loads a drone that only friction holds. Both are
+//! accelerations, which the odometry measures. The mean includes the vessel's speed; gusts are of the true
+//! wind ([`WindEstimator`]).
 
 use alight_shared::msg::{DroneState, WindCheckpoint};
 use alight_shared::time::{DroneClock, Time};
@@ -15,8 +15,7 @@ use super::air::{INDEPENDENT_S, WindEstimator};
 const MAX_GAP_S: f64 = 0.1;
 /// Averaging time of the wind, s.
 const MEMORY_S: f64 = 60.0;
-/// Speed over the deck below which the drone follows it, m/s. A faster drone measures a different apparent wind: over a
-/// vessel at 5 m/s this speed changes the drag by half.
+/// Speed over the deck below which the drone follows it, m/s. At 5 m/s this speed changes the drag by half.
 const FOLLOWS_MPS: f64 = 1.2;
 /// Standard deviation of the wind above which it is not published, m/s.
 const KNOWN_SD_MPS: f64 = 3.0;
@@ -132,8 +131,8 @@ mod tests {
     use alight_shared::msg::Header;
     use alight_shared::time::{Span, Time};
 
-    /// Monitor and last odometry of a drone that keeps its place above a deck that moves at `deck_mps`, under a
-    /// disturbance that oscillates by `gust` about `mean` with a period of 8 s.
+    /// Monitor and last odometry of a drone above a deck that moves at `deck_mps`, under a disturbance that
+    /// oscillates by `gust` about `mean` with a period of 8 s.
     fn watched(mean: f64, gust: f64, secs: f64, deck_mps: Option<f64>) -> (WindMonitor, DroneState) {
         let (mut w, mut last) = (WindMonitor::default(), DroneState::default());
         for k in 0..(secs * 100.0) as i64 {

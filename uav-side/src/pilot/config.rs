@@ -17,13 +17,11 @@ pub enum Output {
 }
 
 config! {
-    /// Parameters of the pilot.
     pub struct PilotConfig {
-        /// Kind of the set-points. It stays the same while Alight commands: PX4 detects a change of kind up to 0.5 s
-        /// late, and until then two of its controllers alternate in writing attitudes.
-        /// Source: The plan's attitude has to be reached at the contact. Measured on real autopilots: with position
-        /// set-points the autopilot's own loop decides on the attitude. PX4's Commander publishes vehicle_control_mode
-        /// at 2 Hz.
+        /// Kind of the set-points. It stays the same while Alight commands: PX4 detects a change of kind up
+        /// to 0.5 s late, and until then two of its controllers alternate in writing attitudes.
+        /// Source: the contact needs the plan's attitude, on which the autopilot's own loop decides with
+        /// position set-points (measured). PX4's Commander publishes vehicle_control_mode at 2 Hz.
         pub output: Output = Output::Attitude;
         /// The pilot's own tracking loop.
         pub tracking: TrackingConfig;
@@ -43,7 +41,7 @@ config! {
         pub bounds_s: [f64; 2] = [0.04, 0.6], in 0.02..=2.0;
         /// Lag of the inner rate loop until it is identified, s.
         pub rate_loop_s: f64 = 0.06, in 0.0..=0.2;
-        /// Time constant with which observations are forgotten, s.
+        /// Forgetting time of observations, s.
         pub memory_s: f64 = 10.0, in 0.5..=1e4;
     }
     check |this, at| {
@@ -57,7 +55,7 @@ config! {
 }
 
 config! {
-    /// Estimator of the odometry's age, i.e. the dead time of the link from the autopilot.
+    /// Estimator of the odometry's age, i.e. of the dead time from the autopilot.
     pub struct DelayConfig {
         /// Largest age accepted, one way, s.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;

@@ -1,12 +1,12 @@
 //! Prediction of the drone's state to the time at which a command takes effect.
 //!
-//! Odometry is `d` old when it arrives, and a command takes effect its dead time `tau` after it was sent: the link to
-//! the autopilot, about `d` again, and the autopilot's own delay. A loop that uses the old state as the present one
-//! loses `(d + tau) w` of phase at the frequency `w`. So a model of the drone under the commands that are under way
-//! predicts the state to the time at which the command takes effect, and the plan is sampled there (Smith 1957, "Closer
-//! control of loops with dead time"; the model restarts from each odometry instead of running in parallel). The dead
-//! time and the time constants of the attitude are identified in flight ([`super::response`]), the dead time of the
-//! thrust by [`ThrustDelay`].
+//! Odometry is `d` old when it arrives. A command takes effect the dead time `tau` after it was sent: the
+//! link takes about `d` again, and the autopilot adds its own delay. At the frequency `w` a loop that uses
+//! the old state loses `(d + tau) w` of phase. A model under the commands that are under way therefore
+//! predicts the state to the time at which a new command takes effect, and the plan is sampled there (Smith
+//! 1957, "Closer control of loops with dead time"; here the model restarts from each odometry). The dead time
+//! and time constants of the attitude are identified in [`super::response`], the dead time of the thrust by
+//! [`ThrustDelay`].
 
 use std::collections::VecDeque;
 
@@ -21,21 +21,20 @@ use super::config::DelayConfig;
 use crate::contingency::{Body, DeckBelow, NEAR_DECK_M};
 use crate::tracking::FlightEstimator;
 
-/// Number of commands kept: those of 0.8 s at 100 Hz, more than the longest dead time plus the oldest odometry.
+/// Number of stored commands: 0.8 s at 100 Hz, more than the longest dead time plus the oldest odometry.
 const KEPT: usize = 80;
 const STEP_S: f64 = 0.01;
 /// Candidates of the thrust's dead time, and their spacing, s.
 const CANDIDATES: usize = 16;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// Time constant of the means relative to which changes of thrust and force are measured, s, and forgetting time of the
-/// regression, s.
+/// Averaging time for changes of thrust and force, s, and forgetting time of the regression, s.
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
-/// Residual that is consistent with a dead time: vibration in a second of samples, (m/s²)².
+/// Residual of a correct dead time: vibration in a second of samples, (m/s²)².
 const RESIDUAL: f64 = 1.0;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// Error of the forecast deck's height below a drone that stands on the deck, m.
+/// Error of the forecast height of the deck below a drone that stands on it, m.
 const ERRS_M: f64 = 0.3;
 
 /// Commanded attitude (NED from body) and collective thrust (0 to 1); None while the autopilot closes the loop.
@@ -52,8 +51,8 @@ impl SentCommands {
         }
         self.0.push_back((now, command));
     }
-    /// Thrust at `at`, from the commands sent by then, after the rotors' lag (s). The lag starts at the last time the
-    /// autopilot closed the loop.
+    /// Thrust at `at` from the commands sent by then, after the rotors' lag. The lag restarts after the
+    /// autopilot's loop.
     fn lagged_thrust(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
         let count = self.0.partition_point(|(sent, _)| *sent <= at);
         let ends = self.0.iter().map(|(sent, _)| *sent).skip(1);
@@ -72,8 +71,8 @@ impl SentCommands {
     }
 }
 
-/// Estimator of the thrust's dead time. It chooses the candidate under which the changes of the commanded thrust, after
-/// the thrust's lag, best explain those of the measured specific force (linear regression with forgetting).
+/// Estimator of the thrust's dead time, by regression with forgetting: under the chosen candidate the changes
+/// of the commanded thrust, after its lag, best explain those of the specific force.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ThrustDelay {
     candidates: [ThrustCandidate; CANDIDATES],
@@ -92,8 +91,8 @@ struct ThrustCandidate {
 }
 
 impl ThrustDelay {
-    /// Processes a specific force along the thrust (m/s²) at the time `at` in free flight, with the thrust's lag (s)
-    /// and the odometry's age (s).
+    /// Processes a specific force along the thrust (m/s²) in free flight, with the thrust's lag and
+    /// odometry's age.
     fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
         let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
@@ -168,7 +167,6 @@ pub(crate) struct Delay {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dynamics {
     pub(crate) response: AttitudeResponse,
-    /// Lag of the thrust, s.
     pub(crate) thrust_s: f64,
 }
 
@@ -189,7 +187,6 @@ impl Delay {
         self.thrust
             .learn(drone.header.at, force, &self.sent, lag_s, one_way_s);
     }
-    /// Time from a thrust command to its effect, s.
     pub(crate) fn thrust_s(&self) -> f64 {
         self.thrust.get(self.one_way_s())
     }
@@ -262,32 +259,30 @@ impl Pilot {
     pub(super) fn turns_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
         now + Span::from_secs(self.response.get().dead_time_s)
     }
-    /// Time at which a thrust commanded at `now` takes effect.
     pub(super) fn thrusts_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
         now + Span::from_secs(self.delay.thrust_s())
     }
 
-    /// Stage of the plan for a command sent at `now`: attitude and horizontal motion at the time at which the attitude
-    /// takes effect, and vertical motion at the time at which the thrust takes effect.
+    /// Stage of the plan for a command sent at `now`: attitude and horizontal motion when the attitude takes
+    /// effect, vertical motion when the thrust takes effect.
     pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
         let mut stage = plan.sample(self.turns_at(now))?;
         let vertical = plan.sample(self.thrusts_at(now))?;
         stage.position[2] = vertical.position[2];
         stage.velocity[2] = vertical.velocity[2];
-        // The thrust that takes effect after its lag has to match the plan at that time.
+        // The thrust after its lag has to match the plan at that time.
         let lag = Span::from_secs(self.config.tracking.thrust_lag_s);
         let delayed = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
         stage.acceleration[2] = delayed.acceleration[2];
         Some(stage)
     }
 
-    /// State of the drone at the times at which a command sent at `now` takes effect, combined as in [`Self::served`];
-    /// `body` is its present state.
+    /// State of the drone when a command sent at `now` takes effect, combined as in [`Self::served`].
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
         let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
-        // The model contains no deck, but after a contact the deck supports the drone. This applies to a deck that is
-        // below the drone now, not to one over whose edge the drone has slid.
+        // The model lacks the deck, which supports the drone after a contact unless it has slid over the
+        // edge.
         let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
         if let Some(b) = self
             .below(self.thrusts_at(now), &thrust)
@@ -315,7 +310,7 @@ impl Pilot {
     }
 }
 
-/// Whether the deck is beneath this drone: within reach, and not above its feet by more than the forecast's error.
+/// Whether the deck is within reach, and not above the feet by more than the forecast's error.
 fn is_over(b: &DeckBelow, body: &Body) -> bool {
     let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
     aside < NEAR_DECK_M && b.clearance > -ERRS_M
@@ -336,8 +331,7 @@ mod tests {
         thrust_s: 0.05,
     };
 
-    /// Simulates the model's own drone under an oscillating command, with 40 ms of delay each way, and compares the
-    /// prediction with the later state.
+    /// Compares the prediction with the later state under an oscillating command and 40 ms of delay each way.
     #[test]
     fn delay_prediction_after_one_dead_time() {
         let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);

@@ -1,9 +1,8 @@
-//! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when the feet are on the
-//! deck.
+//! The pilot samples the plan at 100 Hz, tracks it, and ends the flight when the feet are on the deck.
 //!
-//! [`crate::flatness`] converts between thrust and attitude, [`crate::tracking`] is the loop, [`response`] and
-//! [`delay`] identify the autopilot in flight, [`touchdown`] detects the contact, and [`set_points`] builds the
-//! set-point of each action. [`crate::contingency`] decides what the drone does without a plan or a mission.
+//! [`crate::flatness`] converts between thrust and attitude, [`crate::tracking`] is the loop, [`response`]
+//! and [`delay`] identify the autopilot in flight, [`touchdown`] detects the contact, [`set_points`] builds
+//! the set-point of each action, and [`crate::contingency`] chooses the action without a plan or a mission.
 
 pub mod config;
 mod delay;
@@ -61,7 +60,6 @@ pub struct PilotOut {
 }
 
 wiring! {
-    /// Topics that the pilot reads and writes.
     PilotPorts of Pilot: PilotIn => PilotOut {
         reads {
             newest plan: Plan,
@@ -106,7 +104,7 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<Hold>,
-    /// Take-off in progress: its start, and the rise since then; None for a pilot that started in the air.
+    /// Start of a take-off in progress, and the rise since then; None for a pilot that started in the air.
     jump: Option<(Time<DroneClock>, Option<Rise>)>,
     /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
@@ -119,15 +117,15 @@ pub struct Pilot {
     last_step: Option<Time<DroneClock>>,
 }
 
-/// Longest step that is integrated, s: after an interruption the set-point must not jump.
+/// Longest integrated step, s: after an interruption the set-point must not jump.
 const MAX_STEP_S: f64 = 0.05;
-/// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's shortest (COM_OF_LOSS_T), less
-/// the delay of the link.
+/// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's shortest
+/// (COM_OF_LOSS_T) minus the link's delay.
 const SET_POINT_LOSS_S: f64 = 0.3;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
-/// Height of the feet below which the drone may stand on the ground, m: above the ground by the rangefinder; without
-/// one, above the place where it was disarmed, because a deck heaves.
+/// Height of the feet below which the drone may stand on the ground, m: by the rangefinder, or above the
+/// place where it was disarmed; a deck heaves.
 const LOW_BY_RANGE_M: f64 = 0.3;
 const LOW_M: f64 = 1.0;
 
@@ -162,7 +160,6 @@ impl Pilot {
         }
     }
 
-    /// Stores the inputs and returns the odometry if it is new.
     fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
         let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
@@ -211,8 +208,8 @@ impl Pilot {
         self.tracker.reset();
     }
 
-    /// Whether the drone is low enough to stand on the ground, according to the rangefinder or, without a reading,
-    /// relative to the height at which it was disarmed.
+    /// Whether the drone is low enough to stand on the ground, by the rangefinder or its height when
+    /// disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {
@@ -221,7 +218,7 @@ impl Pilot {
         }
     }
 
-    /// The deck below the drone; None if forecast or odometry do not cover `now`.
+    /// None if forecast or odometry do not cover `now`.
     fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
@@ -232,10 +229,9 @@ impl Pilot {
         self.landed_since_stop = false;
     }
 
-    /// Whether stopped motors stay stopped. They are released when the autopilot was disarmed and the mission is idle
-    /// again; when the mission, having reported the landing, climbs (a false touchdown); or when the autopilot has
-    /// flown by itself in the meantime, e.g. because a step of the pilot was late. The touchdown then has to be
-    /// detected again.
+    /// Whether stopped motors stay stopped. They are released when the autopilot was disarmed and the mission
+    /// is idle again; when the mission climbs after having reported the landing (a false touchdown); or when
+    /// the autopilot has flown by itself meanwhile. The touchdown then has to be detected again.
     fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
@@ -363,8 +359,8 @@ impl Pilot {
         }
     }
 
-    /// Whether the plan belongs to a landing that `mission` has withdrawn, and the planner has not responded for
-    /// several of its periods. A plan with the same time stamp may have been started before the withdrawal.
+    /// Whether `mission` has withdrawn the landing of the plan, and the planner has not responded for several
+    /// periods. A plan with the same time stamp may have been started before the withdrawal.
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
@@ -372,8 +368,7 @@ impl Pilot {
             && (now - mission.since).secs() > OLD_PLAN_S
     }
 
-    /// The last state of the mission, for a short time after its last message; afterwards the autopilot's failsafe
-    /// takes over.
+    /// Last state of the mission, for a short time after its last message.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
         let goes_on = |m: &&MissionState| {
@@ -408,13 +403,12 @@ impl Pilot {
             low: self.is_low(now, body),
         };
         if known.waits() && !known.commands() {
-            // Offboard modes require a stream of set-points before they can be entered. Until then the hold position
-            // follows the drone.
+            // Offboard modes require a stream of set-points before entry, with a hold that follows the drone.
             self.hold = None;
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
-        // A short silence of the autopilot must not send a drone that takes off back to standing on the deck.
+        // A short silence of the autopilot in a take-off must not return the drone to standing.
         if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
@@ -450,7 +444,7 @@ impl Pilot {
         }
     }
 
-    /// The plan and its stage for a command sent at `now`, if the mission's state calls for a plan.
+    /// Plan and its stage for a command sent at `now`, in states that call for a plan.
     fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)
@@ -464,7 +458,6 @@ impl Pilot {
             .filter(|a| a.armed)
     }
 
-    /// Whether completing the landing without a plan is softer than climbing away.
     fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let ends = |f| ContactOutcomes::predict(now, f, &body.position, &body.velocity, &self.geometry);
         let touched = self.detector.contact() != TouchdownContact::Clear;
@@ -515,7 +508,7 @@ impl Node for Pilot {
         }
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
         self.remember(now, dt, &set_point);
-        // The pilot must not publish a set-point that the message's own check would reject.
+        // The message's own check must not reject a published set-point.
         let passes = set_point.check().is_ok();
         PilotOut::of(if passes { set_point } else { self.no_set_point(now) })
     }

@@ -1,25 +1,24 @@
-//! Response of the drone's attitude to set-points: identification of dead time and time constants in flight, and
-//! compensation.
+//! Identification in flight of the attitude's response to set-points, and its compensation.
 //!
-//! Autopilots turn towards a commanded attitude at a rate proportional to the remaining angle, which a rate loop
-//! follows with its own lag; the set-point is delayed on the link and in the autopilot:
+//! Autopilots turn towards a commanded attitude at a rate proportional to the remaining angle; a rate loop
+//! follows that rate with its own lag, and the link and the autopilot delay the set-point:
 //!
 //! `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T`
 //!
-//! with the attitude `x`, the body rates `w`, the command `c` and, unknown, the dead time `tau`, the time constant `T`
-//! and the lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of lag `t_r`
-//! is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time stamps of odometry
-//! and set-points, so neither the age nor the rate of the odometry is mistaken for a slow response.
+//! with the attitude `x`, the body rates `w`, the command `c`, and the unknown dead time `tau`, time constant
+//! `T` and lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of
+//! lag `t_r` is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time
+//! stamps of odometry and set-points, so neither the age nor the rate of the odometry is mistaken for a slow
+//! response.
 //!
 //! Integrated over a window the equation is linear in `1 / T` and `T_r`:
 //!
 //! `dx = (1 / T) int (c(s - tau) - x(s)) ds - T_r dw`
 //!
-//! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior; the candidate with
-//! the smallest residuals is the dead time (Ljung 1999, System Identification, sections 10.1 and 11.2). Both axes share
-//! the dead time, because the set-point takes the same link. With this equation error the fit does not mistake an
-//! oscillation of the loop for a slow response. An earlier fit without dead time did so and amplified its commands,
-//! which sustained the oscillation.
+//! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior. The
+//! candidate with the smallest residuals, common to both axes, is the dead time (Ljung 1999, System
+//! Identification, sections 10.1 and 11.2). With this equation error the fit does not mistake an oscillation
+//! of the loop for a slow response; a fit without dead time does, and amplifies the oscillation.
 
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -31,7 +30,7 @@ use super::delay::{SentCommands, parabola_minimum};
 /// Candidates of the dead time, and their spacing, s.
 const CANDIDATES: usize = 21;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// Shortest integration window, s: the change of the rates within it is large against their noise.
+/// Shortest integration window, s: the rates change by more than their noise.
 const WINDOW_S: f64 = 0.04;
 /// Gap of odometry above which the integration stops, s.
 const MAX_GAP_S: f64 = 0.08;
@@ -39,11 +38,11 @@ const MAX_GAP_S: f64 = 0.08;
 const STEP_S: f64 = 0.01;
 /// Largest angle between command and attitude that is used, rad: autopilots limit rates and accelerations.
 const MAX_ANGLE_RAD: f64 = 0.4;
-/// Information of the prior of `1 / T`: that of a second with 0.5 deg between command and attitude, rad² s².
+/// Information of the prior of `1 / T`: one second at 0.5 deg between command and attitude, rad² s².
 const PRIOR_ANGLE: f64 = 3e-6;
-/// Information of the prior of `T_r`: that of a second in which the rates change by 1.5 rad/s², rad²/s².
+/// Information of the prior of `T_r`: one second in which the rates change by 1.5 rad/s², rad²/s².
 const PRIOR_RATE: f64 = 0.1;
-/// Residual of a window that is consistent with a dead time, rad.
+/// Residual of a window with a correct dead time, rad.
 const RESIDUAL_RAD: f64 = 1e-3;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
@@ -76,8 +75,8 @@ impl Sums {
             *v *= keep;
         }
     }
-    /// Adds a window in which the drone turned by `y` (rad), the integral of the remaining angle was `i` (rad s), and
-    /// the rate changed by `dw` (rad/s).
+    /// Adds a window: turn `y` (rad), integral of the remaining angle `i` (rad s), change of rate `dw`
+    /// (rad/s).
     fn add(&mut self, y: f64, i: f64, dw: f64) {
         let w = -dw;
         self.ii += i * i;
@@ -157,7 +156,7 @@ impl ResponseEstimator {
         self.response
     }
 
-    /// Command for a loop with the identified response, which makes it turn towards `wanted` like a loop with the
+    /// Command that makes a loop with the identified response turn towards `wanted` like one with the
     /// designed time constant. `is` is the attitude at the time at which the command takes effect.
     pub(crate) fn command(
         &self,
@@ -170,10 +169,10 @@ impl ResponseEstimator {
         // Heading has its own loop.
         is * UnitQuaternion::from_scaled_axis(Vector3::new(roll * angle.x, pitch * angle.y, angle.z))
     }
-    /// Factors by which the roll and pitch angles of a command are multiplied.
+    /// Factors on the roll and pitch angles of a command.
     fn factors(&self, c: &LagConfig) -> [f64; 2] {
-        // Commands for a loop slower than designed are not amplified: autopilots limit rates and accelerations, so a
-        // larger step would be followed later and the loop would oscillate.
+        // Commands are not amplified for a loop slower than designed: limits of rate and acceleration would
+        // delay a larger step, and the loop would oscillate.
         self.response.lag_s.map(|lag| (lag / c.design_s).min(1.0))
     }
     /// Time constant of the slower axis with compensation, s.
@@ -189,7 +188,7 @@ impl ResponseEstimator {
         roll.max(pitch)
     }
 
-    /// Discards the window in progress, e.g. because the drone has touched the deck or another pilot flies it.
+    /// Discards the window in progress, e.g. after a contact or under another pilot.
     pub(crate) fn interrupt(&mut self) {
         (self.window, self.last) = (None, None);
     }
@@ -285,7 +284,7 @@ mod tests {
     use crate::fixtures::header;
     use alight_shared::estimation::{low_pass, low_pass_gain};
 
-    /// Both axes of a drone, with PX4's loop or with ArduCopter's input shaping in front of the loop.
+    /// Both axes of a drone, with PX4's loop or ArduCopter's input shaping.
     struct Axes {
         attitude: UnitQuaternion<f64>,
         rates: Vector3<f64>,
@@ -373,7 +372,7 @@ mod tests {
                 assert!((r.dead_time_s - dead_s).abs() < 0.05, "{what}");
                 for lag in r.lag_s {
                     assert!((lag - lag_s).abs() < 0.05, "{what}");
-                    // The response to a slow command lags by the sum of dead time and both lags.
+                    // The response to a slow command lags by the dead time plus both lags.
                     let whole = r.dead_time_s + lag + r.rate_lag_s;
                     assert!((whole - dead_s - lag_s - 0.06).abs() < 0.02, "{what}");
                 }
@@ -385,8 +384,7 @@ mod tests {
     fn response_of_a_shaped_loop() {
         let r = identified(0.01, &mut Axes::new(0.15, 0.08, true), 3);
         let [roll, pitch] = r.lag_s.map(|lag| r.dead_time_s + lag);
-        // The rates of the shaped target are fed forward, so the response to a slow command lags by the shaping's time
-        // constant alone.
+        // The shaped target's rates are fed forward, so only the shaping delays a slow response.
         assert!(
             (0.16..0.20).contains(&roll) && (0.16..0.20).contains(&pitch),
             "{r:?}"
@@ -409,8 +407,8 @@ mod tests {
         assert!(!before.identified);
     }
 
-    /// An earlier compensation for comparison: `w = e / T` without dead time, fitted by arrival times, and the angle
-    /// multiplied by `T / 0.2 s`, up to 3.
+    /// Compensation without dead time: `w = e / T`, by arrival times, with `T / 0.2 s`, up to 3, on the
+    /// angle.
     struct WithoutDeadTime {
         square: f64,
         product: f64,
@@ -441,8 +439,8 @@ mod tests {
         }
     }
 
-    /// Spread of the set-point's roll (deg) over the last 10 s of 30 s, and the factor on the angle, in a loop of
-    /// position, velocity and attitude around an ArduCopter on which `push` (m/s²) acts laterally.
+    /// Spread of the set-point's roll (deg) over the last 10 s of 30 s, and the factor on the angle, for an
+    /// ArduCopter on which `push` (m/s²) acts laterally.
     fn swing(old: bool, push: impl Fn(f64) -> f64) -> (f64, f64) {
         let c = LagConfig::default();
         let mut axes = Axes::new(0.15, 0.08, true);
@@ -459,7 +457,6 @@ mod tests {
         let mut under_way = std::collections::VecDeque::from(vec![command; wire]);
         for k in 0..3000_u32 {
             let t = 0.01 * f64::from(k);
-            // Odometry arrives at 40 Hz.
             if k % 5 == 0 || k % 5 == 3 {
                 d = state(k, t, &axes);
                 received = (y, v);
@@ -498,7 +495,7 @@ mod tests {
 
     #[test]
     fn swing_of_the_loop_without_dead_time() {
-        // A deck that moves sideways, in the drone's frame.
+        // A deck that moves sideways.
         let waves = |t: f64| 0.8 * (1.2 * t).sin() + 0.4 * (2.9 * t).cos();
         let (old, factor) = swing(true, waves);
         println!("old: {old:.1} deg, factor {factor:.2}");

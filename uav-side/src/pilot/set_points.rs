@@ -13,7 +13,7 @@ use crate::contingency::{Body, Completion, DeckBelow, Hold};
 use crate::flatness::{rates_of, upright};
 use crate::tracking::{AttitudeCommand, Authority};
 
-/// Age of a plan above which its forecast of the deck is too old to determine the braking, s: five periods.
+/// Age of a plan above which it does not determine the braking, s: five periods.
 pub(super) const OLD_PLAN_S: f64 = 0.1;
 
 impl Pilot {
@@ -45,8 +45,8 @@ impl Pilot {
         }
     }
 
-    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration is sampled one attitude lag
-    /// ahead, because the attitude has to reach it by then.
+    /// Set-point for the autopilot's own loop. The acceleration is sampled one attitude lag ahead, because
+    /// the attitude has to reach it by then.
     fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
@@ -103,11 +103,11 @@ impl Pilot {
         }
     }
 
-    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the
-    /// attitude loop commands the rate `angle / T`, and to reach that rate within `T_r` the rate loop needs the torque
-    /// `tau = J angle / (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)`
-    /// each. Mixers use the reserve of the collective thrust before they raise it (PX4 without air mode), or raise it
-    /// to hover at most (ArduCopter), which is also the limit here.
+    /// Collective thrust at which no rotor stops while the drone turns by `angle` (rad). The attitude loop
+    /// commands the rate `angle / T`, which the rate loop reaches within `T_r` by the torque `tau = J angle /
+    /// (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)` each.
+    /// Mixers use the reserve of the collective thrust before they raise it (PX4 without air mode), or raise
+    /// it to hover at most (ArduCopter), which is also the limit here.
     fn min_thrust(&self, angle: f64) -> f64 {
         let (g, c) = (&self.geometry, &self.config.lag);
         let [roll, pitch, _] = g.inertia_kgm2;
@@ -116,7 +116,7 @@ impl Pilot {
         (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
     }
 
-    /// Keeps a drone on the ground: level, with less thrust than flight needs.
+    /// Keeps a drone on the ground, level and with less thrust than flight needs.
     pub(super) fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
         self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
@@ -131,7 +131,7 @@ impl Pilot {
         }
     }
 
-    /// Holds the position; if a deck is `near`, moves with it, climbs from it, and leaves along the vessel's escape
+    /// Holds the position. Over a deck that is `near` it moves with the deck, climbs, and follows the escape
     /// direction.
     pub(super) fn hold(
         &mut self,
@@ -189,7 +189,7 @@ impl Pilot {
         self.attitude(now, None, a, body)
     }
 
-    /// Attitude and thrust that follow `led`, the plan's `stage` at the time at which they take effect.
+    /// Attitude and thrust for `led`, the plan's `stage` at the time at which they take effect.
     fn tracked(
         &mut self,
         now: Time<DroneClock>,
@@ -209,8 +209,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is not
-    /// renewed or the drone approaches the deck too fast.
+    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is
+    /// old or the drone approaches the deck too fast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,

@@ -134,7 +134,7 @@ impl World {
             Task::Land(from, begin) if t > begin && from - 0.5 * (t - begin) > -0.3 => 0.5,
             _ => 0.0,
         };
-        // Attitude and sideways acceleration follow the deck's tilt near the contact only.
+        // The deck's tilt affects attitude and lateral acceleration only near the contact.
         let align = (-height.max(0.0) / 0.15).exp();
         let at = Vector3::from(d.position) + d.normal() * (FEET + height);
         PlanStage {
@@ -162,7 +162,6 @@ impl World {
                 self.q = self.q.slerp(&target, STEP / 0.2);
                 self.thrust += (asked - self.thrust) * STEP / 0.03;
             } else if self.last.kind == SetPointKind::Trajectory {
-                // The autopilot's own loop is ideal.
                 let e = Vector3::from(self.last.position) - self.p;
                 let ev = Vector3::from(self.last.velocity) - self.v;
                 let a = Vector3::from(self.last.acceleration) + e * 4.0 + ev * 3.5;
@@ -192,7 +191,6 @@ impl World {
         }
         force
     }
-    /// Advances by 10 ms: one step of the pilot, ten steps of the physics.
     fn step(&mut self) {
         let force = self.move_drone();
         self.tick += 1;
@@ -269,8 +267,7 @@ fn moderate(phase: f64) -> Sea {
     }
 }
 
-/// Landing in a moderate sea with the world modified by `change`, and the delay from the first contact to the stop of
-/// the motors, s.
+/// Landing in a moderate sea, changed by `change`, and delay (s) from first contact to motor stop.
 fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(0.9, 2.0), seed);
     change(&mut w);
@@ -314,7 +311,7 @@ fn touchdown_without_a_rangefinder() {
     }
 }
 
-/// As [`landed`], but from 1.5 m, so that a fault can begin during the descent.
+/// Landing from 1.5 m, so that a fault can begin during the descent.
 fn landed_from_above(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(1.5, 2.0), seed);
     change(&mut w);
@@ -362,8 +359,8 @@ fn touchdown_without_reports_of_the_thrust() {
     }
 }
 
-/// Set-points restart low over the deck, after the autopilot has braked with more thrust than the first set-points
-/// command. The rotors' remaining thrust must not be detected as contact.
+/// Set-points restart low over the deck after the autopilot has braked with more thrust than they command.
+/// The rotors' remaining thrust must not be detected as contact.
 #[test]
 fn thrust_of_before_is_no_contact() {
     for (k, reports) in [true, false].into_iter().enumerate() {
@@ -411,7 +408,7 @@ fn hard_contact_by_speed_and_impact() {
     assert_eq!(met(2.6, 0.05, 1.0), None, "no contact force");
 }
 
-/// A tilted drone levels off in a strong wind, low over the deck, so the air's lift increases.
+/// A tilted drone levels off in strong wind low over the deck, so the air's lift increases.
 #[test]
 fn excess_of_the_air_and_of_a_deck() {
     // Whether contact is suspected 0.5 s after the excess (m/s²) began.
@@ -454,8 +451,7 @@ fn touchdown_after_a_bounce() {
     }
 }
 
-/// The drone hovers close to the deck in the flare, without contact: the motors keep running, and a suspected contact
-/// does not bring the drone down.
+/// In a flare close to the deck without contact the motors run, and a suspicion does not lower the drone.
 #[test]
 fn motors_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {

@@ -1,9 +1,8 @@
-//! Set-points of a take-off: standing on the deck, lift-off, and climb.
+//! Set-points for standing on the deck, lift-off and climb.
 //!
-//! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so that all
-//! feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is detected before much
-//! torque turns the drone about that foot. Once the feet are clear, the drone follows the same law as every climb over
-//! a deck.
+//! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so
+//! that all feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is
+//! detected before much torque turns the drone about it. Once the feet are clear, it climbs as over any deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
@@ -13,21 +12,21 @@ use super::Pilot;
 use crate::contingency::{Body, Climb, DeckBelow};
 use crate::lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise};
 
-/// Duration of the thrust's ramp to that of the climb, s: three times the lag of odometry, link and rotors together.
+/// Duration of the thrust's ramp to that of the climb, s: three times the lag of odometry, link and rotors.
 const RAMP_S: f64 = 0.3;
 
-/// Age of a vision measurement up to which the deck is considered detected, s: the same as in a landing.
+/// Age of a vision measurement up to which the deck counts as detected, s: as in a landing.
 const VISION_FRESH_S: f64 = 0.5;
 
 impl Pilot {
-    /// Whether the deck may support the drone during a take-off: its thrust then does not correspond to its weight.
+    /// Whether the deck may support the drone, so that its thrust does not correspond to its weight.
     pub(super) fn lies_on_deck(&self) -> bool {
         let rise = self.jump.and_then(|(_, rise)| rise);
         let lies = rise.is_some_and(|rise| rise.risen_m() < LIES_BELOW_M);
         lies || self.mission.get().is_some_and(|m| m.state.stands_for_take_off())
     }
 
-    /// Keeps the drone on the deck, in the deck's attitude and with less thrust than flight needs.
+    /// Keeps the drone on the deck, at the deck's attitude and with less thrust than flight needs.
     pub(super) fn idle(
         &mut self,
         now: Time<DroneClock>,
@@ -43,9 +42,9 @@ impl Pilot {
         }
     }
 
-    /// Whether the drone has left the deck by now in a take-off that another pilot node began: [`LEAVES_WITHIN_S`] has
-    /// passed, or the camera measures that the feet are off the deck. With GNSS receivers alone the deck's height may
-    /// be wrong by metres.
+    /// Whether the drone has left the deck in a take-off of another pilot node: [`LEAVES_WITHIN_S`] has
+    /// passed, or the camera measures that the feet are off. By GNSS receivers the height may be wrong by
+    /// metres.
     fn is_in_the_air(
         &self,
         now: Time<DroneClock>,
@@ -60,7 +59,7 @@ impl Pilot {
         lasts_s > LEAVES_WITHIN_S || detected && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
     }
 
-    /// Leaves the deck. A pilot node that starts in the air, e.g. after a restart, climbs as over any deck.
+    /// Leaves the deck. A pilot node that starts in the air climbs as over any deck.
     pub(super) fn jump(
         &mut self,
         now: Time<DroneClock>,

@@ -39,7 +39,7 @@ proptest! {
     }
 }
 
-/// RMS tilt error of an attitude loop that follows a deck, with and without lead.
+/// RMS tilt error of an attitude loop over a deck, with and without lead.
 fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
     let (w, dt) = (std::f64::consts::TAU / 5.0, 0.001);
     let (mut x, mut square, mut n) = ([0.0; 2], 0.0, 0.0);
@@ -115,7 +115,7 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
         ranges: vec![],
     }
 }
-/// Runs one second with all inputs, then `secs` with the inputs that `change` leaves; returns the last set-point.
+/// Last set-point after one second with all inputs, then `secs` with those that `change` leaves.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
     run(&PilotConfig::default(), state, height, secs, change)
 }
@@ -173,8 +173,7 @@ fn set_point_kind_in_all_phases() {
 fn idle_thrust_on_the_ground() {
     let drone = DroneGeometry::default();
     let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
-    // The autopilot's report alone does not cut the thrust: the rangefinder has to measure the ground as well. A device
-    // without a measurement reads 0.
+    // A reduced thrust needs the rangefinder as well, which reads 0 without a measurement.
     for (range_m, stands) in [
         (Some(feet_m), true),
         (Some(12.0), false),
@@ -193,7 +192,7 @@ fn idle_thrust_on_the_ground() {
         assert_eq!(s.kind, SetPointKind::Attitude);
         assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
     }
-    // At the height at which it was disarmed the drone stands, even without a rangefinder.
+    // Without a rangefinder the drone stands at the height at which it was disarmed.
     let mut pilot = Pilot::new(&PilotConfig::default(), &drone, 1, 1);
     let mut last = SetPoint::default();
     for k in 0..200 {
@@ -208,7 +207,7 @@ fn idle_thrust_on_the_ground() {
 
 #[test]
 fn response_with_manual_attitudes() {
-    // A pilot rocks the drone by remote control while set-points are streamed for the hand-over.
+    // A human pilot rocks the drone by remote control while set-points are streamed for the hand-over.
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let before = pilot.response.get().lag_s;
     for k in 0..1000 {
@@ -248,7 +247,7 @@ fn attitude_beyond_the_tilt_limit() {
     }
 }
 
-/// A drone that slid over the deck's edge sinks next to the vessel, below its deck, which does not support it.
+/// A drone that slid over the deck's edge sinks next to the vessel, below the deck.
 #[test]
 fn hold_below_the_edge_of_a_deck() {
     let geometry = DroneGeometry::default();
@@ -310,7 +309,7 @@ fn stale_plan() {
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
     assert!(s.position[2] < -4.4, "{s:?}");
-    // The drone is clear of the vessel only at the mission's height, unless the vessel is far away.
+    // Near the vessel the drone is clear only at the mission's height.
     let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
     let s = after(State::Tracking, 5.0, 1.0, high);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
@@ -353,8 +352,8 @@ fn climb_without_a_plan_from_a_rising_deck() {
     assert_eq!(last.velocity[2], -3.0);
 }
 
-/// Thrust (of hover) `age_s` after the last plan of a drone that sinks at 2 m/s 0.6 m above a resting deck, tilted by
-/// `tilt`; the plan sinks at `planned_mps`.
+/// Thrust (of hover) `age_s` after the last plan, which sinks at `planned_mps`. The drone sinks at 2 m/s 0.6
+/// m above a resting deck, tilted by `tilt`.
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -393,8 +392,9 @@ fn braking_of_a_plan_not_renewed() {
     assert!(soft > braked, "{soft}");
 }
 
-/// Thrust (of hover) that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that accelerates upwards
-/// by `rises_mps2`, of a drone tilted by `tilt` (rad) that moves at `along_mps` in the tilt's direction.
+/// Thrust (of hover) that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that
+/// accelerates upwards by `rises_mps2`, with a drone tilted by `tilt` (rad) that moves at `along_mps` in the
+/// tilt's direction.
 fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -433,10 +433,9 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
     // The braking is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
     let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
     assert!((1.35..1.55).contains(&braked), "{braked}");
-    // A deck that accelerates upwards reduces the rotors' reserve, and is followed.
+    // The plan is followed over a deck that accelerates upwards and so reduces the rotors' reserve.
     assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
-    // A tilted drone accelerates along the deck, and brakes only until its speed along the deck would equal the one
-    // onto it.
+    // A tilted drone brakes only until its speeds along and onto the deck are equal.
     let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
     assert!(
         slow > braked - 0.05 && fast < braked - 0.2,
@@ -444,8 +443,7 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
     );
 }
 
-/// Set-point a second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at
-/// `rise_mps2`.
+/// Set-point a second after the loss of plan and mission, 0.3 m above a deck that then rises.
 fn alone(state: State, rise_mps2: f64) -> SetPoint {
     after(state, 0.3, 1.0, |i| {
         (i.plan, i.mission) = (None, None);
@@ -459,7 +457,6 @@ fn alone(state: State, rise_mps2: f64) -> SetPoint {
 
 #[test]
 fn landing_without_plan_and_mission() {
-    // This includes a mission that fell silent before its flare.
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
@@ -504,7 +501,7 @@ fn false_touchdown_taken_back() {
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has first not received the touchdown, then receives it, then flies.
+    // The mission does not receive the touchdown at first, then receives it, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
@@ -562,7 +559,7 @@ proptest! {
         ];
         for (mask, state, v, age, height, repeat) in blows {
             let state = states[usize::from(state) % states.len()];
-            // Half the cases never permit contact; the others have no force beyond the thrust.
+            // Half of the cases never permit contact; in the others only the thrust acts.
             let touches = state.phase() == Phase::Landing || state == State::Landed;
             let state = if !landing && touches { State::Tracking } else { state };
             for _ in 0..repeat {

@@ -1,20 +1,19 @@
-//! The touchdown detector: evidence from thrust, accelerometers, rangefinder and relative motion.
+//! Touchdown detector with evidence from thrust, accelerometers, rangefinder and relative motion.
 //!
-//! On the deck the feet support the drone, in the air only the rotors do. In the air the specific force equals the
-//! rotors' thrust; on the deck the feet add to it, and this *excess* grows as the thrust is reduced. A contact is first
-//! suspected (by an impact, an excess, or resting at the feet's range), then the thrust is cut to a fraction of hover,
-//! and the touchdown is confirmed only if the drone is still supported. A drone in the air begins to fall instead,
-//! shows no excess, and the suspicion is dropped.
+//! In the air the specific force equals the rotors' thrust. On the deck the feet add to it, and this *excess*
+//! grows as the thrust is reduced. A contact is first suspected (by an impact, an excess, or resting at the
+//! feet's range), then the thrust is cut to a fraction of hover, and the touchdown is confirmed only if the
+//! drone is still supported. In the air it begins to fall instead, and the suspicion is dropped.
 //!
-//! Air adds lift as well: its cushion over the deck, drag on the way down, and in wind the drag along the rotors' axis,
-//! which changes as a tilted drone aligns with the deck. These change more slowly than a contact does, so the excess is
+//! Air adds lift as well: its cushion over the deck, drag on the way down, and in wind the drag along the
+//! rotors' axis, which changes as a tilted drone aligns with the deck. These change slowly, so the excess is
 //! measured relative to its mean over the last [`AIR_TIME_S`] in the air.
 //!
-//! No single sensor can cut the thrust. An impact or an excess is evidence only if rangefinder and forecast show that
-//! the deck is near. Resting at the feet's range is evidence only while odometry and forecast confirm that the drone
-//! stays on the deck. A rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot
-//! no longer reports its thrust, the command that it follows is used instead, and the drone has to stay on the deck for
-//! longer.
+//! No single sensor can cut the thrust. An impact or an excess is evidence only if rangefinder and forecast
+//! show that the deck is near. Resting at the feet's range is evidence only while odometry and forecast
+//! confirm that the drone stays on the deck. A rangefinder that has not followed the descent
+//! ([`RangeWitness`]) is ignored. Without the autopilot's report of its thrust the command is used, and the
+//! drone has to stay on the deck for longer.
 
 use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
@@ -33,7 +32,7 @@ type DroneTime = Time<DroneClock>;
 pub struct Touchdown {
     /// Identity; `at` is the time of confirmation.
     pub header: Header<DroneClock>,
-    /// Time at which contact was first suspected.
+    /// First suspicion of contact.
     pub suspected_at: Time<DroneClock>,
     /// Rangefinder reading, m; None without one.
     pub range_m: Option<f64>,
@@ -53,8 +52,8 @@ pub(crate) struct TouchdownEvidence {
     pub(crate) descending: bool,
     /// Specific force along the body's up axis, m/s²; None without a new measurement.
     pub(crate) force: Option<f64>,
-    /// Maximum specific thrust of the rotors, m/s², while the pilot's command is not in effect yet and the actual
-    /// thrust is unknown. None if the thrust is known by command or report.
+    /// Maximum specific thrust of the rotors, m/s², until a command is in effect; None once the thrust is
+    /// known.
     pub(crate) begins_within: Option<f64>,
     /// Specific thrust of the pilot's own command, m/s²; None while the autopilot closes the loop.
     pub(crate) own_thrust: Option<f64>,
@@ -69,7 +68,7 @@ pub(crate) struct TouchdownEvidence {
 }
 
 impl TouchdownEvidence {
-    /// The larger of own command and report, because a thrust that was not cut also explains the force.
+    /// The larger of own command and report: a thrust that was not cut also explains the force.
     fn applied_thrust(&self) -> Option<f64> {
         match (self.own_thrust, self.reported_thrust) {
             (Some(a), Some(b)) => Some(a.max(b)),
@@ -80,7 +79,6 @@ impl TouchdownEvidence {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TouchdownContact {
-    /// In the air.
     #[default]
     Clear,
     /// Contact is suspected: the drone presses down with little thrust.
@@ -92,12 +90,12 @@ pub enum TouchdownContact {
     Confirmed,
 }
 
-// "Excess" is the specific force beyond the applied thrust: support of the drone other than by its rotors. The
-// thresholds suit a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
+// "Excess" is specific force beyond the applied thrust: support other than by the rotors. The thresholds suit
+// a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
 
-/// Excess of the rangefinder's reading over its value on the deck up to which the feet are near the deck, m.
+/// Rangefinder reading over its value on the deck up to which the feet are near the deck, m.
 const RANGE_MARGIN_M: f64 = 0.10;
-/// Excess of that reading above which the drone has left the deck, m.
+/// Rangefinder reading over its value on the deck above which the drone has left the deck, m.
 const RANGE_RELEASE_M: f64 = 0.25;
 /// Largest forecast clearance for a contact without the rangefinder, m.
 const BLIND_CLEARANCE_M: f64 = 0.20;
@@ -105,13 +103,12 @@ const BLIND_CLEARANCE_M: f64 = 0.20;
 const CLEARANCE_VETO_M: f64 = 0.5;
 /// Speed along the deck's normal above which no touchdown is confirmed, m/s.
 const SPEED_VETO_MPS: f64 = 0.8;
-/// Speed along the deck's normal up to which the drone stays on the deck, m/s: the error of odometry and forecast.
+/// Speed along the deck's normal up to which the drone stays on the deck, m/s: the estimate's error.
 const STAYS_MPS: f64 = 0.25;
 const STAYS_TIME_S: f64 = 0.15;
 /// Smallest sustained excess with which contact is suspected, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
-/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast contradict each other; the product exceeds the effect
-/// of any gust or air cushion.
+/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast disagree; more than any gust or air cushion.
 const DOUBTED: f64 = 2.0;
 /// Duration of that excess after which contact is suspected, s.
 const SUSPECT_S: f64 = 0.03;
@@ -119,11 +116,9 @@ const SUSPECT_S: f64 = 0.03;
 const IMPACT_MPS2: f64 = 6.0;
 /// Time at the feet's range in a commanded descent after which contact is suspected, s.
 const RESTING_S: f64 = 0.3;
-/// Thrust on suspicion, as a fraction of hover. More load on the feet resists the wind better, but makes the second
-/// contact of a bounce harder.
+/// Thrust on suspicion, as a fraction of hover. A larger thrust resists wind better, but hardens a bounce.
 const PRESS_OF_HOVER: f64 = 0.4;
-/// Thrust at the end of the ramp, as a fraction of hover.
-/// Source: Low enough to keep load on the feet on a deck that falls at 3.8 m/s².
+/// Thrust at the end of the ramp, as a fraction of hover, for a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
 const PRESS_RAMP_S: f64 = 0.2;
 /// Smallest sustained excess that confirms a touchdown, m/s².
@@ -136,11 +131,11 @@ const BLIND_CONFIRM_S: f64 = 0.2;
 const GIVE_UP_S: f64 = 0.6;
 /// Excess below which the drone is unsupported while the thrust is cut, m/s².
 const FALLS_EXCESS_MPS2: f64 = 1.0;
-/// Time without support after which the drone is in the air, s: longer than between two contacts of a soft bounce. The
-/// drone gains 0.9 m/s in this time, and can brake that from [`CLEARANCE_VETO_M`].
+/// Time without support after which the drone is in the air, s: longer than between the contacts of a soft
+/// bounce. The drone gains 0.9 m/s in this time, and can brake that from [`CLEARANCE_VETO_M`].
 const FALLS_S: f64 = 0.15;
-/// Duration that confirms a touchdown without the autopilot's report of its thrust, for a drone that stays on the deck,
-/// s: five times the delay from its command to the rotors.
+/// Duration on the deck that confirms a touchdown without the autopilot's thrust report, s: five times the
+/// delay from its command to the rotors.
 const SILENT_CONFIRM_S: f64 = 0.4;
 /// Time before a contact over which the closing speed is maximised, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
@@ -153,29 +148,27 @@ const READINGS: usize = 32;
 const MEDIAN: usize = 5;
 /// Time constant of the sustained excess, s: three samples of odometry.
 const EXCESS_TIME_S: f64 = 0.03;
-/// Averaging time of the air's lift, s: a tilt of 20 deg is levelled in 0.4 s.
+/// Averaging time of the air's lift, s: less than the 0.4 s in which a tilt of 20 deg is levelled.
 const AIR_TIME_S: f64 = 0.3;
 /// Limit of the air's lift, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
 const MAX_AIR_MPS2: f64 = 2.0;
 
 #[derive(Clone, Debug)]
 pub(crate) struct TouchdownDetector {
-    /// The rangefinder's reading with the feet on the deck, m.
+    /// Reading with the feet on the deck, m.
     feet_range: f64,
     contact: TouchdownContact,
     readings: [(DroneTime, f64); READINGS],
-    /// Index of the next reading.
     next: usize,
     excess: f64,
     sure_excess: f64,
-    /// Lift of the air, m/s².
     air: f64,
     loaded: Option<DroneTime>,
     pause_until: DroneTime,
     witness: RangeWitness,
     /// Speed away from the deck along its normal, low-passed, m/s; None if unknown.
     along: Option<f64>,
-    /// Time since which the drone has been unsupported with the thrust cut.
+    /// Start of a period without support with the thrust cut.
     falls: Option<DroneTime>,
     /// Largest speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
     closing: (DroneTime, f64),
@@ -184,7 +177,7 @@ pub(crate) struct TouchdownDetector {
 }
 
 impl TouchdownDetector {
-    /// `feet_range`: reading of the rangefinder with the feet on the deck, m.
+    /// `feet_range`: reading with the feet on the deck, m.
     pub(crate) fn new(feet_range: f64) -> Self {
         TouchdownDetector {
             feet_range,
@@ -213,7 +206,7 @@ impl TouchdownDetector {
     pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
-    /// Resets the detector to the state in the air, e.g. for a new take-off.
+    /// Resets the detector to the state in the air.
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);
@@ -237,7 +230,7 @@ impl TouchdownDetector {
         let fresh = newest.filter(|(at, _)| now - *at <= topics::RANGE.stale_after);
         median(fresh.map(|(_, r)| r))
     }
-    /// Whether the readings of the last [`RESTING_S`] average to the feet's range, none of them is far from it, and
+    /// Whether the readings of the last [`RESTING_S`] average to the feet's range without outliers, and
     /// odometry and forecast also show that the drone stays on the deck.
     fn resting(&self, now: DroneTime) -> bool {
         if self.witness.contradicts() || !self.stays() {
@@ -304,7 +297,7 @@ impl TouchdownDetector {
         impact
     }
 
-    /// Processes one step; returns the touchdown in the step that confirms it.
+    /// Returns the touchdown in the step that confirms it.
     pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) -> Option<Touchdown> {
         if self.contact == TouchdownContact::Confirmed {
             return None;
@@ -332,7 +325,7 @@ impl TouchdownDetector {
         }
     }
 
-    /// Suspects a contact after an impact, an excess above `min_excess`, or resting at the feet's range.
+    /// Suspects contact after an impact, an excess above `min_excess`, or resting at the feet's range.
     fn suspect(
         &mut self,
         now: DroneTime,
@@ -356,8 +349,7 @@ impl TouchdownDetector {
         }
     }
 
-    /// Confirms a touchdown if the drone is supported for long enough with its thrust cut; otherwise drops the
-    /// suspicion after [`GIVE_UP_S`].
+    /// Confirms a touchdown of a supported drone with its thrust cut; gives up after [`GIVE_UP_S`].
     fn confirm(
         &mut self,
         now: DroneTime,
@@ -400,13 +392,12 @@ impl TouchdownDetector {
         })
     }
 
-    /// Whether the speed along the deck's normal is low enough for a touchdown.
     fn is_slow(e: &TouchdownEvidence) -> bool {
         e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
-    /// Whether the feet are near the deck, according to the rangefinder or, without a reading, the forecast. The
-    /// forecast can veto the rangefinder.
+    /// Whether the feet are near the deck, by the rangefinder unless the forecast vetoes it, or by the
+    /// forecast.
     fn near(&self, range: Option<f64>, e: &TouchdownEvidence, margin: f64) -> bool {
         let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {

@@ -1,10 +1,10 @@
 //! Exact solver of one chain's limited problem: the dual active-set method of Goldfarb and Idnani (1983), started from
 //! the unconstrained optimum of [`super::condensed`].
 //!
-//! Constraints join the working set one by one, the most violated first, and leave it when their multiplier reaches
-//! zero. The effect of the set on the increments needs only the images of its rows through the factor of H, and the
-//! Cholesky factor of the inner products of these images. Soft constraints involve a slack of their stage
-//! ([`super::qp`] has the same costs); a slack stays at its bound of zero until a soft row joins.
+//! Constraints join the working set one by one, the most violated first, and leave it when their multiplier
+//! reaches zero. The increments follow from the images of the set's rows through the factor of H and the
+//! Cholesky factor of the images' inner products. Soft constraints involve a slack of their stage (costs as
+//! in [`super::qp`]), which stays at its bound of zero until a soft row joins.
 
 use alight_shared::msg::Solve;
 
@@ -12,10 +12,10 @@ use super::condensed::Condensed;
 use super::model::DiscreteModel;
 use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
 
-/// Maximum number of changes of the working set: problems of a landing need up to 15, and the worst of 1500 random ones
-/// with limits everywhere needed 386.
+/// Maximum number of changes of the working set: up to 15 in landings, 386 in the worst of 1500 random
+/// problems.
 const MAX_CHANGES: u32 = 500;
-/// Relative distance of a row's image from the span of the working set below which the row is dependent.
+/// Relative distance of a row's image from the working set's span below which the row is dependent.
 const DEPENDENT: f64 = 1e-11;
 /// Smallest quadratic cost of slack, relative to the linear one: the method needs a positive curvature.
 const MIN_CURVATURE: f64 = 1e-6;
@@ -42,8 +42,7 @@ struct Row {
     unit: f64,
 }
 
-/// Slack with its cost in half the objective; `open` is set once a soft row that involves it has joined the working
-/// set.
+/// Slack with its cost in half the objective; `open` once one of its soft rows has joined the working set.
 #[derive(Clone, Copy, Debug)]
 struct Slack {
     linear: f64,
@@ -68,8 +67,8 @@ pub(super) struct ActiveSet<const N: usize> {
     /// Lower Cholesky factor of the images' products, `capacity` columns wide.
     factor: Vec<f64>,
     capacity: usize,
-    /// Data of the row that joins the set: its image, its row of the factor, and the change of the other multipliers
-    /// per unit of its own multiplier.
+    /// Data of the joining row: its image, its row of the factor, and the change of the multipliers per unit
+    /// of its own.
     image: Vec<f64>,
     joining: Vec<f64>,
     change: Vec<f64>,
@@ -85,7 +84,6 @@ impl<const N: usize> ActiveSet<N> {
             open: false,
             value: 0.0,
         };
-        // The number of independent rows is at most that of increments and slacks.
         let capacity = 3 * stages;
         ActiveSet {
             model,
@@ -105,8 +103,8 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Solves `instance` from the unconstrained optimum of `free` and writes the inputs. Also returns the number of
-    /// changes of the working set.
+    /// Writes the inputs, from the unconstrained optimum of `free`. Also returns the number of changes of the
+    /// working set.
     pub fn solve(
         &mut self,
         free: &Condensed<N>,
@@ -160,8 +158,8 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// The most violated row outside the set, and its violation. An early input decides which later rows are violated,
-    /// so early rows have a larger weight, which reduces the number of changes.
+    /// The most violated row outside the set, and its violation. Early rows have a larger weight, because an
+    /// early input decides which later rows are violated.
     fn most_violated(&self, instance: &QpInstance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
         let mut consider = |row: Row, value: f64, bound: f64| {
@@ -223,11 +221,10 @@ impl<const N: usize> ActiveSet<N> {
         worst
     }
 
-    /// Adds the row to the set and removes the rows whose multipliers reach zero as a result. Returns false after too
-    /// many changes.
+    /// Adds the row and removes rows whose multipliers reach zero. Returns false after too many changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
-            // The slack was at its bound so far, with its linear cost as multiplier.
+            // Until now the slack was at its bound, with its linear cost as multiplier.
             self.slacks[i].open = true;
             self.image.fill(0.0);
             self.joining.clear();
@@ -280,9 +277,9 @@ impl<const N: usize> ActiveSet<N> {
         free.image(&mut self.image);
     }
 
-    /// Computes the change of the set's multipliers per unit of the joining row's multiplier that keeps the rows of the
-    /// set at their bounds. Returns the rate at which the joining row's violation decreases; None if the set leaves no
-    /// freedom.
+    /// Computes the change of the set's multipliers per unit of the joining row's that keeps the set's rows
+    /// at their bounds. Returns the rate at which the joining row's violation decreases; None if the set
+    /// leaves no freedom.
     fn direction(&mut self, row: &Row) -> Option<f64> {
         self.joining.clear();
         let images = self.images.chunks_exact(self.stages);
@@ -307,7 +304,7 @@ impl<const N: usize> ActiveSet<N> {
         (slope > DEPENDENT * own).then_some(slope)
     }
 
-    /// Appends a row whose image and factor row have been written. Returns false if the set is full.
+    /// Returns false if the set is full.
     fn push(&mut self, row: Row, multiplier: f64, pivot: f64) -> bool {
         let n = self.rows.len();
         if n >= self.capacity {

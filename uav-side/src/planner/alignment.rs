@@ -1,6 +1,6 @@
-//! The law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights that
-//! increase as the foot plane approaches the deck. Alignment applies to the flare alone, because only its reference has
-//! the deck's attitude.
+//! Law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights
+//! that increase as the foot plane approaches the deck. Only the flare's reference has the deck's attitude to
+//! align with.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::time::{DroneClock, Time};
@@ -12,7 +12,6 @@ use super::mpc_faa::Problem;
 use super::reference::{PlanReference, ReferenceGenerator};
 use super::weights::{Faa, FaaDistance};
 
-/// Schedule of the weights over the clearance of this drone's feet.
 #[derive(Clone, Debug)]
 pub struct FaaAlignment {
     faa: Faa,

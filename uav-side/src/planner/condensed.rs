@@ -1,6 +1,6 @@
-//! Exact fast path: one chain's problem, condensed to its input increments (Procházka et al. 2024, eq. 6-7) and solved
-//! by Cholesky without limits. If the result satisfies all limits, it is also the optimum of the limited problem, which
-//! only removes choices or adds a non-negative cost of slack.
+//! Exact fast path: one chain's problem, condensed to its input increments (Procházka et al. 2024, eq. 6-7)
+//! and solved by Cholesky without limits. A result within all limits is also the optimum of the limited
+//! problem, which only removes choices or adds a non-negative cost of slack.
 
 use nalgebra::SVector;
 
@@ -14,7 +14,7 @@ pub struct StageCost<const N: usize> {
     pub weight: SVector<f64, N>,
 }
 
-/// Factorised condensed problem of a chain with `N` states over a run-time number of stages.
+/// Factorised condensed problem of a chain with `N` states.
 #[derive(Clone, Debug)]
 pub struct Condensed<const N: usize> {
     model: DiscreteModel<N, 1>,
@@ -26,7 +26,7 @@ pub struct Condensed<const N: usize> {
     factored_for: Vec<SVector<f64, N>>,
     /// Transposed Cholesky factor of H, upper, row-major.
     factor: Vec<f64>,
-    /// Weighted responses at one stage, by component, so that the inner loops run over stages.
+    /// Weighted responses at one stage by component; the inner loops run over stages.
     weighted: [Vec<f64>; N],
     /// Half the solution: the factor's inverse applied to the negative gradient.
     half: Vec<f64>,
@@ -54,9 +54,8 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`, `k =
-    /// 1..stages`, without limits. Returns false if the problem is not positive definite, e.g. because weights are not
-    /// finite.
+    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k -
+    /// u_(k-1))²`, `k = 1..stages`, without limits. Returns false if the problem is not positive definite.
     pub fn solve(
         &mut self,
         x0: &SVector<f64, N>,
@@ -90,8 +89,8 @@ impl<const N: usize> Condensed<N> {
         inputs.iter().all(|u| u.is_finite())
     }
 
-    /// Copies the factor of a chain with the same weights whose responses differ only in the signs of their components.
-    /// In H these signs are squared, so both chains have the same factor.
+    /// Copies the factor of a chain with the same weights whose responses differ only in sign, which H
+    /// squares.
     pub(super) fn adopt_factor(&mut self, other: &Self) {
         if self.factored_for != other.factored_for {
             self.factored_for.clone_from(&other.factored_for);

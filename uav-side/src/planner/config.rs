@@ -20,7 +20,6 @@ pub enum PlannerKind {
 }
 
 impl PlannerKind {
-    /// Name on the command line and in tables.
     pub const fn name(self) -> &'static str {
         match self {
             PlannerKind::MpcFaa => "mpc-faa",
@@ -32,10 +31,10 @@ impl PlannerKind {
 config! {
     /// Rotor limits and their division among the four virtual inputs.
     ///
-    /// Defaults: The paper bounds inputs and slew but publishes no values; these are Alight's. Lowest speed from
-    /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants of a motor;
-    /// with half of that value a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the
-    /// default drone, more than an autopilot's attitude loop follows.
+    /// Defaults: Alight's, because the paper publishes none. Lowest speed from ctu-mrs `t650`: (875 rpm /
+    /// 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants of a motor; with half of that
+    /// value a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the default
+    /// drone, more than an autopilot's attitude loop follows.
     #[derive(Copy)]
     pub struct RotorLimits {
         /// Minimum squared speed of a rotor, relative to hover.
@@ -61,10 +60,11 @@ config! {
 }
 
 impl RotorLimits {
-    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in `[lowest, highest]` in
-    /// any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink together if a weak
-    /// drone would otherwise have no thrust left. Tilt is about the axes of NED, not of the body. A rotation by the
-    /// heading keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner has the same sum.
+    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in `[lowest,
+    /// highest]` in any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink
+    /// together when a weak drone would otherwise have no thrust left. Tilt is about the axes of NED, not of
+    /// the body; a rotation by the heading keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner
+    /// has the same sum.
     pub fn bounds(&self, drone: &DroneGeometry) -> RotorBounds {
         let down = 2.0 * (1.0 - self.lowest);
         let up = 2.0 * (drone.max_thrust_n / (drone.mass_kg * GRAVITY) - 1.0);
@@ -77,7 +77,8 @@ impl RotorLimits {
             yaw: shrink * self.yaw_input,
         }
     }
-    /// Bounds of the change per step of the thrust, roll, pitch and yaw inputs, as fractions of the rotors'.
+    /// Bounds of the change of the thrust, roll, pitch and yaw inputs per step, as fractions of the rotors'
+    /// slew.
     pub fn slew(&self, step_s: f64) -> [f64; 4] {
         let all = 2.0 * self.slew_per_s * step_s;
         let [thrust, tilt, yaw] = self.slew_fractions;
@@ -87,7 +88,7 @@ impl RotorLimits {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotorBounds {
-    /// Lower and upper bound of the thrust.
+    /// Lower and upper bound.
     pub thrust: [f64; 2],
     pub tilt: f64,
     pub yaw: f64,
@@ -96,8 +97,8 @@ pub struct RotorBounds {
 config! {
     /// Soft limits of the states.
     ///
-    /// Defaults: Procházka 2024, Table 4. The costs of slack are Alight's: large against a metre of position error
-    /// (30), small against FAA's largest weight (50000 per rad²).
+    /// Defaults: Procházka 2024, Table 4. The costs of slack are Alight's: large against a metre of position
+    /// error (30), small against FAA's largest weight (50000 per rad²).
     #[derive(Copy)]
     pub struct StateLimits {
         /// Roll and pitch, deg.
@@ -118,8 +119,8 @@ config! {
 config! {
     /// Pace at which references approach their target.
     ///
-    /// Chosen: within the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2 vertical); yaw within
-    /// the rotors' small drag moment.
+    /// Chosen: within the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2 vertical);
+    /// yaw within the rotors' small drag moment.
     #[derive(Copy)]
     pub struct Shaping {
         /// Horizontal speed relative to the target, m/s.
@@ -143,7 +144,7 @@ config! {
 config! {
     /// Differences above which the plan restarts from the measured state instead of the previous plan.
     ///
-    /// Chosen: well above a tracker's errors in gusts, below a visible jump.
+    /// Chosen: well above a tracker's errors in gusts and below a visible jump.
     #[derive(Copy)]
     pub struct Reset {
         /// Horizontal distance, m.
@@ -156,12 +157,11 @@ config! {
         pub vertical_mps: f64 = 1.5, in 0.05..=100.0;
         /// Heading difference, deg.
         pub yaw_deg: f64 = 30.0, in 1.0..=180.0;
-        /// Age of the last plan, s.
+        /// Maximum age of the last plan, s.
         pub age_s: f64 = 0.5, in 0.05..=10.0;
-        /// Largest height of the start of a landing's plan above the drone, m.
+        /// Maximum height of the start of a landing's plan above the drone, m.
         pub ahead_m: f64 = 0.0, in 0.0..=100.0;
-        /// Largest difference by which the plan may sink more slowly than the drone at the plan's start, in a landing,
-        /// m/s.
+        /// Maximum sink rate of the drone beyond that of a landing plan's start, m/s.
         pub ahead_mps: f64 = 0.1, in 0.0..=100.0;
     }
 }
@@ -169,9 +169,8 @@ config! {
 config! {
     /// The planner.
     ///
-    /// Defaults: Horizon, rates, R and the landing weights: Procházka 2024, section III and Table 4. The weights of
-    /// NAVIGATION and FOLLOW are not published (the velocity weights are raised while following); these and all other
-    /// values are Alight's.
+    /// Defaults: horizon, rates, R and landing weights: Procházka 2024, section III and Table 4. The weights
+    /// of NAVIGATION and FOLLOW are not published; these and all other values are Alight's.
     pub struct PlannerConfig {
         /// Kind of the planner.
         pub kind: PlannerKind = PlannerKind::Alight;

@@ -1,5 +1,5 @@
-//! The reference governor: a reference point that approaches a target at bounded speed and acceleration, so that the
-//! optimisation never faces a step of 40 m.
+//! Reference governor: approaches a target at bounded speed and acceleration, so that the plan meets no step
+//! of 40 m.
 
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::SVector;
@@ -34,13 +34,12 @@ impl<const D: usize> GovernedMotion<D> {
             velocity: self.velocity - other.velocity,
         }
     }
-    /// Closes the gap over `time_s`: constant deceleration at first, exponential near the end, with bounded speed and
-    /// acceleration and a continuous velocity.
+    /// Closes the gap over `time_s`: constant deceleration at first, exponential near the end, with
+    /// continuous velocity.
     pub fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
         const BRAKING: f64 = 1.15;
         const CLOSED: f64 = 1e-9;
-        // A gap that is closed stays closed.
         if self.place.norm() <= CLOSED && self.velocity.iter().all(|v| *v == 0.0) {
             return;
         }
@@ -69,7 +68,7 @@ impl<const D: usize> GovernedMotion<D> {
     }
 }
 
-/// A reference point that moves to a moving target and then stays on it.
+/// Reference point that approaches a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
     /// Position relative to the target.
@@ -88,9 +87,9 @@ impl<const D: usize> Default for ReferenceGovernor<D> {
 }
 
 impl<const D: usize> ReferenceGovernor<D> {
-    /// Propagates the gap to `now` against this target. If the target is of another kind or has jumped by more than
-    /// `limits[0]`, the reference stays where it was. If it is further than `limits[1]` from the plan's start, it
-    /// restarts at that start.
+    /// Propagates the gap to `now` against this target. If the target is of another kind or has jumped by
+    /// more than `limits[0]`, the reference stays in place. If it is further than `limits[1]` from the plan's
+    /// start, it restarts at that start.
     pub fn update(
         &mut self,
         now: Time<DroneClock>,
@@ -147,7 +146,7 @@ mod tests {
             time += 0.02;
             assert!(time < 20.0);
         }
-        // The time is at least that of the limits: 50 m at 5 m/s and one ramp.
+        // The time is at least that for 50 m at 5 m/s and one ramp.
         assert!(time > 11.0, "{time}");
     }
 
@@ -164,7 +163,6 @@ mod tests {
         // A jump of 0.2 m is followed, one of 10 m is approached.
         assert!(gap(20, 2.2, 2.0).abs() < 1e-12);
         assert!((gap(40, 12.2, 2.2) + 10.0).abs() < 1e-9);
-        // Too far from the plan's start: the reference restarts there.
         assert!((gap(60, 12.2, -60.0) + 72.2).abs() < 1e-9);
     }
 }

@@ -1,5 +1,4 @@
-//! Interface of a planner's law. The start of a plan, the references of each mission state, the model, its solver and
-//! the message are common to all laws.
+//! Interface of a planner's law. Start, references, model, solver and message are common to all laws.
 
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Time};
@@ -14,13 +13,13 @@ pub use super::view::View;
 pub struct LandingStart {
     /// Whether the first plan of a landing starts from the measured state.
     pub measured: bool,
-    /// Time constant with which the position and velocity of each later plan approach the drone's, s; the plan also
-    /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None if plans
-    /// continue regardless of the drone.
+    /// Time constant with which later plans approach the drone's position and velocity, s. They also start no
+    /// higher above the drone and sink no slower than [`super::config::Reset`] allows. None: plans continue
+    /// regardless of the drone.
     pub approach_time_s: Option<f64>,
 }
 
-/// Law of a planner. The default methods are those of the paper's planner without attitude alignment.
+/// Law of a planner. The default methods plan as in the paper, without attitude alignment.
 pub trait Law: core::fmt::Debug + Send {
     /// Processes new odometry, the newest forecast, and the last plan's reference.
     fn observe(
@@ -30,15 +29,15 @@ pub trait Law: core::fmt::Debug + Send {
         _last: &PlanReference,
     ) {
     }
-    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state stands for the
-    /// acceleration that results in this wind; otherwise it is the tilt of the body.
+    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state stands for
+    /// the resulting acceleration; otherwise it is the tilt of the body.
     fn wind(&self) -> Vector2<f64> {
         Vector2::zeros()
     }
     fn landing_start(&self) -> LandingStart {
         LandingStart::default()
     }
-    /// Whether the law's own plan ([`Law::own_plan`]) has to restart at the common planner's start.
+    /// Whether [`Law::own_plan`] has to restart at the common planner's start.
     fn begins(
         &self,
         _now: Time<DroneClock>,
@@ -48,8 +47,8 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> bool {
         false
     }
-    /// A plan by the law's own model and solver, restarted at `start` (state, and vertical acceleration in NED, m/s²)
-    /// if given.
+    /// Plan by the law's own model and solver, restarted at `start` (state, and vertical acceleration in NED,
+    /// m/s²) if given.
     fn own_plan(
         &mut self,
         _now: Time<DroneClock>,
@@ -59,9 +58,9 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<Plan> {
         None
     }
-    /// Replaces permission and deck in the view by those that the law plans with; the plan starts at `start`.
+    /// Replaces permission and deck in the view; the plan starts at `start`.
     fn limit(&mut self, _now: Time<DroneClock>, _start: &ModelState, _view: &mut View) {}
-    /// Replaces references and weights; returns the time to contact if one is planned, s.
+    /// Replaces references and weights. Returns the planned time to contact, s.
     fn refine(
         &mut self,
         _now: Time<DroneClock>,
@@ -72,8 +71,8 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<f64> {
         None
     }
-    /// Upward axis of the body in NED for a planned state and vertical acceleration (NED, m/s²), and the factor on the
-    /// rates of tilt.
+    /// Upward axis of the body (NED) for a state and vertical acceleration (NED, m/s²), and factor on tilt
+    /// rates.
     fn attitude(&self, state: &ModelState, _vertical: f64) -> (Vector3<f64>, f64) {
         (up_of(state[state::PHI], state[state::THETA]), 1.0)
     }

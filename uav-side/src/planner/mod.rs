@@ -1,15 +1,14 @@
 //! Planner: a trajectory over a receding horizon.
 //!
-//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`] (the reference of
-//! each mission state), [`law`] (the planners' differences), [`alignment`] and [`rendezvous`] (the laws of `mpc-faa`
-//! and `alight`), [`condensed`], `active_set` and [`qp`] (the solvers), `start` (the start of a plan), this file
-//! (schedule and messages).
+//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`] (references
+//! by mission state), [`law`] (the planners' differences), [`alignment`] and [`rendezvous`] (the laws of
+//! `mpc-faa` and `alight`), [`condensed`], `active_set` and [`qp`] (solvers), `start` (start of a plan), this
+//! file (schedule and messages).
 //!
-//! A plan starts from the previous plan sampled now, not from the measured state: the pilot's tracker closes the loop,
-//! and a lagging drone does not change its own plan. A plan starts from the measured state if there is no previous
-//! plan, if the previous plan is old, if the drone is further from it than [`config::Reset`] allows, or if the
-//! autopilot's position estimate jumped. In a landing with `alight` the plan starts no higher above the drone than
-//! `Reset` allows, and with a sink rate no lower than `Reset` allows.
+//! A plan starts from the previous plan sampled now: the pilot's tracker closes the loop, and a lagging drone
+//! does not change its own plan. A plan starts from the measured state if there is no recent previous plan,
+//! if the drone is further from it than [`config::Reset`] allows, or if the autopilot's position estimate
+//! jumped. In a landing `alight` limits height and sink rate of the start by `Reset`.
 
 mod active_set;
 pub mod alignment;
@@ -68,7 +67,6 @@ pub struct PlannerOut {
 }
 
 wiring! {
-    /// Topics that the planner reads and writes.
     PlannerPorts of Planner: PlannerIn => PlannerOut {
         reads {
             newest forecast: DeckForecast,
@@ -104,8 +102,7 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner of the configured kind for this drone and deck. `boot` distinguishes this process from its
-    /// predecessors.
+    /// Planner of the configured kind. `boot` distinguishes this process from its predecessors.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
         let law: Box<dyn Law> = match config.kind {
             PlannerKind::MpcFaa => Box::new(FaaAlignment::new(&config.faa, drone)),
@@ -113,7 +110,6 @@ impl Planner {
         };
         Planner::with_law(law, config, drone, deck, boot)
     }
-    /// A planner with the given law instead of the configured one.
     pub fn with_law(
         law: Box<dyn Law>,
         config: &PlannerConfig,
@@ -142,7 +138,6 @@ impl Planner {
         }
     }
 
-    /// The most recent problem, for benchmarks.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
@@ -171,7 +166,7 @@ impl Planner {
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
-        // A step is on time if it is early by at most half a tick of the highest rate.
+        // A step is on time if it is early by up to half a tick of the highest rate.
         const EARLY_S: f64 = 0.004;
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
@@ -179,8 +174,8 @@ impl Planner {
         }
     }
 
-    /// Drops the previous plan when `alight` begins a landing: the autopilot's own position loop may have left an error
-    /// of 0.5 m or more, and the pilot would need longer to close it than the landing lasts.
+    /// Drops the previous plan when `alight` begins a landing: the autopilot's own position loop may have
+    /// left an error of 0.5 m, which the pilot would close more slowly than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
         if begins && self.law.landing_start().measured {
@@ -188,7 +183,7 @@ impl Planner {
         }
     }
 
-    /// State and input at the plan's start: those of the last plan at `now`, or the measured ones. None without
+    /// State and input at the plan's start: the last plan's at `now`, or the measured ones. None without
     /// odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(ModelState, [f64; INPUTS])> {
         let c = &self.config;
@@ -247,7 +242,7 @@ impl Planner {
                 kept.start = state;
                 core::mem::swap(&mut kept.solution, &mut self.scratch);
             }
-            // The previous plan continues until it is too old; then planning restarts from the measured state.
+            // The previous plan continues until planning restarts from the measured state.
             Solve::Infeasible => {}
         }
         let solved = self.solved.as_ref()?;
@@ -259,7 +254,6 @@ impl Planner {
         plan.check().is_ok().then_some(plan)
     }
 
-    /// Plan of a law with its own model and solver.
     fn own_plan(
         &mut self,
         now: Time<DroneClock>,
@@ -273,14 +267,13 @@ impl Planner {
         let law = &mut self.law;
         let mut plan = law.own_plan(now, mission, forecast, start)?;
         plan.header = Header::new(0, 0, self.boot, self.sequence, now);
-        // The common planner then starts from the measured state.
+        // The common planner then restarts from the measured state.
         self.solved = None;
         self.generator.restart();
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan as a message from `now` on. If they fit, half steps are included, so that the pilot interpolates
-    /// finely.
+    /// The plan as a message from `now` on. Half steps are included if they fit, for a finer interpolation.
     fn message(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
@@ -336,7 +329,7 @@ impl Planner {
         }
     }
 
-    /// Time at which the feet reach the deck's plane in this plan, if it ends in contact.
+    /// Contact time of the feet with the deck's plane in this plan.
     fn touchdown(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Option<Time<DroneClock>> {
         if !self.reference.touch {
             return None;
@@ -375,7 +368,7 @@ impl Node for Planner {
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
-        // Without a mission the pilot has flown on its own, so the previous plan is void.
+        // Without a mission the pilot has flown on its own, which voids the previous plan.
         let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
         match phase {
@@ -391,7 +384,6 @@ impl Node for Planner {
                 }
                 self.begin_landing(phase);
                 if mission.settings.mode == LandingMode::Shadow {
-                    // The last plan was not followed.
                     self.solved = None;
                 }
                 self.last_solve = Some((now, phase));

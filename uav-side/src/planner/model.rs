@@ -1,13 +1,13 @@
-//! The paper's prediction model: the multirotor linearised about hover, and its exact discretisation (Procházka et al.
+//! Paper's prediction model: the multirotor linearised about hover, discretised exactly (Procházka et al.
 //! 2024, eq. 4-5).
 //!
-//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` = squared
-//! rotor speeds divided by their value at hover. The paper uses ENU; in NED only the signs of z and of the torques
-//! change.
+//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` =
+//! squared rotor speeds divided by their value at hover. In the paper's ENU the signs of z and of the torques
+//! differ.
 //!
-//! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four integrators
-//! each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the increments of the four rotors
-//! equals the same cost on the increments of the four virtual inputs. Four small problems are therefore exactly
+//! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four
+//! integrators each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the
+//! increments of the rotors equals that on the increments of the virtual inputs, and four small problems are
 //! equivalent to the large one.
 
 use alight_shared::frames::body_rates;
@@ -22,7 +22,6 @@ pub const INPUTS: usize = 4;
 /// The full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
 pub type ModelState = [f64; STATES];
 
-/// Indices into the state.
 pub mod state {
     use super::ModelState;
     use nalgebra::Vector3;
@@ -58,8 +57,8 @@ pub mod state {
     }
 }
 
-/// Virtual inputs from rotor inputs (deviations from hover): rows thrust, roll, pitch, yaw, with the signs of the
-/// paper's eq. 5 in FRD. The matrix is orthonormal, so `u = MIXER' nu`.
+/// Virtual inputs from rotor inputs (deviations from hover): rows thrust, roll, pitch, yaw, with the signs of
+/// the paper's eq. 5 in FRD. Orthonormal: `u = MIXER' nu`.
 pub const MIXER: [[f64; 4]; 4] = [
     [0.5, 0.5, 0.5, 0.5],
     [-0.5, -0.5, 0.5, 0.5],
@@ -81,8 +80,8 @@ pub struct HoverModel {
 }
 
 impl HoverModel {
-    /// The model of a drone. The paper's lever `l` of all four rotors about each axis is the arm length of an X frame
-    /// divided by the root of two.
+    /// The paper's lever `l` of all four rotors about each axis is the arm length of an X frame divided by
+    /// the root of two.
     pub fn new(drone: &DroneGeometry) -> Self {
         let half_weight = 0.5 * drone.mass_kg * GRAVITY;
         let lever = drone.arm_m * core::f64::consts::FRAC_1_SQRT_2;
@@ -182,8 +181,8 @@ impl<const N: usize> DiscreteModel<N, 1> {
     }
 }
 
-/// Exact zero-order-hold discretisation: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`. The hover model's
-/// `A` is nilpotent (`A^4 = 0`), so the series is finite.
+/// Exact zero-order hold: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`; finite, because the
+/// hover model's `A` is nilpotent (`A^4 = 0`).
 pub fn discretise<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SMatrix<f64, N, M>,
@@ -203,8 +202,8 @@ pub fn discretise<const N: usize, const M: usize>(
     }
 }
 
-/// Tilt (phi, theta) of a body with the upward axis `up` (NED), about the axes of a frame turned by `heading`:
-/// `R = Ry(theta) Rx(phi)` turns the frame's -z to `up`.
+/// Tilt (phi, theta) of a body with the upward axis `up` (NED), about the axes of a frame turned by
+/// `heading`: `R = Ry(theta) Rx(phi)` turns the frame's -z to `up`.
 pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
     let (s, c) = heading.sin_cos();
     let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
@@ -217,17 +216,18 @@ pub fn up_of(phi: f64, theta: f64) -> Vector3<f64> {
     Vector3::new(-st * cp, sp, -ct * cp)
 }
 
-/// Angular velocity of the deck in NED, rad/s.
+/// NED, rad/s.
 pub fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
     d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
 }
 
-/// Height of the foot plane of a body at `p` with upward axis `up` above the deck's plane, along the deck's normal, m.
+/// Height of the foot plane of a body at `p` with upward axis `up` over the deck's plane, along its normal,
+/// m.
 pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
     deck.height_of(&(p - up * feet_below_m))
 }
 
-/// Odometry as a state of the model: tilt and rates about north and east.
+/// Odometry as a state of the model.
 pub fn measured_state(drone: &DroneState) -> ModelState {
     let q = drone.attitude();
     let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
@@ -256,15 +256,15 @@ mod tests {
     use nalgebra::{Rotation3, Vector4};
 
     fn drone() -> DroneGeometry {
-        // Three different inertias, so that swapped axes are noticed.
+        // Three different inertias reveal swapped axes.
         DroneGeometry {
             inertia_kgm2: [0.08, 0.11, 0.19],
             ..DroneGeometry::default()
         }
     }
 
-    /// Nonlinear rigid body of eq. 4-5: thrust along -z of the body, torques from the rotors' positions and reaction
-    /// moments, Euler's equation; rotors numbered as in [`MIXER`].
+    /// Nonlinear rigid body of eq. 4-5: thrust along the body's -z, torques from the rotors' positions and
+    /// reaction moments, Euler's equation; rotors numbered as in [`MIXER`].
     fn rigid_body(d: &DroneGeometry, x: &SVector<f64, 12>, u: &Vector4<f64>) -> SVector<f64, 12> {
         let l = d.arm_m / 2f64.sqrt();
         let rotors = [[-l, l], [l, l], [l, -l], [-l, -l]];
@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn discretised_chain() {
-        // Against 100000 small Euler steps of the continuous model.
+        // Reference: 100000 small Euler steps of the continuous model.
         let chain = HoverModel::new(&drone()).x_chain();
         let d = chain.discrete(0.1);
         let x0 = SVector::<f64, 4>::from([1.0, -0.5, 0.1, 0.3]);

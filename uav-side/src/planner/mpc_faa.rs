@@ -6,12 +6,12 @@
 //! - Q with Forcing Attitude Alignment ([`super::weights`]);
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
-//! Each chain is first solved exactly without limits ([`super::condensed`]). In the paper's planner a chain whose
-//! optimum exceeds a limit goes to Clarabel ([`super::qp`]). In Alight's planner, and for problems that Clarabel does
-//! not solve, the active-set solver continues with the limits (`active_set`).
+//! Each chain is first solved exactly without limits ([`super::condensed`]). In the paper's planner a chain
+//! whose optimum exceeds a limit goes to Clarabel ([`super::qp`]). Alight's planner, and problems that
+//! Clarabel does not solve, use the active-set solver (`active_set`).
 //!
-//! Axes: NED. Tilt is measured about north and east at any heading (`phi`, `theta` of the body turned back by its yaw),
-//! so the hover model at yaw 0 is correct at every heading.
+//! Axes: NED. Tilt is measured about north and east (`phi`, `theta` of the body turned back by its yaw), so
+//! the hover model at yaw 0 is correct at every heading.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Solve;
@@ -25,13 +25,12 @@ use super::qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, Spa
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
-    /// Present state, in the paper's order.
     pub state: ModelState,
     /// Virtual input applied now: thrust, roll, pitch, yaw, as deviations from hover.
     pub input: [f64; INPUTS],
     /// References of stages 1..=N.
     pub reference: Vec<ModelState>,
-    /// Diagonal of Q at stages 1..=N.
+    /// Diagonal of Q, stages 1..=N.
     pub weight: Vec<ModelState>,
     /// Soft upper bound of z (NED: the lowest height) at stages 1..=N, m.
     pub ceiling: Vec<f64>,
@@ -41,7 +40,7 @@ pub struct Problem {
 /// Half-space in which a stage's position has to lie: `n . (x, y, z) >= b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
-    /// Index of the stage from 0, as in [`Problem::reference`].
+    /// Index of the stage in [`Problem::reference`].
     pub stage: usize,
     /// Normal `n`, towards the drone's side.
     pub normal: [f64; 3],
@@ -82,7 +81,7 @@ impl Problem {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {
-    /// Worst result among the chains.
+    /// Worst of the chains.
     pub solve: Solve,
     /// Iterations of the solver over all chains; 0 on the fast path.
     pub iterations: u32,
@@ -105,7 +104,7 @@ pub struct Mpc {
     model: HoverModel,
     x: ChainMpc<4>,
     y: ChainMpc<4>,
-    /// Chains of x and y with bounds of the position, for volumes around the deck.
+    /// Chains of x and y with bounded position.
     bounded: [ChainMpc<4>; 2],
     z: ChainMpc<2>,
     yaw: ChainMpc<2>,
@@ -160,21 +159,19 @@ impl Mpc {
     pub fn stages(&self) -> usize {
         self.stages
     }
-    /// Time between stages, s.
     pub fn step_s(&self) -> f64 {
         self.step_s
     }
-    /// The model in use, with the larger of both tilt inertias about both axes.
+    /// Model that has the larger of both tilt inertias about both axes.
     pub fn model(&self) -> &HoverModel {
         &self.model
     }
-    /// Limits of the chains x, y, z, yaw.
+    /// Chains x, y, z, yaw.
     pub fn limits(&self) -> (ChainLimits<4>, ChainLimits<4>, ChainLimits<2>, ChainLimits<2>) {
         (self.x.limits, self.y.limits, self.z.limits, self.yaw.limits)
     }
 
-    /// Solves `problem`. `ceiling(k, x, y)` is the bound of z at stage k+1 at the planned position; it is written into
-    /// the problem.
+    /// Writes `ceiling(k, x, y)`, the bound of z at stage k+1 at the planned position, into the problem.
     pub fn solve(
         &mut self,
         problem: &mut Problem,
@@ -208,8 +205,8 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y clear of the volumes: each axis is solved with the other axis and z fixed, and once more if the
-    /// other axis has moved as a result.
+    /// Keeps x and y clear of the volumes: each axis is solved with the other axis and z fixed, and once more
+    /// if the other axis has moved.
     fn keep_clear(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
         let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));
@@ -230,18 +227,18 @@ impl Mpc {
         }
     }
 
-    /// State half a step later, by the exact discretisation.
+    /// State half a step later.
     pub fn half_step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         self.half.step(state, input)
     }
-    /// State `time_s` later, by the exact discretisation.
+    /// State `time_s` later.
     pub fn roll(&self, state: &ModelState, input: &[f64; INPUTS], time_s: f64) -> ModelState {
         Roller::new(&self.model, time_s).step(state, input)
     }
 }
 
-/// Hover model for axes that do not turn with the body: both tilts get the larger inertia, so that the torque limits
-/// hold at every heading.
+/// Hover model for axes that do not turn with the body: both tilts get the larger inertia, so that the torque
+/// limits hold at every heading.
 pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
     let model = HoverModel::new(drone);
     let weaker = model.roll.min(model.pitch);
@@ -301,7 +298,7 @@ struct ChainMpc<const N: usize> {
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
-    /// Present only in the paper's planner.
+    /// Paper's planner only.
     interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,
@@ -341,7 +338,7 @@ impl<const N: usize> ChainMpc<N> {
     }
 
     fn solve(&mut self, problem: &Problem, [floor, ceiling]: [&[f64]; 2], solution: &mut Solution) {
-        // Positions are relative to the present one, which keeps precision far from the origin.
+        // Positions relative to the present one keep precision far from the origin.
         let origin = problem.state[self.index[0]];
         let local = |full: &ModelState| {
             let mut x = gather(&self.index, full);
@@ -361,7 +358,6 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        // A missing entry means that there is no bound.
         let local_bound = |given: Option<&f64>, none: f64| {
             given.map_or(none, |g| (g - origin).clamp(-NO_CEILING, NO_CEILING))
         };

@@ -1,11 +1,10 @@
-//! One chain's problem with its limits: sparse multiple shooting for Clarabel, with a structure that is built once and
-//! values that are replaced at each solve.
+//! One chain's problem with its limits: sparse multiple shooting for Clarabel, with a fixed structure.
 //!
-//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's state limits
-//! and measured in fractions of each limit. Inputs and their increments have hard limits, states soft ones with a
-//! linear and a quadratic cost of slack: with hard state limits 2.5 % of closed-loop problems have no solution
-//! (measured with Alight). A chain whose position is bounded on both sides has a separate slack for the position: with
-//! a shared one, tilt and speed of a drone on the wrong side of a bound were not limited.
+//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's
+//! state limits and measured in fractions of each limit. Inputs and their increments have hard limits, states
+//! soft ones with a linear and a quadratic cost of slack: with hard state limits 2.5 % of closed-loop
+//! problems have no solution (measured). A chain whose position is bounded on both sides has a separate slack
+//! for the position; a shared one did not limit tilt and speed on the wrong side of a bound.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -41,24 +40,23 @@ pub struct SlackCost {
 
 /// Value of a missing ceiling, m: far beyond the reach of a horizon.
 pub const NO_CEILING: f64 = 1.0e3;
-/// Size of one unit of slack at the ceiling, m; it is small, so that violating the minimum altitude is expensive.
+/// Size of one unit of slack at the ceiling, m; small, so that violating the minimum altitude is expensive.
 pub const CEILING_SLACK_M: f64 = 0.1;
 /// Size of one unit of the position's separate slack, m.
 const PLACE_SLACK_M: f64 = 1.0;
-/// Cost of the slack of speed, tilt and rate as a multiple of that of the position's separate slack.
+/// Cost of the slack of speed, tilt and rate as a multiple of that of the separate position slack.
 const MOTION_OVER_PLACE: f64 = 100.0;
-/// Violation of a limit that is tolerated in the unconstrained optimum, in the limit's own unit: the solver's
-/// feasibility tolerance.
+/// Tolerated violation in the unconstrained optimum, in the limit's unit: the solver's feasibility tolerance.
 pub(super) const TOLERANCE: f64 = 1e-9;
 /// Maximum number of interior-point iterations; 7 to 15 are needed.
 const MAX_ITERATIONS: u32 = 40;
 
 impl<const N: usize> ChainLimits<N> {
-    /// Number of variables of a stage: input, state, slack, and the position's separate slack.
+    /// Number of variables of a stage.
     fn width(&self) -> usize {
         N + 2 + usize::from(self.floor)
     }
-    /// Clips rounding errors of a solver to the hard limits; an input that is not finite is kept.
+    /// Clips rounding errors to the hard limits; keeps an input that is not finite.
     pub(super) fn clip(&self, previous_input: f64, inputs: &mut [f64]) {
         let (mut before, slew) = (previous_input, self.slew);
         for u in inputs.iter_mut().filter(|u| u.is_finite()) {
@@ -115,7 +113,7 @@ pub struct QpInstance<'a, const N: usize> {
     pub floor: &'a [f64],
 }
 
-/// Indices of the variables of each stage: input, state, slack of the motion, and slack of the position if it has a
+/// Indices of the variables of each stage: input, state, slack of the motion, and slack of a position with a
 /// floor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChainLayout<const N: usize> {
@@ -155,8 +153,8 @@ impl<const N: usize> ChainLayout<N> {
         self.slack(k) + self.place
     }
 
-    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks diagonal.
-    /// Also returns the index at which each stage's `Q` begins in its values.
+    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks
+    /// diagonal. Also returns the index of each stage's `Q` in its values.
     fn quadratic(
         &self,
         stages: usize,
@@ -220,7 +218,7 @@ impl Constraints {
         self.b.push(bound);
     }
 
-    /// Appends `x_k+1 - A x_k - B u_k = 0`; the present state is on the right-hand side.
+    /// Appends `x_k+1 - A x_k - B u_k = 0`, with the present state on the right-hand side.
     fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &DiscreteModel<N, 1>, stages: usize) {
         for k in 0..stages {
             for i in 0..N {
@@ -234,7 +232,7 @@ impl Constraints {
         }
     }
 
-    /// Appends the limits of stage `k`: input, slew, slacks, position, states; returns the index of their first row.
+    /// Appends the limits of input, slew, slacks, position and states; returns the index of their first row.
     fn limits<const N: usize>(&mut self, at: &ChainLayout<N>, limits: &ChainLimits<N>, k: usize) -> usize {
         let first = self.b.len();
         let u = at.input(k);
@@ -283,7 +281,7 @@ pub struct SparseForm<const N: usize> {
     pub a: CscMatrix<f64>,
     pub b: Vec<f64>,
     pub equalities: usize,
-    /// Index of the diagonal of `P` for each stage's first state in the stored values.
+    /// Index of the diagonal of `P` for each stage's first state.
     weight_at: Vec<usize>,
     /// Index of the first inequality row of each stage.
     row_at: Vec<usize>,
@@ -346,7 +344,7 @@ impl<const N: usize> SparseForm<N> {
                 self.p.nzval[self.weight_at[k] + i] = 2.0 * cost.weight[i];
                 self.q[k * width + 1 + i] = -2.0 * cost.weight[i] * cost.reference[i];
             }
-            // Skips two rows of the input, two of the slew, and the slacks' rows.
+            // Skips the rows of input (two), slew (two) and slacks.
             let row = self.row_at[k] + 5 + usize::from(self.limits.floor);
             if self.limits.ceiling {
                 self.b[row] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
@@ -385,7 +383,7 @@ fn settings() -> DefaultSettings<f64> {
         direct_solve_method: "qdldl".into(),
         max_threads: 1,
         iterative_refinement_enable: false,
-        // The tolerance is a tenth of the default: with 1e-8, inputs of equal cost differed by 0.4 % of their range.
+        // A tenth of the default: with 1e-8, inputs of equal cost differed by 0.4 % of their range.
         tol_gap_abs: 1e-9,
         tol_gap_rel: 1e-9,
         max_step_fraction: 0.999,
@@ -399,8 +397,7 @@ impl<const N: usize> ChainSolver<N> {
         ChainSolver { form, solver }
     }
 
-    /// Solves `instance` and writes the inputs, which satisfy the hard limits exactly at any tolerance of the solver.
-    /// Also returns the number of iterations.
+    /// Writes the inputs, which satisfy the hard limits exactly. Also returns the number of iterations.
     pub fn solve(&mut self, instance: &QpInstance<'_, N>, inputs: &mut [f64]) -> (Solve, u32) {
         self.form.fill(instance);
         let form = &self.form;

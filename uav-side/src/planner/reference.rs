@@ -1,5 +1,5 @@
-//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted deck with a height
-//! profile, and a reference governor for far targets.
+//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted deck with a
+//! height profile, and a reference governor for far targets.
 
 mod bounds;
 
@@ -23,7 +23,7 @@ const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// Distance to the vessel below which the heading towards it is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
 
-/// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 for other places.
+/// Rate at which a station turns about the deck's centre, rad/s; 0 for other places.
 fn station_turns_radps(view: &View) -> f64 {
     let forecast = view.forecast.as_ref().filter(|_| view.mission.station.is_some());
     forecast.map_or(0.0, |f| f.mean_heading_rate)
@@ -38,19 +38,18 @@ pub struct PlanReference {
     pub clearance_m: f64,
     /// Weight of the tilt at the first stage.
     pub alignment: f64,
-    /// The deck now and at each stage; empty if unknown.
+    /// Deck now and at each stage; empty if unknown.
     pub deck: Vec<DeckStage>,
     /// Lowest height over the water outside the deck's outline, m.
     pub minimum_altitude_m: f64,
     /// Lowest clearance of the feet over the deck in a plan, m; None without a limit.
     pub lowest_clearance_m: Option<f64>,
-    /// Mean height of the deck, NED z, m; 0 if unknown.
+    /// NED z, m; 0 if unknown.
     pub mean_z: f64,
-    /// Volumes around the deck, with the side on which the plan passes each.
+    /// Volumes around the deck, with the side on which the plan passes.
     pub(super) passages: Vec<Passage>,
 }
 
-/// Generator of references; keeps the state of its governors.
 #[derive(Clone, Debug, Default)]
 pub struct ReferenceGenerator {
     config: PlannerConfig,
@@ -59,7 +58,7 @@ pub struct ReferenceGenerator {
     horizontal: ReferenceGovernor<2>,
     vertical: ReferenceGovernor<1>,
     yaw: ReferenceGovernor<1>,
-    /// Position and heading to hold while the deck is unexpectedly unknown.
+    /// Position and heading to hold while the deck is unknown.
     frozen: Option<[f64; 4]>,
     /// Whether the drone is within the approach sector.
     admitted: bool,
@@ -77,7 +76,7 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Whether the plan starts at a height at which the deck could reach the drone.
+    /// Whether the deck could reach the plan's start.
     fn near_deck(&self) -> bool {
         let aside = |d: &DeckStage| {
             (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
@@ -106,7 +105,7 @@ impl ReferenceGenerator {
         -self.deck.centre_m[2]
     }
 
-    /// Resets the governors, so that the plan restarts from the measured state.
+    /// Resets the governors.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();
@@ -114,7 +113,7 @@ impl ReferenceGenerator {
         self.frozen = None;
     }
 
-    /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state` is the plan's start.
+    /// Writes references and weights of the stages at `now + k step`; `problem.state` is the plan's start.
     pub fn write(
         &mut self,
         now: Time<DroneClock>,
@@ -164,7 +163,6 @@ impl ReferenceGenerator {
         reference.alignment = problem.alignment();
     }
 
-    /// Goal of the mission's state, with its weights and the place to hold.
     fn goal(
         &mut self,
         mission: &MissionState,
@@ -193,13 +191,13 @@ impl ReferenceGenerator {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
-        // The drone flies towards a vessel that is not received.
+        // The drone flies towards a vessel that it does not receive.
         let goal = match (mission.state, mean_z) {
             (Mode::Search, None) => Goal::Hold,
             (_, Some(_) | None) => goal,
         };
         if goal != Goal::Hold && mean_z.is_none() {
-            // The deck is unexpectedly unknown, so the drone holds its position.
+            // While the deck is unexpectedly unknown, the drone holds its position.
             let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);
             return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
         }
@@ -213,15 +211,15 @@ impl ReferenceGenerator {
         (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
-    /// Next waypoint on the way round the vessel into the approach sector, from the deck's centre, m; None if the drone
-    /// is already in the sector.
+    /// Next waypoint on the way round the vessel into the approach sector, from the deck's centre, m; None
+    /// within it.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
         let from = Vector2::new(
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        // A station is at the height of an approach, and the mission gives the waypoints round the vessel.
+        // A station is at the height of an approach, and the mission sets its waypoints.
         let stays = q.view.mission.station.is_some();
         if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
@@ -289,7 +287,7 @@ impl ReferenceGenerator {
             [q.start[state::V_NORTH], q.start[state::V_EAST]],
         );
         let follows = q.goal.follows_deck();
-        // A waypoint that moves round the vessel ahead of the drone is approached, not followed.
+        // A waypoint that moves ahead of the drone is approached, not followed.
         let jump_m = if round.is_some() { 0.0 } else { 0.5 };
         if q.goal == Goal::Leave {
             self.horizontal = ReferenceGovernor::default();
@@ -327,7 +325,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// References that climb from a deck that is near, up to the height `z`.
+    /// References that climb from a near deck to the height `z`.
     fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         self.vertical = ReferenceGovernor::default();
         let mut climb = Climb::new(q.start[state::DOWN], q.start[state::V_DOWN], &self.drone);
@@ -339,8 +337,8 @@ impl ReferenceGenerator {
 
     fn approach_height(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         let s = self.config.shaping;
-        // A pilot may abort a descent at any height over a rising deck: the sink is braked as hard as in a descent,
-        // only the climb is gentle.
+        // The sink of a descent aborted over a rising deck is braked as hard as in a descent; the climb is
+        // gentle.
         let sinks = matches!(q.goal, Goal::Hold | Goal::Leave)
             && q.start[state::V_DOWN] > 0.3
             && q.start[state::DOWN] > z - 1.0;
@@ -367,7 +365,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// References that sink at constant speed relative to the predicted deck, from the present clearance.
+    /// References that sink at constant speed relative to the predicted deck.
     fn sink(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let (feet, step_s, mission) = (self.drone.feet_below_m, self.config.step_s, &q.view.mission);
         self.vertical = ReferenceGovernor::default();
@@ -426,7 +424,7 @@ impl ReferenceGenerator {
             time_constant_s,
         };
         let (psi, rate) = target(0);
-        // The target heading closest to the plan's, so that the drone turns the short way.
+        // Target heading closest to the plan's, so that the drone turns the short way.
         let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
         let start = GovernedMotion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(
@@ -451,13 +449,13 @@ impl ReferenceGenerator {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
     Hold,
-    /// Climb from the deck, keeping the place over it.
+    /// Climb, keeping the place over the deck.
     Leave,
     /// Stay over the deck at a height above its mean.
     Above,
     /// Sink towards the deck, level.
     Sink,
-    /// Land on the deck, aligned with it.
+    /// Land, aligned with the deck.
     Touch,
 }
 
@@ -470,11 +468,11 @@ impl Goal {
     }
 }
 
-/// Height over the deck against time: constant speed down to contact, then below the deck's plane with an exponential
-/// decay, which keeps pressure on the contact.
+/// Height over the deck against time: constant speed to contact, then an exponential decay below the deck's
+/// plane, which keeps pressure on the contact.
 #[derive(Clone, Copy, Debug)]
 struct Profile {
-    /// Present clearance; below contact, the clearance that would result if the descent had not slowed down.
+    /// Present clearance; below contact, that of a descent that had not slowed down.
     unslowed_m: f64,
     speed_mps: f64,
     press_m: f64,
@@ -505,7 +503,7 @@ impl Profile {
     }
 }
 
-/// The deck now and at each stage. After the forecast's end the deck continues at constant velocity with its last
+/// Deck now and at each stage. Beyond the forecast the deck continues at constant velocity with its last
 /// attitude; empty if the forecast does not cover `now`.
 fn sample_deck(
     now: Time<DroneClock>,
@@ -519,7 +517,7 @@ fn sample_deck(
     };
     let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
     for k in 0..=stages {
-        // A forecast stamped just ahead of now starts with its first stage.
+        // A forecast stamped ahead of now starts with its first stage.
         let t = (now + Span::from_secs(step_s * k as f64)).max(forecast.header.at);
         let beyond = (t - end).secs();
         if beyond > 0.0 {

@@ -8,7 +8,7 @@ use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
 use super::tests::naive;
 use super::*;
 
-/// Every tenth problem of a landing that starts 5 m from the deck's centre, and whether the solver was needed.
+/// Every tenth problem of a landing from 5 m off the deck's centre, and whether the solver was needed.
 fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     let (mut all, mut count) = (Vec::new(), 0);
     let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
@@ -21,7 +21,6 @@ fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     all
 }
 
-/// Costs of 20 stages with an increasing weight of the tilt.
 fn weights_that_grow() -> Vec<StageCost<4>> {
     let cost = |k: u8| StageCost {
         reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
@@ -98,7 +97,8 @@ fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// A volume's side turns and heaves with the deck, so that a drone may be on the wrong side without having moved.
+/// A volume's side turns and heaves with the deck, so the drone may be on the wrong side without having
+/// moved.
 #[test]
 fn planner_on_the_wrong_side_of_a_volume() {
     let config = PlannerConfig::default();

@@ -12,7 +12,7 @@ use super::law::LandingStart;
 use super::model::{INPUTS, ModelState, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 
-/// A plan as returned by the solver, exact at any time.
+/// Plan as returned by the solver.
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {
     pub at: Time<DroneClock>,
@@ -21,8 +21,9 @@ pub(super) struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// State and input at `t`, exactly: whole stages from the solver's states, the remainder by the discretised model.
-    /// Before the plan's start this is the start; after its end the drone continues at constant velocity and level.
+    /// State and input at `t`, exactly: whole stages from the solver's states, the remainder by the
+    /// discretised model. Before the plan it is the plan's start; after the end the drone continues level at
+    /// constant velocity.
     pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (ModelState, [f64; INPUTS]) {
         let step = mpc.step_s();
         let x = (t - self.at).secs().max(0.0) / step;
@@ -59,12 +60,12 @@ impl SolvedPlan {
 pub(super) struct PlanStart {
     pub state: ModelState,
     pub input: [f64; INPUTS],
-    /// Whether the plan starts from the measured state, independent of the previous plan.
+    /// Whether the plan starts from the measured state.
     pub measured: bool,
 }
 
-/// Start of the plan after `previous`, for a drone with this odometry in this wind (m/s²). With `landing`, the start is
-/// no higher above the drone and sinks no slower than `reset` allows, and it is shifted towards the drone's position.
+/// Start of the plan after `previous`, for a drone with this odometry in this wind (m/s²). With `landing`,
+/// `reset` limits its height above the drone and its sink rate, and it moves towards the drone's position.
 pub(super) fn start(
     now: Time<DroneClock>,
     drone: &DroneState,
@@ -93,8 +94,8 @@ pub(super) fn start(
                 ..
             }) = landing
             {
-                // A drone below its plan would meet the deck sooner and faster than planned. A drone above it keeps the
-                // plan, because the gap drives it down.
+                // A drone below its plan would meet the deck sooner and faster than planned. A drone above it
+                // is driven down by the gap, so the plan is kept.
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
@@ -110,7 +111,7 @@ pub(super) fn start(
             };
         }
     }
-    // All limits are soft except the inputs', and hover is within these.
+    // Limits are soft except the inputs', which hover satisfies.
     PlanStart {
         state: measured,
         input: [0.0; INPUTS],

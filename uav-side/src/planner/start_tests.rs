@@ -1,13 +1,13 @@
-//! Start of a landing's plan: at the drone if the drone is ahead of the plan, at the plan if the drone is behind, and
-//! between both if the drone is off to the side.
+//! Start of a landing's plan: at a drone that is ahead of the plan, at the plan for a drone that is behind,
+//! and between both for a drone off to the side.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use super::tests::approach::{ABOVE, Approach, MODERATE};
 use super::*;
 
-/// A descent of two seconds, then one odometry sample in which the drone is off its plan by `place` (m) and `faster`
-/// (m/s) on this axis. Returns the offset of the next plan's start from the last plan.
+/// Offset of the next plan's start from the last plan, for a drone that is off its plan by `place` (m) and
+/// `faster` (m/s) on this axis after a descent of two seconds.
 fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
     let config = PlannerConfig {
         kind,

@@ -15,7 +15,6 @@ pub(super) mod naive;
 
 use approach::{ABOVE, Approach, BenchSea, MODERATE, PlanFollower};
 
-/// The paper's planner without attitude alignment.
 #[derive(Debug)]
 struct Plain;
 impl Law for Plain {}
@@ -117,7 +116,7 @@ impl Bench {
             around: Surroundings::default(),
         }
     }
-    /// One tick of an ideal follower.
+    /// Tick of an ideal follower.
     fn tick(&mut self, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         self.follower.follow();
         let (now, header) = (self.follower.now(), self.follower.header());
@@ -133,13 +132,13 @@ impl Bench {
         self.follower.end_tick(plan);
         plan
     }
-    /// Runs `count` ticks; returns the last plan.
+    /// Last plan of `count` ticks.
     fn ticks(&mut self, count: usize, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         (0..count).filter_map(|_| self.tick(mission, sea)).last()
     }
 }
 
-/// Mission state that keeps the drone above the deck or takes it down to the deck.
+/// Mission above the deck or in a descent onto it.
 fn landing(state: Mode) -> MissionState {
     MissionState {
         state,
@@ -203,7 +202,6 @@ fn planner_rates() {
             height_m: 7.0,
             ..hold(ABOVE)
         };
-        // One second at 100 Hz.
         let plans = (0..100).filter(|_| b.tick(mission, Some(&MODERATE)).is_some());
         assert_eq!(plans.count(), rate_hz, "{state:?}");
     }
@@ -309,7 +307,7 @@ fn planner_escape_direction_and_sector() {
 
 #[test]
 fn planner_minimum_altitude() {
-    // Commanded to land 6 m off the deck, it may descend only to the minimum altitude over the water.
+    // A drone ordered to land 6 m off the deck descends only to the minimum altitude.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
     let mission = MissionState {
@@ -372,7 +370,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
 
 #[test]
 fn planner_without_a_forecast() {
-    // Alight sinks at 2.5 m/s when the forecast ends, and needs longer to return.
+    // Alight sinks at 2.5 m/s when the forecast ends, so it needs longer to return.
     [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)]
         .into_iter()
         .for_each(stays_without_forecast);
@@ -524,8 +522,8 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
 
-    /// A drone that starts outside a volume next to a rocking deck has to follow the deck, land, leave, or hold a place
-    /// anywhere, even within the volume.
+    /// A drone that starts outside a volume next to a rocking deck has to follow the deck, land, leave, or
+    /// hold a place anywhere, even in the volume.
     #[test]
     fn planner_clear_of_volumes(
         low in prop::array::uniform2(-5.0..4.0_f64), size in prop::array::uniform3(0.2..3.0_f64),

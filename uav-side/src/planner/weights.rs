@@ -1,5 +1,5 @@
-//! State weights that increase near the deck: Forcing Attitude Alignment (FAA) of Procházka et al. 2024, section III
-//! and Table 4.
+//! Weights that increase near the deck: Forcing Attitude Alignment (FAA), Procházka et al. 2024, section III,
+//! Table 4.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ use super::model::{ModelState, STATES, state};
 config! {
     /// Diagonal of Q far from the deck, by the paper's groups of states.
     ///
-    /// Defaults: Landing: Procházka 2024, Table 4, without the exponentials.
+    /// Defaults: Procházka 2024, Table 4, without the exponentials.
     #[derive(Copy)]
     pub struct Weights {
         /// Position x, y, 1/m².
@@ -54,7 +54,7 @@ impl Weights {
     }
 }
 
-/// One exponential: `gain e^(-decay d)`.
+/// Exponential `gain e^(-decay d)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExponentialWeight {
@@ -121,7 +121,7 @@ config! {
 }
 
 impl Faa {
-    /// Diagonal of Q at the clearance `d` of the foot plane above the deck, m; below the deck it is that of contact.
+    /// Diagonal of Q at the foot plane's clearance `d` above the deck, m; below the deck that at contact.
     pub fn apply(&self, far: &ModelState, clearance_m: f64) -> ModelState {
         let d = clearance_m.max(0.0);
         let mut q = *far;

@@ -1,6 +1,6 @@
-//! Agreement of independent measurements of the deck: its height by the rangefinder and by the camera, and its position
-//! by the camera and by the radio. A fault in one of them shows as a disagreement: images with late time stamps show a
-//! heaving deck at a past height; the tags of a neighbouring deck have the right ids at the wrong position.
+//! Agreement of the deck's height by rangefinder and by camera, and of its position by camera and by radio. A
+//! disagreement reveals a fault: images with late time stamps show a heaving deck at a past height; the tags
+//! of a neighbouring deck have the right ids at the wrong position.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::time::{DroneClock, Time};
@@ -9,15 +9,14 @@ use super::axis::AxisNoise;
 
 /// Averaging time of the rangefinder's disagreement, s: half the period of a swell.
 const MEMORY_S: f64 = 3.0;
-/// Maximum weight of one reading, as a time, s. After a gap, a single echo from the water next to the deck proves
-/// nothing.
+/// Maximum weight of one reading, as a time, s: a single echo from the water after a gap is no evidence.
 const READING_S: f64 = 0.2;
 /// Decay time of a contradiction, s: longer than a lull between two wave groups.
 const RELEASE_S: f64 = 30.0;
 /// Upper limit on one squared innovation, in variances: a gull below the drone is not a contradiction.
 const MAX_SQUARE: f64 = 100.0;
-/// Maximum distance between the positions by vision and by radio, in standard deviations of their slow errors. Rayleigh
-/// distributed: one valid landing in 3000 is rejected.
+/// Maximum distance between the positions by vision and by radio, in standard deviations of their slow
+/// errors. Rayleigh distributed: one valid landing in 3000 is rejected.
 pub(super) const PLACE_SD: f64 = 4.0;
 
 /// Rangefinder height compared with the height known without it.
@@ -31,7 +30,7 @@ struct Averaged {
     at: Time<DroneClock>,
     /// Mean of the normalised innovation squared.
     mean: f64,
-    /// Decaying maximum of the mean: trust in a faulty source returns slowly.
+    /// Decaying maximum of the mean, so that a faulty source stays rejected.
     peak: f64,
 }
 
@@ -48,7 +47,7 @@ impl HeightAgreement {
         let peak = mean.max(peak * (-dt / RELEASE_S).exp());
         self.newest = Some(Averaged { at, mean, peak });
     }
-    /// Recent maximum of the mean, 1 if the errors are as stated. None without readings and without a remembered
+    /// Recent maximum of the mean, 1 for errors as stated. None without readings or a remembered
     /// contradiction.
     pub(super) fn value(&self, now: Time<DroneClock>) -> Option<f64> {
         let n = self.newest?;
@@ -58,9 +57,9 @@ impl HeightAgreement {
     }
 }
 
-/// Horizontal distance between the positions by vision and by radio, and its limit from the spread of both, m. `offset`
-/// is vision minus radio, north and east. `taken` is the part of the offset caused by jumps of the autopilot's estimate
-/// since the deck was detected. `more` is an additional variance of the offset, m².
+/// Horizontal distance between the positions by vision and by radio, and its limit, m. `offset` is vision
+/// minus radio, north and east; `taken` is the part of it caused by jumps of the autopilot's estimate since
+/// the first detection; `more` is an additional variance, m².
 pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
@@ -96,7 +95,7 @@ mod tests {
         assert!(gull < 9.0, "{gull}");
         let late = after(6.0, |t| 6.0 * (1.3 * t).sin()).value(at).unwrap();
         assert!(late > 12.0, "{late}");
-        // The first reading after a time without readings is not a contradiction; a lasting contradiction is found.
+        // The first reading after a gap is not a contradiction; a lasting contradiction is found.
         let mut station = after(6.0, |_| 1.0);
         station.take(Time::from_secs(60.0), 40.0);
         let spot = station.value(Time::from_secs(60.0)).unwrap();

@@ -1,17 +1,17 @@
 //! Kalman filter of one degree of freedom of the deck.
 //!
-//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of vision,
-//! (value, rate) per oscillator]`. The deck's position or angle is `mean + sum of values`. The radio measures it with
-//! the radio's slow error (errors of the vessel's GNSS and compass), vision with vision's slow error (drone's GNSS
-//! error, camera mount). Both errors are first-order Gauss-Markov processes. The drift is another one: the velocity
-//! error of the odometry, which integrates into vision's slow error. The rotation (camera mount, attitude) shifts
-//! distant detections north and east and becomes observable during the descent. The oscillators are Fossen's wave
-//! filter (2011, section 8.2.6), discretised exactly.
+//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of
+//! vision, (value, rate) per oscillator]`. The deck's position or angle is `mean + sum of values`. The radio
+//! measures it with the radio's slow error (errors of the vessel's GNSS and compass), vision with vision's
+//! slow error (drone's GNSS error, camera mount). Both errors are first-order Gauss-Markov processes, as is
+//! the drift, the velocity error of the odometry, which integrates into vision's slow error. The rotation
+//! (camera mount, attitude) shifts distant detections north and east and becomes observable during the
+//! descent. The oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
 //!
-//! The degrees of freedom are chosen to be decoupled. They are the position of the deck's centre (not of the vessel's
-//! reference point) in NED, with its height for a level vessel (see `lever_arm_heave`), and the tilt for a vessel that
-//! heads north by its own compass, so that a turn does not affect the waves. Six filters of at most 18 states cost a
-//! tenth of a joint filter.
+//! The degrees of freedom are chosen to be decoupled: the position of the deck's centre (not of the vessel's
+//! reference point) in NED, with its height for a level vessel (see `lever_arm_heave`), and the tilt for a
+//! vessel that heads north by its own compass, so that a turn does not affect the waves. Six filters of at
+//! most 18 states cost a tenth of a joint filter.
 
 use alight_shared::estimation::reduce_covariance;
 
@@ -30,19 +30,17 @@ pub const RADIO: usize = 2;
 pub const VISION: usize = 3;
 /// Drift of vision: velocity error of the odometry.
 pub const DRIFT: usize = 4;
-/// Rotation of vision, rad. Multiplied by the distance along the line of sight, it gives the shift of a detection along
-/// this axis.
+/// Rotation of vision, rad. Times the distance along the line of sight, it is the shift of a detection.
 pub const TURN: usize = 5;
 /// Maximum number of states.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
-/// Reading of the vessel's compass minus that of the drone's, from the heading state, rad. Tilt refers to a vessel that
-/// heads north by its own compass, because its modes and estimates are by far the best information on tilt.
+/// Reading of the vessel's compass minus that of the drone's, rad. Tilt refers to a vessel that heads north
+/// by its own compass, because its modes and estimates are the best information on tilt.
 pub fn compass(heading: &[f64; MAX_STATES]) -> f64 {
     heading[RADIO] - heading[VISION]
 }
 
-/// Row of the measurement matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeasurementRow {
     /// Mean and waves, without slow errors.
@@ -51,7 +49,8 @@ pub enum MeasurementRow {
     Radio,
     /// Position in the drone's frame: level plus vision's slow error.
     Vision,
-    /// Camera measurement: level plus vision's slow error and rotation. The value is the lever arm of the rotation, m.
+    /// Camera measurement: level plus vision's slow error and rotation. The value is the rotation's lever
+    /// arm, m.
     Camera(f64),
     /// Vision's slow error minus the radio's.
     Offset,
@@ -72,13 +71,11 @@ pub struct Innovation {
     pub row: MeasurementRow,
     /// Measured minus predicted, m or rad, or their rates.
     pub value: f64,
-    /// Variance of the measurement.
     pub variance: f64,
 }
 
-/// Non-zero entries of measurement matrix row `row`, for a filter with `n` states.
+/// Non-zero entries of the row `row`, for a filter with `n` states.
 fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> {
-    // Entries of the head, and index of the first oscillator that is included.
     let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
         MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
         MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
@@ -94,7 +91,7 @@ fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> 
     head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
 }
 
-/// Noise parameters of one degree of freedom that do not depend on the waves.
+/// Wave-independent noise parameters of one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
     /// Spread and correlation time of the radio's slow error.
@@ -137,17 +134,16 @@ impl AxisNoise {
     }
 }
 
-/// Transition of all oscillators over one time step, shared by the six filters.
+/// Transition of all oscillators, shared by the six filters.
 #[derive(Clone, Debug)]
 pub struct OscillatorStep {
-    /// Time step, s.
     pub dt: f64,
     pub count: usize,
     /// Transitions by degree of freedom.
     transitions: [OscillatorTransition; AXES],
 }
 
-/// Transition and noise of the oscillators, in blocks by oscillator.
+/// In blocks by oscillator.
 #[derive(Clone, Copy, Debug)]
 pub struct OscillatorTransition {
     /// Row-major 2 x 2 blocks.
@@ -157,8 +153,8 @@ pub struct OscillatorTransition {
 }
 
 impl OscillatorStep {
-    /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its stationary covariance
-    /// `diag(1, omega²) sd²`.
+    /// Closed form of `exp(F dt)` of each damped oscillator, and the noise that keeps its covariance `diag(1,
+    /// omega²) sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
         OscillatorStep {
             dt,
@@ -206,8 +202,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Starts at this level with standard deviation `sd`, a rate of zero with `rate_sd`, and waves and errors with
-    /// their stationary spread.
+    /// Starts at this level with standard deviation `sd`, at a rate of zero with `rate_sd`, and with the
+    /// stationary spread of waves and errors.
     pub fn new(
         noise: &AxisNoise,
         oscillators: &[Oscillator],
@@ -253,7 +249,7 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
-    /// Replaces the modes, and the residual oscillator about them, by these oscillators.
+    /// Replaces modes and residual oscillator by these oscillators.
     pub fn hold(&mut self, oscillators: &[Oscillator], axis: usize, held: &HandOver) {
         let left = [self.x[HEAD], self.x[HEAD + 1]];
         self.n = HEAD;
@@ -269,7 +265,7 @@ impl Axis {
             }
         }
     }
-    /// Replaces all oscillators by a single one that is their sum, with covariance `T P T'`.
+    /// Replaces all oscillators by their sum, with covariance `T P T'`.
     pub fn fold_oscillators(&mut self) {
         for k in (HEAD + 2..self.n).step_by(2) {
             for (to, from) in [(HEAD, k), (HEAD + 1, k + 1)] {
@@ -339,12 +335,10 @@ impl Axis {
         }
     }
 
-    /// Predicted measurement of `row`, and its variance.
     pub fn project(&self, row: MeasurementRow) -> (f64, f64) {
         let mut ph = [0.0; MAX_STATES];
         (self.predicted(row), self.predict_variance(row, &mut ph))
     }
-    /// Predicted measurement of `row`.
     pub fn predicted(&self, row: MeasurementRow) -> f64 {
         entries(row, self.n).map(|(i, h)| h * self.x[i]).sum()
     }
@@ -362,7 +356,6 @@ impl Axis {
         var.max(0.0)
     }
 
-    /// Innovation of `value`, measured by `row` with this variance.
     pub fn innovation(&self, row: MeasurementRow, value: f64, variance: f64) -> Innovation {
         Innovation {
             row,
@@ -370,13 +363,11 @@ impl Axis {
             variance,
         }
     }
-    /// The innovation in standard deviations.
     pub fn normalised(&self, innovation: &Innovation) -> f64 {
         let (_, var) = self.project(innovation.row);
         innovation.value.abs() / (var + innovation.variance).max(1e-300).sqrt()
     }
 
-    /// Fuses a scalar measurement with variance `r`.
     pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
         self.correct(&self.innovation(row, value, r));
     }
@@ -395,7 +386,7 @@ impl Axis {
         reduce_covariance(self.p.iter_mut().map(|row| &mut row[..]), &ph[..self.n], s);
     }
 
-    /// Resets state `k` to zero with spread `sd`, uncorrelated with all other states.
+    /// Resets state `k` to zero with spread `sd`, uncorrelated with the others.
     pub fn forget(&mut self, k: usize, sd: f64) {
         for j in 0..self.n {
             (self.p[k][j], self.p[j][k]) = (0.0, 0.0);
@@ -403,7 +394,6 @@ impl Axis {
         (self.x[k], self.p[k][k]) = (0.0, sd * sd);
     }
 
-    /// Whether all numbers in use are finite.
     pub fn is_finite(&self) -> bool {
         self.x.iter().take(self.n).all(|v| v.is_finite())
             && self
@@ -414,7 +404,6 @@ impl Axis {
     }
 }
 
-/// Transition of the head over one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Head {
     /// Gain from the mean rate to the mean, s.
@@ -433,7 +422,6 @@ pub struct Head {
     pub turn: f64,
 }
 
-/// Process noise of the head over one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadNoise {
     pub mean: f64,
@@ -449,7 +437,6 @@ pub struct HeadNoise {
 }
 
 impl Head {
-    /// Transition over `dt`.
     pub fn new(n: &AxisNoise, dt: f64) -> Self {
         let rate = (-dt / n.rate_time).exp();
         let drift = (-dt * decays(n).1).exp();
@@ -479,10 +466,10 @@ impl Head {
             v[i + 1] = a[2] * value + a[3] * rate;
         }
     }
-    /// Process noise over `dt`. The random walk of the rate ignores the decay over `dt`, which is conservative. The
-    /// drift and its effect on vision's slow error are exact: with decays `a` and `b` of the two, a pulse of drift has
-    /// added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`, and the (co)variances are the integrals of `g²` and `g
-    /// e^-bs`.
+    /// Process noise over `dt`. The random walk of the rate ignores the decay over `dt`, which is
+    /// conservative. The drift and its effect on vision's slow error are exact: with their decays `a` and `b`
+    /// a pulse of drift has added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`; the (co)variances are the
+    /// integrals of `g²` and `g e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
         let (sd, left) = (n.drift.0, self.drift);
         let (a, b, apart) = decays(n);
@@ -504,7 +491,7 @@ impl Head {
     }
 }
 
-/// Decay rates of vision's slow error and of its drift (1/s), and their difference, which is never exactly zero.
+/// Decay rates of vision's slow error and of its drift (1/s), and their difference, which is never zero.
 fn decays(n: &AxisNoise) -> (f64, f64, f64) {
     let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
     let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };

@@ -1,10 +1,10 @@
-//! Position of the vessel from its beacon or from its last known position. Each horizontal axis has a Kalman filter of
-//! position and velocity. The beacon's slow error is measured by the camera once it detects the deck.
+//! Position of the vessel from its beacon or its last known position. Each horizontal axis has a Kalman
+//! filter of position and velocity. The camera measures the beacon's slow error once it detects the deck.
 //!
 //! ```text
-//! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
-//! z = x + white                         white: a third of the beacon's stated error, and its stated velocity error
-//! p = q + b,  b ~ Gauss-Markov          b: the rest of the stated error, and that of the drone's own receiver
+//! x = (q, v),  q' = v,  v' = w          the beacon's position and velocity
+//! z = x + white                         white: a third of the beacon's stated error, and velocity error
+//! p = q + b,  b ~ Gauss-Markov          b: the rest of the stated error, and the drone's own receiver's
 //! ```
 
 use alight_shared::frames::{DroneNed, Vector};
@@ -20,35 +20,35 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Correlation time of a receiver's slow error, s; the same as for the vessel's receiver.
+/// Correlation time of a receiver's slow error, s; as for the vessel's receiver.
 const BIAS_TIME_S: f64 = 300.0;
 /// Fraction of a beacon's stated error that is white between messages.
 const WHITE: f64 = 1.0 / 3.0;
-/// Random walk of a vessel's velocity after 1 s: constant part for a vessel at rest, m/s, and a fraction of the speed,
-/// as in a turn.
+/// Random walk of a vessel's velocity after 1 s: of a vessel at rest, m/s, and as a fraction of the speed.
 const VELOCITY_WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
 /// Error of the drone's own receiver per axis, m.
 const OWN_SD_M: f64 = 1.0;
-/// Difference between mean sea level and the water level, m: tides, geoid, the receiver's height. It is half the
-/// maximum that the mission allows when it checks a height against the sea.
+/// Difference between mean sea level and the water level, m: tides, geoid, the receiver's height. Half of the
+/// mission's limit for heights against the sea.
 const SEA_SD_M: f64 = 4.0;
 /// Tilt (rad) and heave rate (m/s) of an undetected deck: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
-/// Silence after which another beacon of at least equal accuracy replaces a beacon, s: three messages of slow beacons.
+/// Silence after which another beacon of equal or better accuracy takes over, s: three messages of slow
+/// beacons.
 const REPLACED_AFTER_S: f64 = 3.0;
-/// Maximum error of a second beacon that replaces an active beacon, as a fraction of the active beacon's error: half
-/// the variance. A change discards velocity and offset of the track, and two beacons of similar accuracy must not
+/// Maximum error of a beacon that replaces an active one, as a fraction of the active one's error: half the
+/// variance. A change discards velocity and offset of the track, so two beacons of similar accuracy must not
 /// alternate.
 const MORE_EXACT: f64 = 0.7;
-/// Time for which the last velocity is extrapolated once nothing is received or detected any more, s. After that time,
-/// even a vessel at rest may be outside the range of a search.
+/// Time after the last message or detection for which its velocity is extrapolated, s. Later even a vessel at
+/// rest may be outside the range of a search.
 const LAST_KNOWN_S: f64 = 300.0;
 /// Minimum speed at which the course is used as heading, m/s.
 const COURSE_MPS: f64 = 0.5;
 
-/// One horizontal axis: position and velocity by the beacon, with covariance.
+/// One horizontal axis: position and velocity, with covariance.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     x: Vector2<f64>,
@@ -62,7 +62,7 @@ impl Axis {
             p: Matrix2::from_diagonal(&noise(m)),
         }
     }
-    /// State after another `dt` seconds, for a vessel at this speed, m/s.
+    /// State after another `dt` seconds at this speed, m/s.
     fn after(&self, dt: f64, speed_mps: f64) -> Axis {
         let f = Matrix2::new(1.0, dt, 0.0, 1.0);
         let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
@@ -82,7 +82,7 @@ impl Axis {
     }
 }
 
-/// White-noise variances of position and velocity in a message.
+/// White-noise variances of position and velocity.
 fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
@@ -103,8 +103,8 @@ pub(super) struct BeaconEstimate {
 /// Track of the selected beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconTrack {
-    /// Origin of the local frame: the position in the first message, so that jumps of the drone's frame do not affect
-    /// it.
+    /// Origin of the local frame: the first message's position, so that jumps of the drone's frame have no
+    /// effect.
     origin: Datum,
     newest: DeckBeacon,
     axes: [Axis; 2],
@@ -120,8 +120,8 @@ pub(super) struct Level {
 }
 
 impl BeaconTrack {
-    /// Track that starts from the vessel as known at `now` by radio and camera: `place` of the deck in the drone's NED,
-    /// and mean `velocity`. None if the vessel is too fast or too far away for a beacon message.
+    /// Track that starts from radio and camera: `place` of the deck in the drone's NED, and mean `velocity`.
+    /// None for a vessel that is too fast or too far away for a beacon message.
     pub(super) fn of_vessel(
         now: Time<DroneClock>,
         drone: &DroneState,
@@ -168,14 +168,15 @@ impl BeaconTrack {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
-    /// Standard deviation of a message's position at `t`, m: as stated, plus the vessel's possible change of velocity
+    /// Standard deviation of a message's position at `t`, m: as stated, plus possible changes of velocity
     /// since.
     fn message_sd_m(m: &DeckBeacon, t: Time<DroneClock>) -> f64 {
         let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
         (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
     }
-    /// Adds a checked message to the track. A message from another source replaces the track if the current track has
-    /// ended, is clearly less accurate, or is silent and not more accurate. Returns whether the message is used.
+    /// Adds a checked message. A message from another source replaces the track if the current track has
+    /// ended, is clearly less accurate, or is silent and not more accurate. Returns whether the message is
+    /// used.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
         let known = track.filter(|t| t.lasts(now));
@@ -206,21 +207,19 @@ impl BeaconTrack {
         *track = Some(known);
         true
     }
-    /// Updates the beacon's error from the deck's position by vision, `detected` (north and east in the drone's NED,
-    /// m).
+    /// Updates the beacon's error from the deck's position by vision (north and east in the drone's NED, m).
     pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, detected: Vector2<f64>) {
         if let Some(at) = self.placed(now, drone) {
             self.offset = Some((now, detected - at));
         }
     }
-    /// Applies a jump of the autopilot's estimate: the detection moves with the drone, the beacon's position with the
-    /// datum.
+    /// Applies a jump of the autopilot's estimate, which moves detection and beacon differently.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some((_, offset)) = &mut self.offset {
             *offset += jump.moved.xy() - jump.datum.xy();
         }
     }
-    /// Position by the beacon alone, in the drone's NED, m. None if the vessel is too far away for a tangent plane.
+    /// Position by the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
     fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
         let origin = Datum {
             height_m: 0.0,
@@ -236,7 +235,7 @@ impl BeaconTrack {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
-        // The measured part of the slow error decays with the error's correlation time.
+        // The measured part of the slow error decays with its correlation time.
         let (offset, slow) = self.offset.map_or((Vector2::zeros(), slow), |(at, offset)| {
             let keeps = (-(now - at).secs().max(0.0) / BIAS_TIME_S).exp();
             (offset * keeps, slow * (1.0 - keeps * keeps))
@@ -253,7 +252,7 @@ impl BeaconTrack {
 }
 
 impl BeaconEstimate {
-    /// Distance of the observation `o` from the beacon's position, and the limit of that distance, m.
+    /// Distance of `o` from the beacon's position, and its limit, m.
     pub(super) fn apart(&self, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
@@ -262,7 +261,7 @@ impl BeaconEstimate {
         let limit = PLACE_SD * self.sd_m;
         Some([apart, limit])
     }
-    /// Course of the vessel, rad; north if it makes no way.
+    /// Course of the vessel, rad; north for a vessel at rest.
     pub(super) fn course_rad(&self) -> f64 {
         let [north, east] = self.velocity.into();
         if self.velocity.norm() > COURSE_MPS {
@@ -271,7 +270,7 @@ impl BeaconEstimate {
             0.0
         }
     }
-    /// Predicted stages every `step_s`: a level deck at height `deck_z` (NED, m) on a straight course.
+    /// Stages every `step_s`: a level deck at height `deck_z` (NED, m) on a straight course.
     pub(super) fn stages(&self, deck_z: f64, step_s: f64) -> Seq<DeckStage, FORECAST_STAGES> {
         let (v, v_sd) = (self.velocity, self.velocity_sd_mps);
         Seq::filled((0..FORECAST_STAGES).map(|k| {
@@ -319,7 +318,7 @@ mod tests {
             ..DroneState::default()
         }
     }
-    /// Track of a vessel that moves north at 2 m/s, with a message per second until `until_s`.
+    /// Vessel that moves north at 2 m/s, with a message per second until `until_s`.
     fn followed(until_s: u32) -> Option<BeaconTrack> {
         let mut track = None;
         for k in 0..=until_s {
@@ -348,8 +347,8 @@ mod tests {
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
     }
 
-    /// When reception ends, the vessel is known to 0.3 m and 0.1 m/s. Its position then becomes as uncertain as that of
-    /// a sortie's beacon.
+    /// At the end of reception the vessel is known to 0.3 m and 0.1 m/s. Its position then becomes as
+    /// uncertain as that of a sortie's beacon.
     #[test]
     fn vessel_known_last() {
         let level = |value, sd| Level { value, sd };
@@ -377,7 +376,7 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame has moved, so the position has moved too.
+        // The drone's frame and the position move together.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()
@@ -408,12 +407,12 @@ mod tests {
         let now = Time::from_secs(20.5);
         let phone = message(BeaconSource::FollowTarget, 20.4, 500.0, 50.0);
         assert!(!BeaconTrack::receive(&mut track, now, &phone));
-        // The other beacon takes over once the track has ended.
         let late = Time::from_secs(32.0);
         let phone = message(BeaconSource::FollowTarget, 32.0, 500.0, 50.0);
         assert!(BeaconTrack::receive(&mut track, late, &phone));
         assert!((track.unwrap().known(late, &drone()).unwrap().place.x - 500.0).abs() < 0.1);
-        // With two beacons of similar accuracy, the active one stays. A clearly more accurate one replaces it at once.
+        // Of two beacons with similar accuracy the active one stays. A clearly more accurate one replaces it
+        // at once.
         let mut track = followed(20);
         for (place_sd_m, at_s, counts) in [(5.0, 20.5, false), (4.9, 21.0, false), (3.0, 21.5, true)] {
             let m = message(BeaconSource::FollowTarget, at_s, 40.0, place_sd_m);
@@ -423,7 +422,7 @@ mod tests {
         let (mut track, now) = (followed(20), Time::from_secs(23.5));
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
-        // An old message has a larger error than its stated one.
+        // The error of an old message exceeds its stated one.
         let now = Time::from_secs(200.0);
         for (at_s, counts) in [(20.0, false), (200.0, true)] {
             let mut track = None;
@@ -436,7 +435,6 @@ mod tests {
             let taken = BeaconTrack::receive(&mut track, now, &ais);
             assert_eq!(taken, counts, "AIS of {at_s} s");
         }
-        // No estimate remains after the track has ended.
         let mut none = None;
         let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);
         assert!(!BeaconTrack::receive(&mut none, now, &old) && none.is_none());

@@ -1,6 +1,6 @@
-//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. The camera cannot
-//! detect the deck in the last half metre, so a predictor that restarts there without a checkpoint would know its
-//! position only to the error of two GNSS receivers.
+//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. The camera
+//! cannot detect the deck in the last half metre; without a checkpoint a predictor that restarts there would
+//! know the deck's position only to the error of two GNSS receivers.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
@@ -12,7 +12,6 @@ use super::track::JUMP_M;
 use super::waves::AXES;
 use alight_shared::checkpoint::validate;
 
-/// Whether `m` applies to this drone and this start of the vessel.
 pub(super) fn is_valid(
     now: Time<DroneClock>,
     drone: &DroneState,
@@ -32,7 +31,7 @@ pub(super) fn variances(
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
-/// Whether the odometry's origin is unchanged, i.e. the drone has moved as its velocities predict.
+/// Whether the odometry's origin is unchanged: the drone has moved as its velocities predict.
 fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     if drone.datum != given.datum {
         return false;
@@ -48,8 +47,7 @@ fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     (moved - mean * dt).norm() <= JUMP_M
 }
 
-/// Variance of an offset after `age` (s). Both slow errors continue to change; the odometry's drift is constant in the
-/// worst case.
+/// Variance of an offset after `age` (s): slow errors change, the odometry's drift is constant at worst.
 fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
     let walk = |(sd, time): (f64, f64)| 2.0 * sd * sd * age / time;
     variance + walk(noise.radio) + walk(noise.vision) + (noise.drift.0 * age).powi(2)

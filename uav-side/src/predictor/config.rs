@@ -10,7 +10,7 @@ fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
 }
 
 config! {
-    /// The predictor's model of deck, drone, sensors and sea. Lists of six are in the order north, east, down (m), deck
+    /// The predictor's model of deck, drone, sensors and sea. Lists of six: north, east, down (m), deck
     /// normal about north, about east (rad), heading (rad).
     pub struct PredictorConfig {
         /// Forecasts per second.
@@ -29,12 +29,12 @@ config! {
         #[serde(skip)]
         pub beacons: bool = false;
         /// Spread of the radio's slow error.
-        /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg. Ours.
+        /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg.
         pub radio_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [0.3, 0.3, 1.5]), in 0.0..=100.0;
         /// Correlation time of the radio's slow error, s.
         pub radio_bias_time_s: [f64; 6] = [300.0, 300.0, 300.0, 60.0, 60.0, 100.0], in 0.1..=1e6;
         /// Spread of vision's slow error.
-        /// Source: GNSS of the drone: 1 m; camera mount 1 deg with the drone's own attitude error.
+        /// Source: GNSS of the drone: 1 m; camera mount and the drone's attitude: 1 deg.
         pub vision_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [1.2, 1.2, 1.5]), in 0.0..=100.0;
         /// Correlation time of vision's slow error, s.
         /// Source: the frame of the smooth odometry moves only by its drift.
@@ -62,8 +62,8 @@ config! {
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
         /// Damping ratio of the residual motion.
         pub residual_damping: f64 = 0.1, in 0.05..=0.95;
-        /// Damping ratio of the residual motion in heave, tilt and heading with fresh modes: a prediction error fades
-        /// within a quarter of a wave.
+        /// Damping ratio of the residual motion in heave, tilt and heading with fresh modes: a prediction
+        /// error fades within a quarter of a wave.
         pub residual_fresh_damping: f64 = 0.9, in 0.05..=0.95;
         /// Angular frequencies of the default oscillators, used until the vessel sends a wave model, rad/s.
         /// Source: same as the vessel model's broad default.
@@ -72,18 +72,20 @@ config! {
         pub bank_damping: f64 = 0.1, in 1e-3..=0.95;
         /// Spread of each default oscillator.
         pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
-        /// Fraction of the vessel's stated variance that is common to all its estimates and does not average out.
+        /// Fraction of the vessel's stated variance that all its estimates have in common and that does not
+        /// average out.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
         /// Minimum standard deviation of a tag's position, m.
-        /// Chosen: what remains at close range; at long range the detector's own variance dominates.
+        /// Chosen: the error at close range; at long range the detector's own variance dominates.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;
         /// Minimum standard deviation of a tag's attitude, rad.
         pub tag_min_sd_rad: f64 = f64::to_radians(0.6), in 1e-4..=1.0;
-        /// Fraction of the drone's stated position variance that is fused as noise of vision. The rest is common to the
-        /// drone's present position and cancels.
+        /// Fraction of the drone's stated position variance that counts as vision noise. The rest cancels,
+        /// because it is also in the drone's present position.
         /// Chosen: tuned at Moderate.
         pub drone_variance_fraction: f64 = 0.0, in 0.0..=1.0;
-        /// Error of vision as a fraction of the distance, without the mount's error; it is the same in all detections.
+        /// Error of vision as a fraction of the distance, the same in all detections, without the mount's
+        /// error.
         /// Chosen: a tag of 71 px at 7 m appears 11 cm too near.
         pub vision_scale_sd: f64 = 0.012, in 0.0..=0.5;
         /// Position error of the camera's mount, m.
@@ -96,12 +98,12 @@ config! {
         /// Minimum standard deviation of a rangefinder reading, m.
         /// Source: rangefinder accuracy of 3 cm.
         pub range_min_sd_m: f64 = 0.03, in 1e-3..=1.0;
-        /// Innovations beyond this many standard deviations are rejected.
+        /// Number of standard deviations beyond which innovations are rejected.
         pub gate_sd: f64 = 5.0, in 2.0..=20.0;
         /// Use the vessel's wave model.
-        /// Source: always on; switched off only for comparisons.
+        /// Source: always on; off only for comparisons.
         pub use_wave_model: bool = true;
-        /// Use the vessel's estimates only while the newest tag detection is older than this, s; 0 to use them always.
+        /// Age of the newest tag detection from which the vessel's estimates are used, s; 0: always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;
         /// Time for which radio and vision count as fresh, s.
         pub fresh_s: f64 = 1.0, in 0.1..=10.0;

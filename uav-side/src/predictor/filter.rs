@@ -1,4 +1,4 @@
-//! The six filters over time: observations are fused at their own time of validity, in any order of arrival.
+//! The six filters over time: observations are fused at their own time, in any order of arrival.
 
 use std::collections::VecDeque;
 
@@ -18,30 +18,28 @@ use super::shift;
 use super::track::FrameJump;
 use super::waves::{AXES, TILT, Waves};
 
-/// Maximum number of observations kept for reordering.
+/// Maximum number of observations stored for reordering.
 const MAX_ENTRIES: usize = 96;
 /// Maximum age of an observation relative to the newest one, s.
 const MAX_LATE_S: f64 = 1.0;
 /// Consecutive rejections after which vision or radio is accepted again.
 const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
-/// Maximum lateral acceleration in a turn, m/s²; above that of all supported vessels.
+/// Maximum lateral acceleration in a turn, m/s²; above that of any supported vessel.
 const MAX_TURN_MPS2: f64 = 2.0;
-/// Maximum speed, m/s; above that of all supported vessels.
+/// Maximum speed, m/s; above that of any supported vessel.
 const MAX_SPEED_MPS: f64 = 10.0;
-/// Maximum turn in one step, rad; a larger one is invalid.
+/// Maximum turn in one valid step, rad.
 const MAX_BEND_RAD: f64 = 1.0;
 
 /// Degrees of freedom that are rejected as a group.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 
-/// Outcome of fusing an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fused {
-    /// Fused completely.
     All,
-    /// Partly or not fused: number of groups of degrees of freedom rejected as outliers.
+    /// Partly or not fused: number of rejected groups of degrees of freedom.
     Rejected(u32),
-    /// Older than the stored history.
+    /// Older than the history.
     Late,
     /// An observation with this time and source has already been fused.
     Duplicate,
@@ -53,7 +51,6 @@ pub type FilterState = [Axis; AXES];
 struct Entry {
     at: Time<DroneClock>,
     observation: Option<DeckObservation>,
-    /// State after the observation.
     after: Box<FilterState>,
 }
 
@@ -73,14 +70,14 @@ pub struct Filter {
     observed: [bool; AXES],
     /// Whether the newest position in the drone's frame is a relative position of the moving base.
     by_relative: bool,
-    /// Sum of the jumps of the autopilot's estimate that changed vision's slow error relative to the radio's, north and
-    /// east, m.
+    /// Sum of the jumps of the autopilot's estimate that changed vision's slow error minus the radio's, north
+    /// and east, m.
     taken: [f64; 2],
     started: Time<DroneClock>,
 }
 
 impl Filter {
-    /// Initialises the filters from `first`. Degrees of freedom that `first` does not contain start level.
+    /// Initialises the filters from `first`. Degrees of freedom without a value start at zero.
     pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &DeckObservation) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
@@ -117,7 +114,7 @@ impl Filter {
         f
     }
 
-    /// Initialises the camera's rotation from another filter, if this one has just started.
+    /// Initialises the camera's rotation of a new filter from another one.
     pub fn adopt_mount(&mut self, known: &FilterState) {
         let Some(first) = self.entries.front_mut().filter(|e| e.observation.is_none()) else {
             return;
@@ -130,11 +127,10 @@ impl Filter {
         }
     }
 
-    /// State at `t`, predicted from the observations up to then.
     pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> FilterState {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);
         let Some(before) = self.entries.get(i - 1) else {
-            // Unreachable, since entries are never empty; returns a level deck.
+            // Unreachable, since entries are never empty.
             return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0));
         };
         let mut state = *before.after;
@@ -154,13 +150,12 @@ impl Filter {
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.entries.back().map(|e| e.at)
     }
-    /// Sets whether the radio is received.
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
-    /// Noise parameters in state `s`. Under way, the helmsman and the waves change the mean velocity. In a turn it
-    /// changes by more than the turn itself, because the hull slips sideways and slows down. Without the radio a
-    /// constant course is assumed, because vision cannot distinguish a change of the mean velocity from waves.
+    /// Noise parameters in state `s`. Under way, the helmsman and the waves change the mean velocity; in a
+    /// turn, the hull also slips sideways and slows down. Without the radio a constant course is assumed,
+    /// because vision cannot distinguish a change of the mean velocity from waves.
     pub fn noise(&self, s: &FilterState) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
         if let Some(t) = turning(s).filter(|_| self.radio_available) {
@@ -172,15 +167,14 @@ impl Filter {
         }
         noise
     }
-    /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         self.entries
             .back()
             .is_some_and(|e| e.after.iter().all(Axis::is_finite))
     }
 
-    /// Propagates a state between two times, from the newest modes at `from` to the newest modes at `to`. The
-    /// difference between the modes of two messages is not motion of the deck, so it is moved into the residual.
+    /// Propagates a state from the newest modes at `from` to the newest modes at `to`. The difference between
+    /// two messages' modes is no motion of the deck, so it is moved into the residual.
     fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -196,10 +190,10 @@ impl Filter {
         if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
-                // The starting point of an integrated velocity is arbitrary and not wave motion.
+                // The integration constant of the velocity is arbitrary; it is not wave motion.
                 a.x[if course { MEAN } else { HEAD }] += change.value[i];
                 a.x[HEAD + 1] += change.rate[i];
-                // Pseudo-measurement: the newer modes leave a residual of the size that the vessel states.
+                // Pseudo-measurement: the newer modes leave the residual that the vessel states.
                 if let Some(o) = oscillators.first() {
                     let var = o.sd[i].powi(2);
                     if !course {
@@ -210,7 +204,7 @@ impl Filter {
             }
         }
     }
-    /// Drops all states except the newest, because older states were computed with other oscillators.
+    /// Drops all states except the newest; they were computed with other oscillators.
     fn keep_newest(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -218,8 +212,7 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
-    /// Fuses the predecessor's difference between vision's slow error and the radio's, with the variance that the
-    /// difference has now.
+    /// Fuses the predecessor's difference of vision's and the radio's slow errors, with its present variance.
     pub fn resume(&mut self, m: &PredictorCheckpoint, variance: &[f64; AXES]) {
         self.observed = [true; AXES];
         self.sources[ObservationKind::Tag as usize].fused_at = m.tag_at;
@@ -229,8 +222,8 @@ impl Filter {
             a.update(MeasurementRow::Offset, m.offset[i], variance[i]);
         }
     }
-    /// Discards a wrong measured position in the drone's frame: the uncertainty of each axis grows by `apart_m`, and
-    /// the camera's rotation, which may have absorbed part of the error, is reset.
+    /// Discards a wrong position in the drone's frame: adds `apart_m` to the uncertainty of each axis, and
+    /// resets the camera's rotation, which may have absorbed part of the error.
     pub fn give_up_place(&mut self, apart_m: f64) {
         let noise = self.noise;
         self.by_relative = false;
@@ -240,19 +233,20 @@ impl Filter {
             a.forget(TURN, n.turn.0);
         }
     }
-    /// Switches from the default oscillators to the vessel's identified modes; their motion becomes modes and residual.
+    /// Replaces the default oscillators by the vessel's identified modes; motion is divided into modes and
+    /// residual.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.keep_newest() else { return };
         let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
-            // The starting point of an integrated velocity is arbitrary and not wave motion.
+            // The integration constant of the velocity is arbitrary; it is not wave motion.
             a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i];
             a.x[HEAD + 1] -= modes.rate[i];
         }
     }
-    /// Replaces modes that are too old to extrapolate by oscillators, from the newest observation on. The residual
-    /// motion is distributed among them in proportion to their variances.
+    /// From the newest observation on, replaces modes that are too old to extrapolate by oscillators, which
+    /// share the residual motion in proportion to their variances.
     pub fn hold_modes(&mut self, waves: &mut Waves) {
         let Some(at) = self.newest() else { return };
         let Some(held) = waves.hand_over(at) else {
@@ -264,12 +258,12 @@ impl Filter {
             a.hold(&oscillators, i, &held);
         }
     }
-    /// Recomputes the states since `since` with the modes of a newer message.
+    /// Recomputes the states since `since` with newer modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
     }
 
-    /// Fuses `o` at its own time, and replays all later observations.
+    /// Fuses `o` at its own time, and repeats all later observations.
     pub fn fuse(&mut self, waves: &Waves, o: &DeckObservation) -> Fused {
         let i = self.entries.partition_point(|e| e.at <= o.at);
         let late = self
@@ -323,7 +317,7 @@ impl Filter {
         }
     }
 
-    /// Records which degrees of freedom were measured in the drone's frame; `used` states whether a group was accepted.
+    /// Records which degrees of freedom were measured in the drone's frame; `used`: accepted groups.
     fn note(&mut self, o: &DeckObservation, used: impl Fn(usize) -> bool) {
         match o.kind {
             ObservationKind::Estimate => return,
@@ -341,7 +335,7 @@ impl Filter {
         }
     }
 
-    /// Fuses the observations from entry `from` on again.
+    /// Repeats the observations from entry `from` on.
     fn replay(&mut self, waves: &Waves, from: usize) {
         for k in from..self.entries.len() {
             let Some((state, at)) = k
@@ -365,7 +359,6 @@ impl Filter {
         }
     }
 
-    /// Applies a jump of the autopilot's estimate.
     pub fn shift(&mut self, jump: &FrameJump) {
         let before = self.offsets();
         let by_relative = self.by_relative;
@@ -409,9 +402,9 @@ impl Filter {
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at the time of the
-    /// detection. None if the distance is within the limit, or if a `followed` deck is detected at its previous
-    /// position.
+    /// Distance of a detection from the radio's position, and its limit, m, if it exceeds the limit and a
+    /// `followed` deck is not detected at its previous position. `s` is the state at the time of the
+    /// detection.
     pub fn elsewhere(
         &self,
         waves: &Waves,
@@ -427,8 +420,7 @@ impl Filter {
         let [apart, limit] = self.apart(waves, s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Distance of a detection from the radio's position, and its limit, m; `s` is the state at the time of the
-    /// detection.
+    /// Distance of a detection from the radio's position, and its limit, m, for the state `s` at its time.
     pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
         let variance = |i: usize| {
@@ -440,8 +432,8 @@ impl Filter {
         Some(agreement::place(apart, more, &self.noise, self.taken))
     }
 
-    /// Records the result. After many consecutive rejections of a source, the source is assumed right and the filter
-    /// wrong, so the uncertainty of the states concerned is increased.
+    /// Records the result. Many consecutive rejections of a source show that the filter is wrong, so its
+    /// uncertainty is increased.
     fn record(&mut self, o: &DeckObservation, rejected: u32) {
         let source = &mut self.sources[o.kind as usize];
         source.record(o.at, 0.0, rejected == 0);
@@ -485,9 +477,8 @@ fn turning(s: &FilterState) -> Option<Turning> {
     })
 }
 
-/// Rotates the mean velocity of a turning vessel over the last `dt` (s): `v' = omega x v`, the coordinated turn
-/// (Bar-Shalom, Li and Kirubarajan 2001, section 11.7). Heel and trim are rotated as well. Only the means are rotated,
-/// not the covariances.
+/// Rotates the mean velocity, heel and trim of a turning vessel over the last `dt` (s), without covariances:
+/// `v' = omega x v`, the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7).
 fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
@@ -508,7 +499,7 @@ fn propagate_turn(s: &mut FilterState, dt: f64) {
     }
 }
 
-/// Innovations of a detection's position, north and east, with `row` as their measurement row.
+/// Innovations of a detection's position, north and east, measured by `row`.
 fn place(
     s: &FilterState,
     waves: &Waves,
@@ -522,12 +513,12 @@ fn place(
     Some([(0, north), (1, east)].map(|(i, (v, r))| s[i].innovation(row, v - modes[i], r)))
 }
 
-/// Updates vision's rotation from the tag's attitude, i.e. from measured minus predicted tilt. `common` (rad) is the
-/// error of the vessel's own tilt. It is in all measurements, so it does not average out.
+/// Updates vision's rotation from the tag's measured minus predicted tilt. `common` (rad) is the error of the
+/// vessel's own tilt, which does not average out because all measurements contain it.
 fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>; AXES], common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some(nu) = &innovations[j] else { continue };
-        // The measured tilt is relative to the level without vision's slow error.
+        // Measured tilt relative to the level without vision's slow error.
         let measured = nu.value + s[j].x[VISION];
         let (_, var) = s[j].project(MeasurementRow::Level);
         s[i].update(
@@ -539,11 +530,11 @@ fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>
     }
 }
 
-/// Fuses an observation into a state of the same time. Returns a bit mask of the rejected groups.
+/// Fuses an observation into a state of the same time. Returns the rejected groups as a bit mask.
 fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, common: f64) -> u32 {
     let modes = waves.motion(o.at);
     let innovations = innovations(s, &modes, waves.lever_arm(), o);
-    // An invalid value also counts as an outlier.
+    // An invalid value is an outlier, too.
     let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
     let rate =
         |a: &Axis, i: usize| o.rate[i].map(|(v, r)| a.innovation(MeasurementRow::Rate, v - modes.rate[i], r));

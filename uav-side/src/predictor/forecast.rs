@@ -1,4 +1,4 @@
-//! Forecast: the deck's motion over the horizon, from the present state of the filters.
+//! Forecast of the deck's motion over the horizon, from the present state of the filters.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Seq;
@@ -13,16 +13,15 @@ use super::axis::{
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
-/// Stages at which the variance is computed; in between it is interpolated.
+/// Stages at which the variance is computed; others are interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
 /// Minimum normal force per mass, m/s², below which nothing stays on the deck.
 const MIN_NORMAL_MPS2: f64 = 0.5;
-/// Half-width of the averaging window of the apparent slope, in steps; the window is one second.
+/// Half-width of the averaging window of the apparent slope, in steps; the window lasts a second.
 const SLOPE_STEPS: usize = 2;
 /// Minimum speed at which a turn bends the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
 
-/// Transitions over the horizon, reused while the oscillators' frequencies stay the same.
 #[derive(Clone, Debug)]
 pub struct Horizon {
     oscillators: Vec<Oscillator>,
@@ -57,9 +56,9 @@ impl Horizon {
         self.oscillators.copy_from_slice(oscillators);
     }
 
-    /// Stages of the forecast from the state `axes`, from time `now` on. `common` holds the variances (value, rate) of
-    /// constant errors by degree of freedom. The clock variance `clock_var` (s²) shifts everything along its motion.
-    /// `waves` holds the modes and the deck's position on the vessel.
+    /// Stages of the forecast from the state `axes` at `now`. `common`: variances (value, rate) of constant
+    /// errors by degree of freedom; `clock_var`: variance of the clock (s²), which shifts everything along
+    /// its motion; `waves`: modes and position of the deck on the vessel.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -106,8 +105,8 @@ impl Horizon {
         out
     }
 
-    /// Apparent slope of the deck at each stage, in steps of [`SLOPE_STEP`]: `f_xy / |f_z|` with the specific force `f
-    /// = R^T (a - g)` in the deck's axes, rotated to north and east.
+    /// Apparent slope of the deck at each stage, in steps of [`SLOPE_STEP`]: `f_xy / |f_z|`, where the
+    /// specific force `f = R^T (a - g)` in the deck's axes is rotated to north and east.
     pub fn slopes(
         &self,
         axes: &[Axis; AXES],
@@ -137,7 +136,7 @@ impl Horizon {
         out
     }
 
-    /// Propagates the means by one stage. For a turning vessel, mean velocity, heel and trim are rotated with the turn.
+    /// Propagates the means by one stage, with the turn of mean velocity, heel and trim.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -161,8 +160,8 @@ impl Horizon {
         }
     }
 
-    /// Variance of value, rate and acceleration at knot `k`, from the present covariance and the process noise until
-    /// then.
+    /// Variance of value, rate and acceleration at knot `k`, from the present covariance and the process
+    /// noise.
     fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> [f64; 3] {
         let Some(step) = self.knots.get(k) else {
             return [0.0; 3];
@@ -173,8 +172,8 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are in the drone's frame, which moves with the present drift of the odometry. The
-        // unknown future drift is omitted, because it moves drone and plan alike until the next detection.
+        // Position and heading are in the drone's frame, which moves with the present drift of the odometry.
+        // The unknown future drift moves drone and plan alike until the next detection, so it is omitted.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
         if in_vision_frame(axis) {
@@ -216,7 +215,6 @@ impl Horizon {
         [value, rate, acceleration].map(|v: f64| v.max(0.0))
     }
 
-    /// Stage from the means, without deviations.
     fn mean(&self, mean: &[[f64; MAX_STATES]; AXES], lever_arm: &Vector3<f64>, modes: &DeckMotion) -> Mean {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -236,7 +234,7 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
-        // If the vessel makes no way, its mean rate of turn does not bend its path.
+        // The mean rate of turn bends only the path of a vessel under way.
         let turn = if bent { mean[5][RATE] } else { 0.0 };
         let heel = TILT.map(|i| mean[i][MEAN]);
         r[TILT[0]] -= turn * heel[1];
@@ -246,7 +244,7 @@ impl Horizon {
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
-        // In a turning vessel, the axes turn under a constant tilt.
+        // In a turning vessel the axes turn under a constant tilt.
         let rates = [dr + turn * pitch, dp - turn * roll];
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], rates, [ddr, ddp]);
@@ -272,7 +270,7 @@ impl Horizon {
         }
     }
 
-    /// Stage with deviations; `var` gives the variances of value, rate and acceleration by degree of freedom.
+    /// `var`: variances of value, rate and acceleration by degree of freedom.
     fn stage(
         &self,
         mean: &[[f64; MAX_STATES]; AXES],
@@ -304,7 +302,6 @@ impl Horizon {
     }
 }
 
-/// Stage without deviations, with its intermediate results.
 struct Mean {
     stage: DeckStage,
     /// By degree of freedom.
@@ -340,7 +337,7 @@ mod tests {
         let [first, .., last] = &stages[..] else {
             panic!("{} stages", stages.len());
         };
-        // In the vessel's axes, heel, trim and the height of the deck are constant.
+        // Heel, trim and height of the deck are constant in the vessel's axes.
         for s in [first, last] {
             assert!(s.velocity[2].abs() < 1e-3, "{:?}", s.velocity);
             assert!(

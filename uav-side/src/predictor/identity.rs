@@ -1,26 +1,26 @@
 //! Identification of the vessel's own deck among several decks with the same tags.
 //!
-//! A place at which tags are detected repeatedly is a deck. A single deck is accepted unless its rocking differs from
-//! what the radio reports. That test uses the sum of squares over a block of [`BLOCK`] samples, which is chi-square
-//! distributed for the own deck. Among several decks, the deck that was followed before the others appeared is the own
-//! one (continuity of place, only without the radio). Otherwise it is the deck whose log likelihood exceeds that of
-//! every other deck by [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
+//! A place with repeated detections is a deck. A single deck is accepted unless its rocking differs from the
+//! radio's report; the sum of squares over a block of [`BLOCK`] samples is chi-square distributed for the own
+//! deck. Among several decks the own one is the one that was followed before the others appeared (only
+//! without the radio). Otherwise it is the one whose log likelihood exceeds that of every other deck by
+//! [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
 //!
 //! ```text
 //! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
 //!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
 //! ```
 //!
-//! The last terms are the ratios for normal values of unknown variances `s` (about the mean). The own deck has the
-//! smaller variance. However large both errors are, these terms grow with the number of independent samples `n` only if
-//! the decks really move differently.
+//! The last terms are the ratios for normal values of unknown variances `s` (about the mean), smaller for the
+//! own deck. Whatever the errors, they grow with the number of independent samples `n` only if the decks move
+//! differently.
 //!
-//! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's values
-//! minus the radio's at the same time. The height is relative to its low-pass, because the drone's own height drifts.
-//! During the approach the height discriminates better than the tilt, which is measured only to ten degrees at that
-//! distance. Boats moored side by side have the same heading but rock differently, because a wave reaches one before
-//! the other. The error of the camera's mount is the same for both and is part of the mean. Until the decision no deck
-//! is followed, and the reason is reported.
+//! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's
+//! values minus the radio's at the same time; the height is relative to its low-pass, because the drone's own
+//! height drifts. During the approach the height discriminates better than the tilt, which is then measured
+//! only to ten degrees. Boats moored side by side have the same heading but rock differently, because a wave
+//! reaches one before the other. The camera mount's error is the same for both and is part of the mean. Until
+//! the decision no deck is followed, and the reason is reported.
 
 use std::collections::VecDeque;
 
@@ -33,65 +33,61 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Maximum number of decks.
 const MAX_DECKS: usize = 4;
-/// Number of radio reports kept: more than a second at 30 Hz.
+/// Number of stored radio reports: more than a second at 30 Hz.
 const MAX_REPORTS: usize = 48;
 /// Maximum time over which a report is extrapolated with its rates, forward or backward, s.
 const HOLDS_S: f64 = 0.2;
-/// Maximum distance between detections of the same deck, m. Two decks do not overlap, and every deck on which a drone
-/// lands is wider.
+/// Maximum distance between detections of one deck, m: less than the width of any deck, and decks do not
+/// overlap.
 const SAME_M: f64 = 0.8;
-/// Increase of this distance with time since the last detection, in addition to the vessel's motion, m/s; and increase
-/// per metre of range, from attitude and heading error of the drone.
+/// Increase of this distance with time, in addition to the vessel's motion, m/s, and per metre of range, for
+/// errors of the drone's attitude and heading.
 const SAME_MPS: f64 = 0.3;
 const SAME_PER_M: f64 = 0.05;
-/// Minimum distance between two decks whose tags were never detected in one image, m. Below it, they may be one deck
-/// with poor detections.
+/// Minimum distance between decks that were never detected in one image, m; nearer ones may be one deck.
 const APART_M: f64 = 5.0;
 /// Minimum number of images for a deck to count: a single misread tag is not a deck.
 const CONFIRMED: u32 = 5;
-/// Time for which an undetected deck is remembered, s; the same as that of the forecast by vision alone.
+/// Time for which an undetected deck is remembered, s, as in the forecast by vision alone.
 const MEMORY_S: f64 = 30.0;
 /// Time after which a single deck is followed without the radio, s.
 const FOLLOWED_S: f64 = 2.0;
-/// Minimum of a mean square, in units of the stated variance. Smaller values are due to chance or to an overestimated
-/// variance.
+/// Minimum of a mean square, in units of the stated variance; smaller values are chance or overestimated
+/// variances.
 const MIN_VARIANCE: f64 = 0.05;
-/// Sampling interval of the tilt, s, chosen because errors of successive images are correlated; and minimum number of
-/// samples per deck, which covers half a wave.
+/// Sampling interval of the tilt, s, because errors of successive images are correlated; and minimum number
+/// of samples per deck: half a wave.
 const SAMPLE_S: f64 = 0.2;
-/// Interval between independent samples, s. Errors keep their sign for this long, for example while tags are viewed
-/// from one side. It is also half a wave period.
+/// Interval between independent samples, s: half a wave period, or a view of the tags from one side.
 const INDEPENDENT_S: f64 = 3.0;
-/// Minimum log likelihood ratio of each single motion. Tilt and height belong to one hull, so none of them may
-/// contradict the others.
+/// Minimum log likelihood ratio of each single motion: tilt and height of one hull must not contradict each
+/// other.
 const AGAINST: f64 = -1.0;
 const MIN_SAMPLES: f64 = 15.0;
-/// Maximum difference in tilt, rad. A larger difference is a tag solved for the wrong minimum, because no drone lands
-/// on a deck with such a tilt.
+/// Maximum difference in tilt, rad; no drone lands at a larger one, so the tag was solved for the wrong
+/// minimum.
 const MAX_TILT_RAD: f64 = 0.3;
 /// Minimum log likelihood ratio against any other deck, for 1 wrong decision in 10 000.
 const MARGIN: f64 = 9.2;
-/// Combined yaw error of compass and camera, rad; tilt error of the vessel by radio, and minimum tilt error of a tag,
-/// rad.
+/// Errors of yaw by compass and camera, of the vessel's tilt by radio, and of a tag's tilt (minimum), rad.
 const YAW_SD_RAD: f64 = 0.037;
 const TILT_SD_RAD: f64 = 0.009;
 /// Error of the deck's height by radio and of the drone's height from one wave to the next, m.
 const HEAVE_SD_M: f64 = 0.1;
 /// Time constant of the mean height residual, s: follows the drone's own drift and passes most of a wave.
 const LEVEL_TIME_S: f64 = 4.0;
-/// Number of tilt samples in a block that is compared with the radio: a wave period, 5 s.
+/// Number of tilt samples in a block: a wave period, 5 s.
 const BLOCK: f64 = 25.0;
-/// Maximum sum of squares of a block for the own deck. The 99.99 % point of a chi-square with 48 degrees of freedom
-/// (two angles about their means) is 93; the factor 4 is for errors twice as large as stated.
+/// Maximum sum of squares of a block for the own deck: the 99.99 % point of a chi-square with 48 degrees of
+/// freedom (two angles about their means) is 93; the factor 4 allows errors twice as large as stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
-/// Upper limit on one squared sample: a tag misread or flipped once is not a contradiction.
+/// Upper limit on one squared sample: a single misread tag is not a contradiction.
 const MAX_SAMPLE: f64 = 30.0;
-/// Time for which ambiguity is reported after the last image that showed it, s.
+/// Time after the last ambiguous image for which ambiguity is reported, s.
 const REPORTED_S: f64 = 1.0;
 
-/// Radio report of the deck: tilt about north and east, yaw, rad, height of its centre (down, m), and their rates.
+/// Tilt about north and east, yaw, rad, height of the deck's centre (down, m), and their rates.
 #[derive(Clone, Copy, Debug)]
 struct Report {
     at: Time<DroneClock>,
@@ -99,7 +95,7 @@ struct Report {
     rates: Vector4<f64>,
 }
 
-/// Detected minus reported attitude of a deck: mean, and sum of squares about the mean in units of the variances.
+/// Detected minus reported attitude of a deck: mean, and sum of squares about it in variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Residual {
     n: f64,
@@ -110,7 +106,7 @@ struct Residual {
 }
 
 impl Residual {
-    /// Adds a sample (Welford's update of the sum of squares about the mean).
+    /// Adds a sample (Welford's update).
     fn take(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.sampled = Some(at);
         self.n += 1.0;
@@ -121,7 +117,8 @@ impl Residual {
             self.squares[i] += (before[i] * after[i] / tilt_variance[i]).min(MAX_SAMPLE);
         }
     }
-    /// Log likelihood ratio of this deck against the other. Minus infinity if one motion contradicts the others.
+    /// Log likelihood ratio of this deck against the other; minus infinity if one motion contradicts the
+    /// others.
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
@@ -138,7 +135,6 @@ impl Residual {
     }
 }
 
-/// Detected deck.
 #[derive(Clone, Copy, Debug)]
 struct Deck {
     place: Vector2<f64>,
@@ -147,20 +143,19 @@ struct Deck {
     images: u32,
     /// Number of images in which another deck was detected as well.
     together: u32,
-    /// Distance from the position by radio or beacon, in standard deviations. None if neither provides a position.
+    /// Distance from the position by radio or beacon, in standard deviations.
     apart_sd: Option<f64>,
     /// Residual while other decks are in sight.
     residual: Residual,
-    /// Low-pass of measured minus reported height while other decks are in sight, and its number of samples.
+    /// Low-pass of measured minus reported height while other decks are in sight, and its sample count.
     level: Option<(f64, f64)>,
-    /// Residual of the current block, always updated.
     block: Residual,
-    /// The last complete block did not match the radio.
+    /// Whether the last complete block contradicted the radio.
     rocks_apart: bool,
 }
 
 impl Deck {
-    /// Adds a sample to the block, and tests the block when it is complete.
+    /// Adds a sample, and tests the block when it is complete.
     fn judge(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.block.take(at, r, tilt_variance);
         if self.block.n >= BLOCK {
@@ -172,7 +167,7 @@ impl Deck {
             };
         }
     }
-    /// Adds a sample of tilt and height (m) to the residual that is compared with other decks.
+    /// Adds tilt and height (m) to the residual that is compared with other decks.
     fn distinguish(
         &mut self,
         at: Time<DroneClock>,
@@ -190,20 +185,19 @@ impl Deck {
         self.level = Some((height - after, n));
         self.residual.squares[2] += (before * after / variance).min(MAX_SAMPLE);
     }
-    /// Whether the position of the deck is consistent with that of the vessel.
     fn is_admissible(&self) -> bool {
         self.apart_sd.is_none_or(|sd| sd <= PLACE_SD)
     }
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
     }
-    /// Whether the other deck may be the own one as well, i.e. it is present and is not a poor detection of this deck.
+    /// Whether the other deck may be the own one: it is present and is not a poor detection of this deck.
     fn rivals(&self, other: &Deck) -> bool {
         let in_one_image = other.at == self.at && other.is_admissible();
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// Whether this deck, and not the other, is the own one.
+    /// Whether this deck is the own one and the other is not.
     fn is_clear_of(&self, other: &Deck) -> bool {
         let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
         let place = 0.5 * (apart(other) - apart(self));
@@ -212,30 +206,25 @@ impl Deck {
     }
 }
 
-/// Verdict on detected tags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// The vessel's own deck, as far as known.
     Own,
-    /// Another deck.
     Other,
     /// Undecided between this many decks.
     Several(u32),
 }
 
-/// Detected decks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Decks {
     decks: Vec<Deck>,
     reports: VecDeque<Report>,
-    /// Index of the own deck in `decks`, once the own deck is decided.
+    /// Index of the own deck in `decks`, once decided.
     own: Option<usize>,
-    /// Time and number of decks of the last ambiguity.
     several: Option<(Time<DroneClock>, u32)>,
 }
 
 impl Decks {
-    /// Adds an estimate received by radio. `height` has the height of the deck's centre, down, m, and its rate, m/s.
+    /// Adds an estimate received by radio. `height`: of the deck's centre, down, m, and its rate, m/s.
     pub(super) fn report(&mut self, o: &DeckObservation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
@@ -253,7 +242,7 @@ impl Decks {
             rates: Vector4::new(rate(3), rate(4), rate(5), height[1]),
         });
     }
-    /// Radio report at `t`, extrapolated from the nearest one.
+    /// Radio report extrapolated to `t` from the nearest one.
     fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
@@ -261,8 +250,8 @@ impl Decks {
         (by.abs() <= HOLDS_S).then(|| nearest.pose + nearest.rates * by)
     }
 
-    /// Assigns tags detected at `range_m` to a deck and returns its index. `velocity` is the vessel's, m/s; `apart` is
-    /// the distance from the position by radio or beacon, and its limit, m.
+    /// Assigns tags detected at `range_m` to a deck and returns its index. `velocity`: of the vessel, m/s;
+    /// `apart`: distance from the position by radio or beacon, and its limit, m.
     pub(super) fn see(
         &mut self,
         o: &DeckObservation,
@@ -311,7 +300,7 @@ impl Decks {
         deck.apart_sd = apart_sd;
         let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
         if in_image > 1 {
-            // The second detection of an image is counted for the first deck, too.
+            // The second detection of an image counts for the first deck, too.
             let both = |(i, d): &(usize, &mut Deck)| d.at == o.at && (*i == k || in_image == 2);
             (self.decks.iter_mut().enumerate())
                 .filter(both)
@@ -342,7 +331,7 @@ impl Decks {
         };
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
-        // The tilt of a tag that is viewed from the side is not reliable.
+        // The tilt of a tag viewed from the side is not reliable.
         if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }
@@ -355,12 +344,11 @@ impl Decks {
             deck.judge(o.at, r, variances);
         }
     }
-    /// Verdict on tags assigned to deck `k`; `radio` states whether the radio is received.
+    /// Verdict on tags of deck `k`; `radio`: whether the radio is received.
     pub(super) fn verdict(&mut self, k: usize, o: &DeckObservation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
             self.own = self.own.filter(|own| *own != k);
-            // The own deck is not this deck.
             self.several = Some((o.at, 2));
             return Verdict::Other;
         }
@@ -379,7 +367,7 @@ impl Decks {
             }
         }
     }
-    /// Other decks that may be the own one instead of deck `k`.
+    /// Other decks that may be the own one.
     fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
         let deck = self.decks.get(k);
         let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);
@@ -387,11 +375,11 @@ impl Decks {
             .filter(move |(_, other)| deck.is_some_and(|d| d.rivals(other)))
             .map(|(_, other)| other)
     }
-    /// Index of the own deck, if it can be decided.
+    /// Index of the own deck, once it can be decided.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
-                // While the radio is received, a second deck at the vessel's position may still come into view.
+                // While the radio is received, a second deck may still appear at the vessel's position.
                 return (now - deck.since).secs() >= FOLLOWED_S && !radio;
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))
@@ -399,7 +387,6 @@ impl Decks {
         let mut counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
         counts.find(clear).map(|(k, _)| k)
     }
-    /// Drops decks that were not detected for [`MEMORY_S`].
     fn forget(&mut self, now: Time<DroneClock>) {
         let lasts = |d: &Deck| (now - d.at).secs() <= MEMORY_S;
         if self.decks.iter().all(lasts) {
@@ -416,7 +403,6 @@ impl Decks {
             self.decks.iter().position(same)
         });
     }
-    /// Applies a jump of the drone's frame.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         for d in &mut self.decks {
             let place = Vector3::new(d.place.x, d.place.y, jump.about.z);
@@ -424,7 +410,7 @@ impl Decks {
             d.level = None;
         }
     }
-    /// Number of decks among which the own one is undecided; 0 if it is decided, or without a deck.
+    /// Number of decks among which the own one is undecided; 0 once it is decided.
     pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
@@ -452,15 +438,14 @@ mod tests {
     fn roll(t: f64, later_s: f64) -> f64 {
         0.07 * (1.2 * (t - later_s)).sin() + 0.03 * (1.9 * (t - later_s)).sin()
     }
-    /// Height of its deck, m.
     fn heave(t: f64, later_s: f64) -> f64 {
         0.3 * (1.2 * (t - later_s)).sin()
     }
-    /// Verdicts on two decks 3 m apart after `seconds`, with or without the radio.
+    /// Verdicts on two decks 3 m apart after `seconds`.
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         with_tilt_sd(0.02, seconds, radio, later_s)
     }
-    /// Same, for a tag whose tilt has this standard deviation, rad.
+    /// Verdicts for tags whose tilt has this standard deviation, rad.
     fn with_tilt_sd(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
@@ -473,7 +458,7 @@ mod tests {
             // Errors of the tag's tilt and of the camera's mount.
             let noise = tilt_sd * (37.0 * t).sin() + 0.02;
             let detected = [0.0, later_s].map(|later| {
-                // The drone's own height has drift and noise.
+                // The drone's height has drift and noise.
                 let down = heave(t, later) + 0.02 * t + 0.05 * (41.0 * t).sin();
                 ([roll(t, later) + noise, 0.02 - noise, 0.12], down)
             });
@@ -500,13 +485,13 @@ mod tests {
     #[test]
     fn own_deck_by_its_rocking() {
         assert_eq!(side_by_side(90.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
-        // In calm water, or if both rock in phase, the decks cannot be distinguished.
+        // In calm water, or rocking in phase, the decks cannot be distinguished.
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// At 15 m a tag's tilt is measured to ten degrees; the height distinguishes the decks.
+    /// At 15 m, where a tag's tilt is measured to ten degrees, the height distinguishes the decks.
     #[test]
     fn own_deck_by_its_heave() {
         assert_eq!(
@@ -516,7 +501,7 @@ mod tests {
         assert_eq!(with_tilt_sd(0.17, 30.0, true, 0.0).0, [Verdict::Several(2); 2]);
     }
 
-    /// A single deck that rocks by 7 deg as reported by radio, or half a period later than reported.
+    /// A single deck rocks by 7 deg as reported by radio, or half a period later.
     #[test]
     fn lone_deck_against_the_radio() {
         for (later_s, expected) in [(0.0, Verdict::Own), (2.4, Verdict::Other)] {
@@ -548,7 +533,7 @@ mod tests {
     fn decks_without_a_radio() {
         // Two decks from the start: none is followed.
         assert_eq!(side_by_side(30.0, false, 0.4).0, [Verdict::Several(2); 2]);
-        // A single deck is followed, and stays so when another comes into view and while it is out of view.
+        // A single deck stays followed when another comes into view and while it is out of view.
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
             let o = observation(ObservationKind::Tag, t, [north, 0.0], [0.0; 3]);

@@ -11,13 +11,13 @@
 //!                                            reads k more than the drone's; m: rotation of the camera's mount, b of tilt
 //! heading      d + b
 //! ```
-//! A range and a relative position are not measured along a camera's line of sight. With `l = 0`, their height is `d +
-//! b + s(t, y)`, and the relative position is `d + b` north and east. `b` is that of vision, because the same odometry
-//! is used for the conversion.
+//! A range and a relative position have no line of sight of a camera. With `l = 0` the height is `d + b +
+//! s(t, y)`, and the relative position is `d + b` north and east. `b` is that of vision, because the
+//! conversion uses the same odometry.
 //!
-//! The filters are not coupled. Each filter is corrected with its own block of the Jacobian, the tilt with the inverse
-//! of its block. Among the other states, only the camera's mount adds uncertainty to the height: errors by lever-arm
-//! heave and compass affect forecast and measurement equally.
+//! The filters are not coupled. Each is corrected with its own block of the Jacobian, the tilt with the
+//! inverse of its block. Of the other states only the camera's mount adds uncertainty to the height: errors
+//! by lever-arm heave and compass affect forecast and measurement equally.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::vessel_model::turn_tilt;
@@ -28,9 +28,9 @@ use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{DeckObservation, ObservationKind, Plane};
 use super::waves::{AXES, DeckMotion, TILT};
 
-/// Arguments of `h`: degrees of freedom of the deck, position and heading in the drone's frame; rotation of the
-/// camera's mount about north and east; rotation of vision that shifts a detection north and east; reading of the
-/// vessel's compass minus that of the drone's.
+/// Arguments of `h`: degrees of freedom of the deck, position and heading in the drone's frame; rotation of
+/// the camera's mount about north and east; rotation of vision that shifts a detection north and east;
+/// reading of the vessel's compass minus that of the drone's.
 type Arguments = SVector<f64, 11>;
 type Jacobian = SMatrix<f64, AXES, 11>;
 const MOUNT: [usize; 2] = [6, 7];
@@ -62,13 +62,12 @@ fn turned(tilt: [f64; 2], delta: f64) -> ([f64; 2], Matrix2x3<f64>) {
     ([roll, pitch], Matrix2x3::from_columns(&slopes))
 }
 
-/// Derivative of a detected height with respect to the rotation of the camera's mount, m.
+/// Derivative of a detected height with respect to the mount's rotation, m.
 fn mount_slopes(o: &DeckObservation) -> [f64; 2] {
     [o.from_drone.y, -o.from_drone.x]
 }
 
-/// Measurement `h` for these arguments, and its Jacobian `dh/du`. `lever_arm` is the position of the deck's centre on
-/// the vessel, m.
+/// Measurement `h` and its Jacobian `dh/du`. `lever_arm`: position of the deck's centre on the vessel, m.
 fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (SVector<f64, AXES>, Jacobian) {
     let (lever, mount) = (o.lever(), mount_slopes(o));
     let (tilt, by_tilt) = turned([u[3] + u[MOUNT[0]], u[4] + u[MOUNT[1]]], u[COMPASS]);
@@ -88,7 +87,7 @@ fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (S
         slopes[(2, MOUNT[k])] = mount[k];
     }
     for k in 0..3 {
-        // The angles are tilt about north, tilt about east and heading; their derivatives are treated as rates.
+        // The derivatives of tilt about north, tilt about east and heading are treated as rates.
         let rates = [by_level[(0, k)], by_level[(1, k)]];
         let [_, slope, _] = lever_arm_heave(lever_arm, euler, rates, [0.0; 2]);
         slopes[(2, 3 + k)] = slope;
@@ -100,14 +99,14 @@ fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (S
     (h.into(), slopes)
 }
 
-/// Variance of a detected height due to the rotation of the camera's mount, m².
+/// Variance of a detected height due to the mount's rotation, m².
 fn mount_variance(s: &[Axis; AXES], o: &DeckObservation) -> f64 {
     let of = |(slope, i): (f64, usize)| slope * slope * s[i].p[VISION][VISION].max(0.0);
     mount_slopes(o).into_iter().zip(TILT).map(of).sum()
 }
 
-/// Innovations of an observation for the filters' state at its time, in the form used by the filter of each degree of
-/// freedom: heading wrapped, detected tilt rotated back to the vessel's north.
+/// Innovations for the filters' state at the observation's time, in the form used by each filter: heading
+/// wrapped, detected tilt rotated back to the vessel's north.
 pub(super) fn innovations(
     s: &[Axis; AXES],
     modes: &DeckMotion,
@@ -146,7 +145,7 @@ pub(super) fn innovations(
     all
 }
 
-/// Detection with the mount's effect removed from its height, for a comparison that does not estimate the mount.
+/// Detection without the mount's effect on its height.
 pub(super) fn without_mount(s: &[Axis; AXES], mut o: DeckObservation) -> DeckObservation {
     let ([north, east], variance) = (mount_slopes(&o), mount_variance(s, &o));
     if let Some((height, r)) = &mut o.value[2] {
@@ -156,7 +155,6 @@ pub(super) fn without_mount(s: &[Axis; AXES], mut o: DeckObservation) -> DeckObs
     o
 }
 
-/// Deck pose from a state of the filters.
 pub(super) fn plane(s: &[Axis; AXES], modes: &DeckMotion, lever_arm: &Vector3<f64>) -> Plane {
     let u = arguments(s, modes);
     let (roll, pitch) = turn_tilt(u[3], u[4], u[5] + u[COMPASS]);
@@ -188,7 +186,7 @@ mod tests {
 
     const CENTRE: Vector3<f64> = Vector3::new(-4.0, 0.5, -1.3);
 
-    /// Arguments, with a detection along any line of sight or a relative position.
+    /// With a detection along any line of sight or a relative position.
     fn case() -> impl Strategy<Value = (Arguments, DeckObservation)> {
         let units = prop::array::uniform11(-1.0_f64..1.0);
         let line = prop::option::weighted(0.7, prop::array::uniform3(-8.0_f64..8.0));
@@ -207,7 +205,6 @@ mod tests {
             (Arguments::from(units).component_mul(&Arguments::from(largest)), o)
         })
     }
-    /// Filters with these arguments, and a slow error of vision in position and heading.
     fn state(u: &Arguments, modes: &DeckMotion) -> [Axis; AXES] {
         let noise = AxisNoise::all(&PredictorConfig::default());
         let mut s: [Axis; AXES] = core::array::from_fn(|i| Axis::new(&noise[i], &[], i, u[i], 0.1, 0.1));
@@ -248,14 +245,13 @@ mod tests {
             o.value[5] = (!relative).then_some((h[5] + TAU * turns.round(), 1e-4));
             for nu in innovations(&state(&u, &modes), &modes, &CENTRE, &o).into_iter().flatten() {
                 prop_assert!(nu.value.abs() < 1e-9, "{nu:?}");
-                // A relative position depends neither on the camera's rotation nor on its mount.
+                // A relative position depends on neither the camera's rotation nor its mount.
                 let vision = nu.row == MeasurementRow::Vision && nu.variance == 1e-4;
                 prop_assert!(vision || !relative, "{nu:?}");
             }
         }
 
-        /// The innovations are linear in the measurement, and the innovation of the height is also linear in the
-        /// mount's rotation.
+        /// Innovations are linear in the measurement, and that of the height also in the mount's rotation.
         #[test]
         fn innovation_variance_by_propagation((u, mut o) in case()) {
             const STEP: f64 = 1e-3;
@@ -287,8 +283,8 @@ mod tests {
         }
     }
 
-    /// Largest innovation of a tag, from geometry, with the camera's mount rotated by `mount`, rad, and the vessel's
-    /// compass reading more than the drone's.
+    /// Largest innovation of a tag, from geometry, with the camera's mount rotated by `mount`, rad, and
+    /// different compasses.
     fn innovation_of_a_tilted_tag(mount: Vector3<f64>) -> f64 {
         let c = PredictorConfig::default();
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
@@ -328,7 +324,7 @@ mod tests {
     fn tag_of_a_tilted_deck_by_a_rotated_camera() {
         let level = innovation_of_a_tilted_tag(Vector3::zeros());
         assert!(level < 1e-9, "{level}");
-        // A mount angle acts along the vessel's north on the tilt, and along the drone's north on the height.
+        // A mount angle acts along the vessel's north on the tilt and along the drone's on the height.
         let rotated = innovation_of_a_tilted_tag(Vector3::new(2e-4, -3e-4, 0.0));
         assert!(rotated < 1e-4, "{rotated}");
     }

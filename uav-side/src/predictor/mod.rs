@@ -1,26 +1,27 @@
-//! The predictor: fuses the vessel's messages and the drone's vision about the vessel's modes, and propagates the
-//! result to the deck's motion over the next seconds, in the drone's frame, with covariance.
+//! Predictor: fuses the vessel's messages and the drone's vision about the vessel's modes, and predicts the
+//! deck's motion over the next seconds, in the drone's frame, with covariance.
 //!
 //! - [`waves`]: the vessel's modes, extrapolated.
 //! - `own`: modes identified by the drone itself while the vessel is silent.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
-//! - [`filter`]: the six filters, and fusion of late observations at their own time.
+//! - [`filter`]: the six filters, with fusion of late observations.
 //! - [`placement`]: the vessel's estimate in the drone's frame.
 //! - `beacon`: the vessel's position by its beacon, if nothing else is known.
-//! - `identity`: identification of the vessel's own deck among decks with the same tags.
+//! - `identity`: the vessel's own deck among decks with the same tags.
 //! - `level`: mean level of the deck.
-//! - `agreement`: agreement between camera, rangefinder and radio.
+//! - `agreement`: camera against rangefinder and radio.
 //! - [`observation`]: messages as measurements of the six degrees of freedom.
 //! - `measurement`: measurement function of the filters, and its Jacobian.
 //! - [`track`]: the drone's pose at the time of exposure.
 //! - [`lever_arm_heave`]: height of the deck due to its tilt.
-//! - `relative`: position by a receiver with the vessel as moving base, and trust in it.
+//! - `relative`: position by a receiver with the vessel as moving base.
 //! - `shift`: effect of a jump of the autopilot's estimate on the filters.
 //! - [`forecast`]: the forecast over the horizon.
 //! - `checkpoint`: state that outlives the process.
 //!
-//! Vessel and drone each have a GNSS error of a metre or more, so the drone knows the vessel's position only up to a
-//! slow offset, which vision measures. While the radio is silent, the same filters continue by vision alone.
+//! Vessel and drone each have a GNSS error of a metre or more, so the drone knows the vessel's position only
+//! up to a slow offset, which vision measures. While the radio is silent, the same filters continue by vision
+//! alone.
 
 mod agreement;
 pub mod axis;

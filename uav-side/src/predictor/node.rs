@@ -1,5 +1,3 @@
-//! The predictor as a node.
-
 use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::bus::wiring;
 use alight_shared::frames::wrap_angle;
@@ -45,20 +43,15 @@ pub struct PredictorIn {
     pub wave: Option<WaveModel<DroneClock>>,
     /// The vessel's own prediction, used for its deviation.
     pub prediction: Option<VesselPrediction<DroneClock>>,
-    /// Obstacles around the vessel's deck.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
-    /// State of the link and of the clocks.
     pub link: Option<LinkState>,
     pub drone: Option<DroneState>,
-    /// The autopilot's state; provides the sea level in its frame.
+    /// Provides the sea level in the autopilot's frame.
     pub autopilot: Option<AutopilotState>,
-    /// Beacon messages with the vessel's position.
     pub beacons: Vec<DeckBeacon>,
     pub tags: Vec<TagPose>,
-    /// UV marker detections.
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
-    /// Positions of the drone relative to the vessel.
     pub relative: Vec<RelativePlace>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<PredictorCheckpoint>,
@@ -66,9 +59,9 @@ pub struct PredictorIn {
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorOut {
-    /// Forecast of the deck, at the predictor's rate, if the deck's position is known.
+    /// Published at the predictor's rate while the deck's position is known.
     pub forecast: Option<DeckForecast>,
-    /// Checkpoint for a successor. Published with each forecast once the camera has detected the deck.
+    /// For a successor. Published with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
@@ -94,13 +87,12 @@ wiring! {
     }
 }
 
-/// Maximum time by which a message may lie ahead of now: jitter between processes.
+/// Maximum time by which a message may be ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
 const CAMERA: [ObservationKind; 2] = ObservationKind::CAMERA;
 /// Clock standard deviation before the first link state, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
-/// Node that fuses radio and vision and predicts the deck.
 #[derive(Clone, Debug)]
 pub struct Predictor {
     config: PredictorConfig,
@@ -113,15 +105,14 @@ pub struct Predictor {
     far: Horizon,
     track: DroneTrack,
     clock_sd_s: f64,
-    /// Variances stated by the vessel (value, rate), from the newest estimate.
+    /// Variances (value, rate) stated by the vessel.
     stated: [(f64, f64); AXES],
     radio_sequence: Option<(u32, u32)>,
-    /// Last detection of another vessel's tags: time, and distance from the position by radio with its limit, m.
+    /// Last detection of another vessel's tags: time, distance from the position by radio, and its limit, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     relative: RelativeTrust,
     height: HeightAgreement,
     level: MeanDeckLevel,
-    /// Detected decks with the vessel's tags.
     decks: Decks,
     beacon: Option<BeaconTrack>,
     /// Track from the last known position by radio or camera.
@@ -140,7 +131,7 @@ pub struct Predictor {
 }
 
 impl Predictor {
-    /// Creates a predictor without measurements; `boot` is a random number for each start.
+    /// `boot` is a random number for each start.
     pub fn new(config: &PredictorConfig, boot: u32) -> Self {
         let waves = Waves::new(config);
         Predictor {
@@ -174,9 +165,8 @@ impl Predictor {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// Configures a restart after a possible crash. The predictor first waits for its predecessor's checkpoint and
-    /// publishes nothing until then, because a forecast by the radio alone may be off by metres and would end a
-    /// landing.
+    /// Configures a restart after a possible crash. Until its predecessor's checkpoint is known the predictor
+    /// publishes nothing: a forecast by the radio alone may be off by metres and would end a landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
@@ -184,7 +174,6 @@ impl Predictor {
             ..self
         }
     }
-    /// Counts of unused inputs since the start.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
     }
@@ -201,7 +190,7 @@ impl Predictor {
         let filter = self.filter.as_ref()?;
         kinds.iter().filter_map(|k| filter.source(*k).fused_at).max()
     }
-    /// Time since the newest fused observation of these kinds, s; infinite before the first one.
+    /// Time since the newest fused observation of these kinds, s; infinite without one.
     fn age_s(&self, now: Time<DroneClock>, kinds: &[ObservationKind]) -> f64 {
         self.fused_at(kinds)
             .map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
@@ -222,7 +211,7 @@ impl Predictor {
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
-            // Part of the observation was fused, so it counts both as used and as an outlier.
+            // A partly fused observation counts both as used and as an outlier.
             Fused::Rejected(n)
                 if n < 3 && !matches!(o.kind, ObservationKind::Range | ObservationKind::Relative) =>
             {
@@ -287,8 +276,8 @@ impl Predictor {
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        // This comparison needs the camera or a relative position that replaces it. Otherwise the level follows the
-        // radio, whose slow error is not in the filter's covariance.
+        // The comparison needs the camera or a relative position. Otherwise the level follows the radio,
+        // whose slow error is not in the filter's covariance.
         let by_relative_s = self
             .relative
             .state(at)
@@ -301,8 +290,8 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    /// Applies the predecessor's checkpoint once the radio provides the deck's position, unless this predictor has
-    /// already detected the deck.
+    /// Applies the predecessor's checkpoint once the radio provides the deck's position, unless the deck is
+    /// detected first.
     fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
         let Some(recovery) = &mut self.recovery else {
             return;
@@ -352,14 +341,12 @@ impl Predictor {
         })
     }
 
-    /// Counts a used or rejected message.
     fn count(&mut self, admitted: Result<(), RejectionReason>) {
         if let Err(reason) = admitted {
             self.rejections.count(reason);
         }
     }
 
-    /// Processes odometry and radio messages.
     fn receive(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(l) = &input.link {
             let admitted = Self::admit(now, l);
@@ -406,7 +393,7 @@ impl Predictor {
         }
     }
 
-    /// Identifies the vessel's motion on board while the radio is silent. Until that succeeds, the last received modes
+    /// Identifies the vessel's motion on board while the radio is silent. Until then the last received modes
     /// are kept.
     fn identify(&mut self, now: Time<DroneClock>) {
         if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
@@ -422,7 +409,6 @@ impl Predictor {
         }
     }
 
-    /// Source whose measurements are fresh.
     fn source(&self, radio_age_s: f64, vision_age_s: f64) -> Source {
         let fresh = |age_s: f64| age_s < self.config.fresh_s;
         match (fresh(radio_age_s), fresh(vision_age_s)) {
@@ -462,7 +448,7 @@ impl Predictor {
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
-            // The error of vision does not depend on the clock offset.
+            // The error of vision is independent of the clock offset.
             Source::Vision | Source::None => 0.0,
         };
         let stages = self.horizon.stages(
@@ -518,8 +504,8 @@ impl Predictor {
         Some(f)
     }
 
-    /// Variances of correlated errors, which the filter treats as independent: the vessel's own filtered errors, and
-    /// the camera's mount error times the distance.
+    /// Variances of correlated errors, which the filter treats as independent: the vessel's own filtered
+    /// errors, and the camera mount's error times the distance.
     fn common(&self, axes: &[Axis; AXES], source: Source) -> [(f64, f64); AXES] {
         let vision = match source {
             Source::Both | Source::Vision => true,

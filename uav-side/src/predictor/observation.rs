@@ -1,5 +1,3 @@
-//! Messages as measurements of the deck's six degrees of freedom.
-
 use alight_shared::frames::{body_from_camera, body_rates};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
@@ -10,13 +8,13 @@ use super::config::PredictorConfig;
 use super::track::{FrameJump, Pose};
 use super::waves::AXES;
 
-/// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction of its
-/// height, or as a distance, m. Our choice, from seeds 100 to 111 of Table II and a hover at 1.5 m.
+/// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction
+/// of its height, or in m. Chosen: seeds 100 to 111 of Table II and a hover at 1.5 m.
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// Standard deviations of the vessel filter's errors that last for seconds, of value and rate, m, rad, and per second.
-/// They are GNSS errors that last longer than the noise, which that filter averages, and shorter than the slow error,
-/// which is a state here. Chosen.
+/// Standard deviations of the vessel filter's errors that last for seconds, of value and rate, m, rad, and
+/// per second: GNSS errors that the vessel's filter does not average and that are shorter than the slow
+/// error, a state here. Chosen.
 const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,9 +34,9 @@ impl ObservationKind {
 
 pub type Measured = Option<(f64, f64)>;
 
-/// Values and rates of the deck at one time, by degree of freedom, as measured. For the radio, the height is that of
-/// the deck on a level vessel, and the tilt is that of a vessel heading north by its own compass. For the other kinds,
-/// the height is that of the deck, and north is by the drone's compass.
+/// Values and rates of the deck at one time, by degree of freedom. The radio gives the height of the deck on
+/// a level vessel, and the tilt of a vessel that heads north by its own compass. The other kinds give the
+/// deck's height, with north by the drone's compass.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
     pub at: Time<DroneClock>,
@@ -51,9 +49,9 @@ pub struct DeckObservation {
 }
 
 impl DeckObservation {
-    /// Shift of the north value per rotation of vision about east, and of the east value per rotation about north,
-    /// m/rad. Zero for a view from the side, because errors of heading and distance then shift the detection as much
-    /// and would be mistaken for the rotation. Above the deck those errors are small.
+    /// Shift of the north value per rotation of vision about east, and of the east value per rotation about
+    /// north, m/rad. Zero for a view from the side, where errors of heading and distance would be mistaken
+    /// for the rotation.
     pub fn lever(&self) -> [f64; 2] {
         let (fraction, lateral_m) = OVERHEAD;
         let [x, y, z]: [f64; 3] = self.from_drone.into();
@@ -63,8 +61,8 @@ impl DeckObservation {
             [0.0; 2]
         }
     }
-    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, and radio values move with
-    /// the datum. A relative position stays in the frame, even if the drone's heading jumps.
+    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, radio values move
+    /// with the datum, and a relative position stays in the frame even if the heading jumps.
     pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
             ObservationKind::Estimate => (jump.datum, 0.0),
@@ -74,7 +72,7 @@ impl DeckObservation {
                     let place = Vector3::new(n, e, d);
                     (jump.of(&place) - place, jump.yaw)
                 }
-                // A rangefinder measures only a height, which a rotation about the vertical does not change.
+                // A rotation about the vertical does not change a height.
                 _ => (jump.moved, 0.0),
             },
         };
@@ -91,7 +89,7 @@ impl DeckObservation {
     }
 }
 
-/// Variances of value and rate stated by the vessel, by degree of freedom; for the tilt, the mean of both.
+/// Variances of value and rate stated by the vessel; for the tilt, the mean of both.
 pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     let own = |i: usize| {
         let [value, _, rate] = e.covariance(i);
@@ -102,9 +100,9 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     [own(0), own(1), own(2), tilt, tilt, own(5)]
 }
 
-/// The vessel's estimate in the drone's frame. `clock_sd` is the standard deviation of the clock offset (s); it adds
-/// uncertainty in proportion to the rate. In tilt, modes and estimate have the same error, and the filter uses their
-/// difference.
+/// Estimate in the drone's frame. `clock_sd`, the standard deviation of the clock offset (s), adds
+/// uncertainty in proportion to the rate. In tilt, modes and estimate have the same error, and the filter
+/// uses their difference.
 pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservation {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -149,7 +147,8 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     }
 }
 
-/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s. Both include the effect of tilt.
+/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s, with the effect of
+/// tilt.
 pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let dot = e.eta_dot.map(f64::from);
@@ -164,7 +163,7 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     r.component_mul(r) * v
 }
 
-/// Detection of the deck by its tags: position of its centre, tilt and heading.
+/// Position of the deck's centre, tilt and heading.
 pub fn tag(m: &TagPose, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
@@ -198,7 +197,7 @@ pub fn tag(m: &TagPose, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     }
 }
 
-/// Detection of the UV markers: position of the deck's centre.
+/// Position of the deck's centre.
 pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let from_drone = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
@@ -217,7 +216,6 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation
     }
 }
 
-/// Predicted deck at the time of a rangefinder reading.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
     /// Centre of the deck, m.
@@ -230,7 +228,7 @@ pub struct Plane {
     pub tilt_sd: f64,
 }
 
-/// Rangefinder reading as a height of the deck's centre. None if the spot may lie outside the deck's edges.
+/// Height of the deck's centre. None if the spot may lie outside the deck.
 pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<DeckObservation> {
     let beam = drone.attitude * Vector3::new(0.0, 0.0, 1.0);
     let spot = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m) + beam * m.range_m;

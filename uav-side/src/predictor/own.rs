@@ -1,10 +1,9 @@
-//! Modes of the vessel that the drone itself identifies from camera and rangefinder, for a vessel without radio or
-//! after a failure of the radio.
+//! Modes of a vessel without radio, identified by the drone from camera and rangefinder.
 //!
-//! A separate filter with the broad default oscillators samples the deck's motion ten times per second for the same
-//! model with which a vessel identifies its own ([`alight_shared::motion_model`]). The result is extrapolated as if
-//! received by radio. The filter of the forecast is not suitable: it estimates motion about the modes and would only
-//! reproduce them.
+//! A separate filter with the broad default oscillators samples the deck's motion ten times per second for
+//! the same model with which a vessel identifies its own ([`alight_shared::motion_model`]). The result is
+//! extrapolated as if received by radio. The forecast's filter would only reproduce the modes about which it
+//! estimates motion.
 
 use alight_shared::admission::Periodic;
 use alight_shared::apparent_slope::{self, ApparentSlope};
@@ -20,13 +19,13 @@ use super::observation::DeckObservation;
 use super::track::FrameJump;
 use super::waves::{AXES, Oscillator, Spread, Waves};
 
-/// Age of the state that is sampled, so that late images are included.
+/// Age of the sampled state, so that late images are included.
 const SAMPLE_AGE: Span = Span::from_millis(80);
-/// Time without a detection after which the deck is not sampled, s, because the motion would only be the filter's own.
+/// Time without a detection after which the deck is not sampled, s: only the filter's own motion remains.
 const UNOBSERVED_S: f64 = 0.5;
-/// Observation time after which the modes are used, s. After 30 s the measured error is still too small: 2 of 12
-/// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12. It is also the time that a vessel needs to
-/// identify its own motion.
+/// Observation time after which the modes are used, s. After 30 s the measured error is still too small: 2 of
+/// 12 landings on a 12 m hull in a sea of 1 m were hard; after 60 s none. A vessel needs as long to identify
+/// its own motion.
 const IDENTIFIED_S: f64 = 60.0;
 /// Time between two stages of the measured prediction error, s.
 const STAGE_S: f64 = 0.25;
@@ -50,8 +49,8 @@ impl OwnModel {
             slope: Default::default(),
         }
     }
-    /// Fuses an observation. The first observation initialises the camera's rotation from the forecast's filter, in
-    /// which the radio makes the rotation observable.
+    /// Fuses an observation. The first one takes the camera's rotation from the forecast's filter, where the
+    /// radio makes it observable.
     pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation, known: Option<&FilterState>) {
         let waves = &self.waves;
         let filter = self.filter.get_or_insert_with(|| {
@@ -63,15 +62,14 @@ impl OwnModel {
             self.observed_at = self.observed_at.max(Some(o.at));
         }
     }
-    /// Applies a jump of the autopilot's estimate.
     pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some(f) = &mut self.filter {
             f.shift(jump);
         }
     }
-    /// Advances to `now`. Returns true if there is a newer sample and therefore there are newer modes.
+    /// Advances to `now`. Returns whether there are newer modes.
     pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
-        // The heading only rotates modes. This filter has no modes, so its heading is zero.
+        // The heading only rotates modes, which this filter does not have.
         self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
         let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
@@ -101,8 +99,8 @@ impl OwnModel {
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
-    /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and whether they
-    /// replace the default oscillators. None until enough motion has been observed.
+    /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and
+    /// whether they replace the default oscillators. None until enough motion is observed.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;
@@ -118,8 +116,8 @@ impl OwnModel {
     }
 }
 
-/// Motion of the vessel's reference point about its mean, from the filter of a deck whose centre is at `lever_arm` (m)
-/// in the vessel's axes.
+/// Motion of the vessel's reference point about its mean, from a deck whose centre is at `lever_arm` (m,
+/// vessel's axes).
 fn sample(
     at: Time<DroneClock>,
     axes: &FilterState,
@@ -159,8 +157,8 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// A vessel heads east and pitches and yaws about its reference point, with its deck 4 m aft and 1.3 m up. The
-    /// deck's centre swings; the reference point stays.
+    /// A vessel heads east and pitches and yaws about its reference point; its deck 4 m aft and 1.3 m up
+    /// swings.
     #[test]
     fn motion_of_a_deck_off_the_reference_point() {
         let c = PredictorConfig::default();

@@ -1,11 +1,10 @@
-//! Relative position by a receiver with the vessel as its moving base: the deck's centre derived from it, and
-//! confirmation by tags.
+//! Deck's centre from a receiver with the vessel as its moving base, confirmed by tags.
 //!
-//! With the drone's position `p` and attitude `R` in its odometry, the lever arms of the antennas `a` (drone) and `v`
-//! (vessel, from the deck's centre), the vessel's attitude `Q` by the filters, and the measured baseline `b`, NED, the
-//! deck's centre is `p + R a - b - Q v`. Like a detection, it is in the odometry's frame and so measures the deck with
-//! vision's slow error; their common error, the drift of the odometry, stays observable. The rotation of the camera
-//! does not affect it.
+//! With the drone's position `p` and attitude `R` in its odometry, the lever arms of the antennas `a` (drone)
+//! and `v` (vessel, from the deck's centre), the vessel's attitude `Q` by the filters, and the measured
+//! baseline `b`, NED, the deck's centre is `p + R a - b - Q v`. Like a detection it is in the odometry's
+//! frame, has vision's slow error and leaves the odometry's drift observable. The rotation of the camera does
+//! not affect it.
 //!
 //! A false fixed solution states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection
 //! is compared with the relative position. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and
@@ -29,25 +28,26 @@ const MAX_SD_M: f64 = 0.1;
 const MIN_SD_M: f64 = 0.02;
 /// Time without a fixed solution after which the next one is independent of the last, s.
 const GONE_S: f64 = 10.0;
-/// Time since the last fused relative position within which the filter's position is based on it, s.
+/// Time since the last fused relative position for which the filter is based on it, s.
 const IN_USE_S: f64 = 1.0;
-/// Maximum time between a detection and the relative position with which it is compared, s.
+/// Maximum time between a detection and the compared relative position, s.
 const PAIR_S: f64 = 0.3;
 /// Time constant of the mean difference and longest gap between its detections, s; and minimum number of detections.
 const MEAN_TIME_S: f64 = 1.0;
 const MIN_DETECTIONS: f64 = 5.0;
-/// Difference that positions of tags and antennas do not explain, m, in addition to a number of standard deviations.
+/// Difference in m, beyond a number of standard deviations, that positions of tags and antennas do not
+/// explain.
 const APART_M: f64 = 0.15;
 const APART_SD: f64 = 3.0;
-/// Maximum uncertainty of a comparison that confirms the relative position, m. A touchdown with that error is still on
-/// the deck.
+/// Maximum uncertainty of a comparison that confirms the relative position, m; a touchdown still hits the
+/// deck.
 const MAX_CONFIRMED_M: f64 = 0.4;
-/// Distance of tags from a fixed solution above which the tags belong to another deck, m. A false fix has a smaller
-/// error, and two decks do not overlap.
+/// Distance of tags from a fixed solution above which they belong to another deck, m: more than a false fix
+/// errs, and less than decks are apart.
 const OTHER_DECK_M: f64 = 2.0;
 
-/// Deck's centre from the relative position `m`, the drone's pose, and the deck's attitude about true north at the same
-/// time; `heading_sd` is the standard deviation of its heading, rad.
+/// Deck's centre from `m`, the drone's pose, and the deck's attitude about true north at the same time;
+/// `heading_sd`: standard deviation of its heading, rad.
 pub(super) fn observation(
     m: &RelativePlace,
     drone: &Pose,
@@ -77,13 +77,13 @@ pub(super) fn observation(
         kind: ObservationKind::Relative,
         value,
         rate: [None; AXES],
-        // Not measured along a camera's line of sight.
+        // The measurement is not along a camera's line of sight.
         from_drone: Vector3::zeros(),
     }
 }
 
-/// Variances of a detection's position due to errors common to all detections: rotation of the camera across the line
-/// of sight, scale error along it, and position error of the camera.
+/// Variances of a detection's position due to common errors: the camera's rotation across the line of sight,
+/// scale error along it, and the camera's position.
 fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     let turn = c.vision_bias_sd_m_rad[3].max(c.vision_bias_sd_m_rad[4]);
     let across = |i: usize| line.norm_squared() - line[i] * line[i];
@@ -91,8 +91,8 @@ fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     Vector3::from_fn(|i, _| of(i) + c.camera_mount_sd_m.powi(2))
 }
 
-/// Detection to be fused while a relative position is in use. In a view from the side, no state models the camera's
-/// rotation, so the rotation's uncertainty is added.
+/// Detection for fusion next to a relative position. In a view from the side no state models the camera's
+/// rotation, so its uncertainty is added.
 pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> DeckObservation {
     if o.lever() == [0.0; 2] {
         let more = camera_variance(&o.from_drone, c);
@@ -114,8 +114,8 @@ fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
     Some([all.map(|(v, _)| v).into(), all.map(|(_, r)| r).into()])
 }
 
-/// Mean difference between the positions by tags and by the receiver, m, number of detections in it, and time of the
-/// newest detection.
+/// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of
+/// the newest.
 #[derive(Clone, Copy, Debug)]
 struct MeanDifference {
     at: Time<DroneClock>,
@@ -175,7 +175,7 @@ impl RelativeTrust {
             None | Some(_) => Use::Ignore,
         })
     }
-    /// Drops earlier measurements and the confirmation, after a move of the drone's frame.
+    /// Drops measurements and confirmation after a move of the drone's frame.
     pub(super) fn forget_frame(&mut self) {
         (self.fixed, self.used, self.difference) = (None, None, None);
         self.confirmed = false;
@@ -188,17 +188,16 @@ impl RelativeTrust {
     pub(super) fn count(&mut self, at: Time<DroneClock>) {
         self.used = Some(at);
     }
-    /// Whether the filter's position is based on a relative position.
     pub(super) fn is_in_use(&self, now: Time<DroneClock>) -> bool {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
 
-    /// Whether a detection at time `at` can be compared with a fixed solution.
+    /// Whether a detection can be compared with a fixed solution.
     pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
         (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
     }
-    /// Position of a detection minus the relative position, m, with the deck's motion between them removed, and the
-    /// variances of the difference. None without a fixed solution of about the same time.
+    /// Position of a detection minus the relative position, m, without the deck's motion between them, and
+    /// the variances of the difference. None without a fixed solution of about the same time.
     fn difference(
         &self,
         o: &DeckObservation,
@@ -213,8 +212,7 @@ impl RelativeTrust {
             r + q + camera_variance(&o.from_drone, c),
         ])
     }
-    /// Horizontal distance of a detection from the relative position, and its limit, m, if the detection is another
-    /// deck.
+    /// Horizontal distance of a detected other deck from the relative position, and its limit, m.
     pub(super) fn elsewhere(
         &self,
         o: &DeckObservation,
@@ -226,7 +224,7 @@ impl RelativeTrust {
         let apart = apart.xy().norm();
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Compares a detection of the vessel's own tags. Returns the difference, m, if it newly contradicts the relative
+    /// Compares the vessel's own tags. Returns the difference, m, when it begins to contradict the relative
     /// position.
     pub(super) fn compare(
         &mut self,
@@ -259,7 +257,7 @@ impl RelativeTrust {
         self.contradicted_m
     }
 
-    /// State for a forecast at `now`. None if no measurement arrived recently.
+    /// None if no measurement arrived recently.
     pub(super) fn state(&self, now: Time<DroneClock>) -> Option<RelativeState> {
         let age = |t: Time<DroneClock>| (now - t).secs().max(0.0);
         let newest = self.newest.filter(|m| age(m.header.at) < GONE_S)?;
@@ -289,7 +287,7 @@ mod tests {
             ..RelativePlace::default()
         }
     }
-    /// Detection of a deck at this position from `above_m` above it.
+    /// Deck detected at this position from `above_m` above it.
     fn detection(t: f64, at: [f64; 3], above_m: f64) -> DeckObservation {
         let [n, e, d] = at.map(|v| Some((v, 1e-4)));
         DeckObservation {
@@ -300,7 +298,7 @@ mod tests {
             from_drone: Vector3::z() * above_m,
         }
     }
-    /// Trust after one second of a fixed solution at the origin at 5 Hz, with tags at `place` at 30 Hz.
+    /// Trust after one second of a fixed solution at the origin, at 5 Hz, with tags at `place` at 30 Hz.
     fn after(trust: &mut RelativeTrust, from_s: f64, place: [f64; 3], above_m: f64) -> RelativeState {
         let c = PredictorConfig::default();
         for k in 0..30 {
@@ -378,7 +376,7 @@ mod tests {
             let s = after(&mut trust, 0.0, apart, 2.0);
             assert!((s.contradicted_m.unwrap() - 0.5).abs() < 1e-9 && !s.confirmed);
             assert_eq!(s.used_age_s, f64::INFINITY);
-            // The tags agree now, but the fix is still the false one.
+            // The tags agree with a fix that is still false.
             assert!(after(&mut trust, 1.0, [0.0; 3], 2.0).contradicted_m.is_some());
             let mut gone = trust;
             trust.take(&measured(2.0, CarrierSolution::Float));
@@ -398,14 +396,13 @@ mod tests {
         after(&mut trust, 0.0, [0.0; 3], 2.0);
         let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
         assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
-        // At a larger distance, the detection is another deck.
+        // A more distant detection is another deck.
         assert_eq!(trust.elsewhere(&misread, &Vector3::zeros(), &c), None);
         let other = detection(1.0, [3.0, 0.0, 0.0], 2.0);
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
     }
 
-    /// Whether tags at a distance of `apart` from the fixes of a deck moving at 8 m/s contradict them, for detections
-    /// at these times.
+    /// Whether tags `apart` from the fixes of a deck that moves at 8 m/s contradict them.
     fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
         let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
         let velocity = Vector3::new(8.0, 0.0, 0.0);
@@ -422,7 +419,7 @@ mod tests {
         let times_s = || (0..60).map(|k| f64::from(k) / 30.0);
         assert!(!contradicts(0.0, times_s()));
         assert!(contradicts(0.5, times_s()));
-        // Fewer detections than required, before and after a gap.
+        // There are too few detections before and after a gap.
         let with_gap = [0, 1, 2, 3, 40, 41, 42, 43].map(|k| f64::from(k) / 30.0);
         assert!(!contradicts(0.5, with_gap.into_iter()));
     }

@@ -1,11 +1,11 @@
-//! Correction of the filters for a jump of the autopilot's estimate. Values measured in the drone's frame stay relative
-//! to the drone; values received by radio move with the datum.
+//! Correction of the filters for a jump of the autopilot's estimate. Values measured in the drone's frame
+//! stay relative to the drone; values received by radio move with the datum.
 //!
-//! The deck's position is the mean plus the slow error of vision. The mean is the radio's part and moves with a jump of
-//! the datum. The slow error is vision's part: it changes by the difference in proportion to the weight of vision in
-//! the position. A deck that was never detected stays at the radio's position through any jump of the heading. PX4 and
-//! ArduPilot align their heading by up to 180 deg once the origin is known, and a deck rotated with the heading would
-//! be wrong by `2 d sin(yaw / 2)`.
+//! The deck's position is the mean, the radio's part, plus vision's slow error. The mean moves with a jump of
+//! the datum; the slow error changes by the difference in proportion to the weight of vision. A deck that was
+//! never detected stays at the radio's position through any jump of the heading. PX4 and ArduPilot align
+//! their heading by up to 180 deg once the origin is known; a deck rotated with it would be wrong by `2 d
+//! sin(yaw / 2)`.
 
 use nalgebra::Vector3;
 
@@ -13,8 +13,8 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::FrameJump;
 use super::waves::AXES;
 
-/// State of the filters after `jump`. `measured` holds the degrees of freedom that were ever measured in the drone's
-/// frame, and whether the position is from the relative position, which does not depend on the heading. Returns the
+/// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and
+/// whether the position is from the relative position, which is independent of the heading. Returns the
 /// degrees of freedom that are still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
@@ -61,7 +61,7 @@ pub(super) fn state(
 struct VisionWeight {
     /// Variance with all measurements.
     whole: f64,
-    /// Variance without vision: the radio's variance plus the slow errors of radio and camera.
+    /// Variance without vision: the radio's plus the slow errors of radio and camera.
     by_radio: f64,
 }
 
@@ -72,13 +72,13 @@ impl VisionWeight {
             by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
         }
     }
-    /// Weight of vision in the deck's estimate, 0 to 1, if vision and radio differ by `apart`. For the product of two
-    /// normal distributions with variances `S` (radio) and `V`, `1 / whole = 1 / S + 1 / V`, the weight is `S / (S + V)
-    /// = 1 - whole / S`. If the two contradict each other by more than `gate` standard deviations, only the more
-    /// accurate one is used. None if that is the radio.
+    /// Weight of vision in the deck's estimate, 0 to 1, with positions by vision and radio `apart` from each
+    /// other. For the product of two normal distributions with variances `S` (radio) and `V`, where `1 /
+    /// whole = 1 / S + 1 / V`, it is `S / (S + V) = 1 - whole / S`. Beyond `gate` standard deviations only
+    /// the more accurate one is used; None for the radio.
     fn weight(&self, apart: f64, gate: f64) -> Option<f64> {
         let weight = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
-        // S + V = S / weight.
+        // S + V = S / share.
         if apart * apart * weight <= gate * gate * self.by_radio {
             return Some(weight);
         }
@@ -98,23 +98,22 @@ mod tests {
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
 
-    /// Drone at rest whose autopilot's estimate jumps, with odometry and predictor.
+    /// Drone at rest, with odometry and predictor, whose autopilot's estimate jumps.
     struct Bench {
         odometry: Odometry,
         predictor: Predictor,
         tick: u32,
-        /// Present position by the autopilot's estimate.
+        /// By the autopilot's estimate.
         place: Vector3<f64>,
         yaw: f64,
-        /// Position of the deck by radio, relative to the datum.
+        /// By radio, relative to the datum.
         deck: Vector3<f64>,
-        /// Boot id of the vessel, and position of its datum.
+        /// Boot id, and position of the datum.
         vessel: (u32, Vector3<f64>),
-        /// Position of the autopilot's origin.
         origin: Vector3<f64>,
-        /// Position of the deck relative to the drone, in the drone's axes, as measured by the camera.
+        /// Deck relative to the drone, in the drone's axes, by the camera.
         detection: Option<Vector3<f64>>,
-        /// Position of the deck relative to the drone, NED, as measured by a receiver.
+        /// Deck relative to the drone, NED, by a receiver.
         relative: Option<Vector3<f64>>,
         /// Positions of the deck (forecast) and of the drone (odometry).
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -196,11 +195,11 @@ mod tests {
                 self.newest = Some((stage.position.into(), drone.position()));
             }
         }
-        /// Makes the camera detect the deck at its estimated position.
+        /// Detects the deck at its estimated position.
         fn detect(&mut self) {
             self.detection = Some(self.apart());
         }
-        /// Estimated position of the deck relative to the drone, level, north up.
+        /// Estimated deck relative to the drone, level, north up.
         fn apart(&self) -> Vector3<f64> {
             self.newest
                 .map_or(Vector3::repeat(f64::NAN), |(deck, drone)| deck - drone)
@@ -209,7 +208,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
-        /// A deck that was never detected stays at the radio's position through any jump of heading and position.
+        /// The deck stays at the radio's position through any jump of heading and position.
         #[test]
         fn undetected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
@@ -224,19 +223,19 @@ mod tests {
             b.yaw += yaw;
             b.place += Vector3::from(by);
             b.run(0.1);
-            // The radio's position relative to the datum is unchanged: the drone has moved.
+            // The drone has moved, and the radio's position relative to the datum has not.
             let moved = b.apart() - (before - Vector3::from(by));
             prop_assert!(moved.norm() < 0.3, "{moved:?} at {yaw} {by:?}");
         }
 
-        /// A detected deck stays at the camera's position through any jump.
+        /// The deck stays at the camera's position through any jump.
         #[test]
         fn detected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
             by in prop::array::uniform3(-20.0_f64..20.0),
         ) {
-            // A change of heading by less than 4 deg does not count as a jump: it rotates the detections, here by at
-            // most 4 cm.
+            // A change of heading by less than 4 deg is no jump and rotates the detections, here by up to 4
+            // cm.
             let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
             b.run(2.0);
@@ -255,8 +254,8 @@ mod tests {
 
     #[test]
     fn deck_by_relative_place_at_a_jump() {
-        // The receiver measures the deck 2 m off the radio's position, 55 m away. No detection exists, so a jump of the
-        // heading rotates nothing.
+        // The receiver measures the deck 2 m off the radio's position, 55 m away; there is no detection to
+        // rotate.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));
@@ -299,8 +298,7 @@ mod tests {
 
     #[test]
     fn heading_aligned_before_the_first_detection() {
-        // The deck is 55 m away and the heading is aligned by 118 deg. A deck that is rotated with the heading would be
-        // wrong by 94 m.
+        // The heading is aligned by 118 deg. A deck 55 m away that is rotated with it would be wrong by 94 m.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();
@@ -311,7 +309,7 @@ mod tests {
 
     #[test]
     fn deck_detected_a_minute_ago_at_a_jump() {
-        // The odometry has drifted by more than the radio's error, so the radio is used.
+        // The odometry has drifted by more than the radio's error.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);
         b.detect();

@@ -9,12 +9,11 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::odometry::origin::yaw_jump;
 
-/// Number of states kept: more than a second at 100 Hz.
+/// Number of stored states: more than a second at 100 Hz.
 const MAX_STATES: usize = 128;
 /// Maximum time over which a state is extrapolated, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// Difference from the position predicted by the velocity, m, above which the frame has changed because the link was
-/// restarted.
+/// Difference from the position predicted by velocity at which a restarted link has changed the frame, m.
 pub(super) const JUMP_M: f64 = 0.7;
 /// Maximum time between two states for jump detection, s.
 const JUMP_STEP_S: f64 = 0.2;
@@ -33,7 +32,7 @@ pub struct FrameJump {
 }
 
 impl FrameJump {
-    /// New position of a point that the drone saw at `place` (m) before the jump.
+    /// New position of a point detected at `place` (m) before the jump.
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
         self.about + turn * (place + self.moved - self.about)
@@ -47,7 +46,7 @@ impl FrameJump {
             about: s.position(),
         };
         if s.header.boot != last.header.boot {
-            // The odometry's integrals may restart, so its own reports of jumps take precedence.
+            // The odometry's integrals may restart; its own reports of jumps take precedence.
             let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
             let moved = s.position() - expected;
             if dt < JUMP_STEP_S && moved.norm() > JUMP_M {
@@ -62,10 +61,8 @@ impl FrameJump {
     }
 }
 
-/// Pose of the drone at a time, in its NED.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
-    /// Centre of mass, m.
     pub position: Vector3<f64>,
     /// Rotation from body to NED.
     pub attitude: UnitQuaternion<f64>,
@@ -87,13 +84,13 @@ impl Default for DroneTrack {
 }
 
 impl DroneTrack {
-    /// Adds a newer state. Returns a jump of the autopilot's estimate, if any, after applying it to the earlier states.
+    /// Adds a newer state. Returns a jump of the autopilot's estimate after applying it to earlier states.
     pub fn push(&mut self, s: &DroneState) -> Option<FrameJump> {
         let jump = self.states.back().and_then(|last| FrameJump::between(last, s));
         if let Some(jump) = jump {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
             for old in &mut self.states {
-                // The path was correct; only the heading was not.
+                // The path was correct and the heading was not.
                 old.position = (old.position() + jump.moved).into();
                 let q = turn * old.attitude();
                 old.attitude = [q.w, q.i, q.j, q.k];
@@ -108,8 +105,7 @@ impl DroneTrack {
     pub fn newest(&self) -> Option<&DroneState> {
         self.states.back()
     }
-    /// Pose at `t`: interpolated between two states, or extrapolated shortly after the newest state. None before the
-    /// oldest state and long after the newest.
+    /// Pose at `t`, interpolated, or extrapolated shortly after the newest state; None otherwise.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Pose> {
         let i = self.states.partition_point(|s| s.header.at <= t);
         let a = self.states.get(i.checked_sub(1)?)?;
@@ -213,7 +209,7 @@ mod tests {
         let before = t.at(Time::from_secs(1.0)).unwrap();
         assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
         assert!((before.position.x - 1.0).abs() < 1e-9);
-        // The detection was two metres north of the drone, about which it is rotated.
+        // The detection two metres north of the drone rotates about the drone.
         let point = jump.of(&Vector3::new(3.01, 0.0, 1.0));
         assert!((point - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }

@@ -1,5 +1,5 @@
-//! The deck's motion in waves: the modes identified by the vessel, extrapolated, plus one short oscillator per degree
-//! of freedom for the residual. Until the vessel has identified its motion, a broad set of default oscillators is used.
+//! Deck's motion in waves: the vessel's modes, extrapolated, plus one short oscillator per degree of freedom
+//! for the residual. Until the vessel has identified its modes, a broad set of default oscillators is used.
 
 use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
@@ -15,11 +15,10 @@ use super::config::PredictorConfig;
 pub const AXES: usize = 6;
 /// Tilt about north and about east.
 pub const TILT: [usize; 2] = [3, 4];
-/// Maximum number of default oscillators.
 const MAX_BANK: usize = 6;
-/// Maximum number of oscillators: the default ones and the residual one.
+/// Default oscillators and the residual one.
 pub const MAX_OSCILLATORS: usize = MAX_BANK + 1;
-/// Number of messages kept, so that late observations use the modes of their time.
+/// Number of stored messages, so that late observations use the modes of their time.
 const MAX_MESSAGES: usize = 12;
 /// Frequency range of the residual oscillator, rad/s: from a long swell to the fastest deck.
 const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
@@ -27,10 +26,10 @@ const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
 const FIRST_S: f64 = 0.2;
 /// Minimum damping ratio of a mode that is replaced by an oscillator.
 const MIN_DAMPING: f64 = 1e-3;
-/// Maximum backward extrapolation of modes, s; strongly damped modes grow backwards.
+/// Maximum backward extrapolation of modes, s, because damped modes increase backwards.
 const MAX_BACK_S: f64 = 0.1;
 
-/// Oscillator `x'' + 2 lambda omega x' + omega² x = w`, with the same frequency on all axes.
+/// Oscillator `x'' + 2 lambda omega x' + omega² x = w`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
@@ -41,7 +40,7 @@ pub struct Oscillator {
     pub sd: [f64; AXES],
 }
 
-/// Values, rates and accelerations of the deck according to the modes, by degree of freedom.
+/// Motion of the deck by the modes, by degree of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeckMotion {
     /// Value, m, rad.
@@ -55,15 +54,15 @@ pub struct DeckMotion {
 /// Modes of the deck at a time, advanced in equal steps.
 #[derive(Clone, Debug, Default)]
 pub struct DeckModes {
-    /// For each mode: its pole, and the phasor of each degree of freedom.
+    /// Pole, and phasor of each degree of freedom.
     modes: Vec<(Complex<f64>, [Complex<f64>; AXES])>,
     step: Vec<Complex<f64>>,
 }
 
 impl DeckModes {
-    /// Modes at their time of validity plus `t` seconds, for a deck whose centre is at `lever_arm` (m, north, east,
-    /// down of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft, a positive roll
-    /// moves it to starboard, and a change of heading moves it across the lever arm. `step_s` is the step of
+    /// Modes at their time of validity plus `t` seconds, for a deck whose centre is at `lever_arm` (m, north,
+    /// east, down of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft,
+    /// a positive roll to starboard, and a change of heading across the lever arm. `step_s` is the step of
     /// [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
@@ -90,7 +89,6 @@ impl DeckModes {
             }
         }
     }
-    /// Sum of the modes at the present time.
     pub fn motion(&self) -> DeckMotion {
         let mut out = DeckMotion::default();
         for (pole, c) in &self.modes {
@@ -101,7 +99,6 @@ impl DeckModes {
 }
 
 impl DeckMotion {
-    /// Adds a mode with these phasors.
     fn add(&mut self, pole: Complex<f64>, phasors: &[Complex<f64>; AXES]) {
         let square = pole * pole;
         for (i, c) in phasors.iter().enumerate() {
@@ -117,12 +114,12 @@ impl DeckMotion {
 pub struct HandOver {
     /// Motion of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
-    /// Fraction of the motion's variance that the modes no longer explain, by degree of freedom.
+    /// Fraction of the motion's variance that the modes leave unknown, by degree of freedom.
     pub unknown: [f64; AXES],
 }
 
-/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s for the course, m,
-/// rad. Empty before the first prediction.
+/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s for the
+/// course, m, rad.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
     /// Values at equal steps from the present.
@@ -131,20 +128,18 @@ pub struct Spread {
     pub step_s: f64,
 }
 
-/// Model of the deck's motion in waves.
 #[derive(Clone, Debug)]
 pub struct Waves {
     /// Residual oscillator first, then the default ones.
     oscillators: Vec<Oscillator>,
-    /// Configured minimum of the residual motion.
     residual_sd: [f64; AXES],
     /// Damping ratio of the residual of heave, tilt and heading with fresh modes, and with stale modes.
     residual_damping: [f64; 2],
     /// Received modes, newest last.
     messages: VecDeque<Modes<DroneClock>>,
-    /// Centre of the deck relative to the vessel's reference point in the vessel's axes, m.
+    /// Deck's centre from the vessel's reference point in the vessel's axes, m.
     lever_arm: Vector3<f64>,
-    /// Lever arm of a level vessel on its heading, north, east, down, m.
+    /// Lever arm of a level vessel on its heading, NED, m.
     level_arm: Vector3<f64>,
     spread: Spread,
     /// Maximum standard deviation of the residual.
@@ -156,7 +151,6 @@ pub struct Waves {
 }
 
 impl Waves {
-    /// Starts with the default oscillators of the configuration.
     pub fn new(c: &PredictorConfig) -> Self {
         let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator {
             omega,
@@ -186,11 +180,10 @@ impl Waves {
     pub fn are_identified(&self) -> bool {
         self.identified && !self.spread.stages.is_empty()
     }
-    /// Oscillators at time `at`. The residual of the modes grows with their age. The damping of its oscillator is
-    /// interpolated with the fraction `(left now / left then)²`, where `then` is a quarter of a wave later. The
-    /// fraction is small for fresh modes, whose residual fades, and 1 for stale modes, whose residual oscillates like
-    /// the waves. The residual of the course (north and east) always oscillates, because velocity errors have
-    /// accumulated in it.
+    /// Oscillators at time `at`. The modes' residual grows with their age. Its damping is interpolated with
+    /// the fraction `(left now / left then)²`, where `then` is a quarter of a wave later: small for fresh
+    /// modes, whose residual fades, and 1 for stale modes, whose residual oscillates like the waves. The
+    /// residual of the course (north and east) always oscillates, because velocity errors accumulate in it.
     pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
         if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
@@ -208,9 +201,9 @@ impl Waves {
         }
         all
     }
-    /// Standard deviation of the newest modes' residual `age` seconds after their time of validity, by degree of
-    /// freedom, m, rad. It is the error of their prediction, limited to the difference of two independent motions with
-    /// the waves' spectrum.
+    /// Standard deviation of the newest modes' residual at `age` seconds, by degree of freedom, m, rad: the
+    /// error of their prediction, limited to the difference of two independent motions with the waves'
+    /// spectrum.
     fn left(&self, age: f64) -> [f64; AXES] {
         let last = self.reach_s();
         let spread = self.spread(age.max(FIRST_S));
@@ -221,8 +214,8 @@ impl Waves {
         })
     }
 
-    /// Factor from velocity error to position error on the axes of the course: the memory of the residual oscillator,
-    /// s. It is 1 for the other axes.
+    /// Factor from velocity error to position error on the course's axes: the residual oscillator's memory,
+    /// s; otherwise 1.
     fn unit(&self, axis: usize) -> f64 {
         match (axis, self.oscillators.first()) {
             (0 | 1, Some(o)) => 1.0 / o.omega,
@@ -230,8 +223,8 @@ impl Waves {
         }
     }
 
-    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad. It is constant after
-    /// the last stage.
+    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad; constant
+    /// after the last stage.
     fn spread(&self, ahead: f64) -> [f64; AXES] {
         let stages = &self.spread.stages;
         let x = (ahead / self.spread.step_s).clamp(0.0, stages.len().saturating_sub(1) as f64);
@@ -241,22 +234,20 @@ impl Waves {
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
     }
 
-    /// Position of the deck's centre in the vessel's axes, m.
     pub fn lever_arm(&self) -> &Vector3<f64> {
         &self.lever_arm
     }
-    /// Sets the position of the deck's centre in the vessel's axes (m), and the vessel's heading, rad.
+    /// `lever_arm`: deck's centre in the vessel's axes, m; `heading`: rad.
     pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>, heading: f64) {
         self.lever_arm = lever_arm;
         self.turn(heading);
     }
-    /// Sets the vessel's heading, rad.
     pub fn turn(&mut self, heading: f64) {
         let level = Rotation2::new(heading) * self.lever_arm.xy();
         self.level_arm = Vector3::new(level.x, level.y, self.lever_arm.z);
     }
 
-    /// Updates the deviation from the vessel's own prediction. A prediction without stages has no deviation.
+    /// Updates the deviation from the vessel's own prediction.
     pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
         if p.stages.is_empty() {
             return;
@@ -266,12 +257,11 @@ impl Waves {
             step_s: f64::from(p.step_s),
         });
     }
-    /// Sets the error of the modes.
     pub fn set_spread(&mut self, spread: Spread) {
         self.spread = spread;
     }
 
-    /// Adopts the vessel's wave model, once its deviation is known. Returns true if it replaces the default
+    /// Adopts the vessel's wave model once its deviation is known. Returns whether it replaces the default
     /// oscillators; the filters then fold their oscillators into the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.adopt(Modes::from(m), f64::from(m.confidence))
@@ -309,7 +299,7 @@ impl Waves {
         begun
     }
 
-    /// Time of validity of the newest modes. None before the first modes, and after [`Waves::hand_over`].
+    /// Time of validity; None before the first modes, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
@@ -317,8 +307,8 @@ impl Waves {
     pub fn reach_s(&self) -> f64 {
         self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
-    /// Replaces the modes at time `at` by oscillators that the filters estimate. Returns the motion of each, the
-    /// residual one first. None without modes.
+    /// Replaces the modes at `at` by oscillators that the filters estimate. Returns their motions, the
+    /// residual one first.
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
@@ -356,7 +346,7 @@ impl Waves {
         Some(HandOver { motions, unknown })
     }
 
-    /// Modes at time `t`, from the newest message at that time; `step_s` is their step.
+    /// Modes at `t`, from the newest message then; `step_s` is their step.
     pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
@@ -364,8 +354,8 @@ impl Waves {
         };
         DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.level_arm, step_s)
     }
-    /// Deck motion at time `to` by the modes that were newest at `from`, minus that by the modes newest at `to`. None
-    /// if they are the same modes.
+    /// Deck motion at `to` by the modes that were newest at `from`, minus that by the newest at `to`. None if
+    /// they are equal.
     pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
         let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
@@ -382,12 +372,11 @@ impl Waves {
             acceleration: less(before.acceleration, after.acceleration),
         })
     }
-    /// Motion of the deck at time `t` according to the modes.
     pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
-    /// Variance of predicting the newest modes from `now` to the given number of seconds later, by degree of freedom,
-    /// in excess of the residual oscillator's variance.
+    /// Variance of the newest modes' prediction from `now` to a number of seconds later, by degree of
+    /// freedom, in excess of the residual oscillator's.
     pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
         let age = self
             .messages
@@ -408,7 +397,7 @@ impl Waves {
 mod tests {
     use super::*;
 
-    /// A vessel heads east and yaws by 0.1 rad in 5 s, with its deck 4 m aft: the deck swings north and south.
+    /// The deck 4 m aft of a vessel that heads east and yaws by 0.1 rad in 5 s swings north and south.
     #[test]
     fn yaw_of_a_deck_off_the_reference_point() {
         let mut waves = Waves::new(&PredictorConfig::default());

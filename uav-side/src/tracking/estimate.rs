@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::config::TrackingConfig;
 use crate::odometry::hover::hover_sample;
 
-/// Slow estimates of the thrust scale and of the horizontal disturbance.
+/// Slow estimates of thrust scale and horizontal disturbance.
 #[derive(Clone, Debug)]
 pub(crate) struct FlightEstimator {
     /// Collective thrust in hover, 0 to 1.
@@ -23,8 +23,7 @@ pub(crate) struct FlightEstimator {
     commanded_s: f64,
 }
 
-/// Delay until a newly commanded thrust is in effect, s: four lags of the rotors. Until then the rotors still respond
-/// to an earlier command, which is unknown here.
+/// Delay until a newly commanded thrust is in effect, s: four lags of the rotors.
 const IN_FORCE_S: f64 = 0.2;
 
 impl FlightEstimator {
@@ -42,7 +41,7 @@ impl FlightEstimator {
     pub(crate) fn hover(&self) -> f64 {
         self.hover
     }
-    /// Horizontal disturbance (wind), NED, m/s².
+    /// NED, m/s².
     pub(crate) fn disturbance(&self) -> Vector2<f64> {
         self.disturbance
     }
@@ -50,8 +49,8 @@ impl FlightEstimator {
     pub(crate) fn specific(&self, u: f64) -> f64 {
         u * GRAVITY / self.hover
     }
-    /// Own commanded thrust after its lag, 0 to 1; its difference from the measured force shows other support of the
-    /// drone. None until the thrust is in effect, and while the autopilot closes the loop.
+    /// Own commanded thrust after its lag, 0 to 1. None until it is in effect, and while the autopilot closes
+    /// the loop.
     pub(crate) fn in_force(&self) -> Option<f64> {
         self.applied.filter(|_| self.commanded_s >= IN_FORCE_S)
     }
@@ -62,8 +61,8 @@ impl FlightEstimator {
             self.reported = true;
         }
     }
-    /// Upward specific force beyond the own thrust, m/s²: ground effect, the inflow of a fast descent, and in wind the
-    /// drag's component along the tilted thrust, which the hover thrust attributes to weaker rotors.
+    /// Upward specific force beyond the own thrust, m/s²: ground effect, the inflow of a fast descent, and in
+    /// wind the drag's component along the tilted thrust.
     pub(crate) fn lift(&self) -> f64 {
         self.lift
     }
@@ -105,7 +104,6 @@ impl FlightEstimator {
             self.hover = low_pass(self.hover, sample, dt, c.hover_time_s);
         }
     }
-    /// Sets the horizontal disturbance of free flight, NED, m/s².
     pub(crate) fn use_disturbance(&mut self, disturbance: Vector2<f64>) {
         self.disturbance = disturbance;
     }
@@ -133,8 +131,8 @@ mod tests {
         // Ground effect of 10 % on a level drone.
         let ground = learnt(Vector3::new(0.0, 0.0, -1.1 * GRAVITY), 0.0, 0.4, Some(0.4));
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
-        // In a tilted hover in wind the drag acts across and along the thrust, without a vertical component. If the
-        // hover thrust was learnt along the thrust, its error of a sin(tilt) appears here.
+        // In a tilted hover in wind the drag has no vertical component. A hover thrust that was learnt along
+        // the thrust would err by a sin(tilt).
         let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
         let drag = GRAVITY * tilt.tan();
         let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());

@@ -1,4 +1,4 @@
-//! The tracking loop: plan and odometry in, attitude and thrust out.
+//! Tracking loop from plan and odometry to attitude and thrust.
 //!
 //! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, converted to a thrust vector and by flatness to an
 //! attitude. The plan's attitude is fed forward with the autopilot's lag compensated; the feedback is not compensated,
@@ -40,9 +40,9 @@ pub(crate) struct Authority {
     pub(crate) planned: Vector2<f64>,
     /// Whether the integral may change.
     pub(crate) integrate: bool,
-    /// Whether the vertical force has priority over the horizontal one, at any attitude.
+    /// Whether the vertical force has priority over the horizontal one.
     pub(crate) brakes: bool,
-    /// Limit of the downward acceleration, NED z, m/s²; while this limit is active, the vertical force has priority as
+    /// Limit of the downward acceleration, NED z, m/s²; an active limit gives the vertical force priority as
     /// well.
     pub(crate) down_mps2: f64,
 }
@@ -119,8 +119,7 @@ impl Tracker {
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
         let unplanned = (estimate.disturbance() - authority.planned) * authority.disturbance;
         let push = horizontal - unplanned;
-        // The attitude is a state of the loop like position and velocity: its feedback makes their higher gains
-        // possible.
+        // The feedback includes the attitude, like position and velocity, which permits their higher gains.
         let [roll, pitch, yaw] = stage.euler;
         let meant = thrust_of_attitude(
             &UnitQuaternion::from_euler_angles(roll, pitch, yaw),
@@ -138,8 +137,8 @@ impl Tracker {
         thrust.y += push.y;
         let thrust = tilt_limited(&thrust, c.tilt_limit_rad, c.min_thrust_of_hover * GRAVITY);
         let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
-        // Only the component along the drone's present up axis has an effect (Lee et al. 2010), less the lift of the
-        // air.
+        // Only the component along the drone's present up axis has an effect (Lee et al. 2010), minus the
+        // air's lift.
         let up = body.attitude * -Vector3::z();
         let upright = (-up.z).max(0.5);
         let mut along = thrust.dot(&up);
@@ -199,7 +198,7 @@ impl Tracker {
 /// the loop crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at 1.7 rad/s
 /// horizontally, where 0.4 s of dead time and lag leave 37 deg.
 pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
-    /// Time over which the rate limit bounds the turn to the command, s; it applies once, not in each step.
+    /// Time over which the rate limit bounds the turn to the command, s.
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig {
         horizontal_kp: 0.7,

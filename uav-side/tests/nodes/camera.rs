@@ -1,4 +1,4 @@
-//! Arbitrary images and damaged files at the camera: no panic, no false detection, bounded memory.
+//! Arbitrary images and damaged files cause no panic, no false detection and no growing memory.
 //!
 //! To run for minutes: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test nodes
 //! camera::`.
@@ -13,10 +13,9 @@ use proptest::prelude::*;
 /// First code of the family 36h11.
 const CODE_0: u64 = 0xd_5d62_8584;
 
-/// Element of a synthetic image.
 #[derive(Clone, Debug)]
 enum Stroke {
-    /// Chequered field, or with one level a filled rectangle: corner, size, cell, levels.
+    /// Filled rectangle with one level, or chequered field with two: corner, size, cell, levels.
     Field([u16; 4], u8, [u8; 2]),
     /// Tag with some bits inverted: corner, cell, mask of wrong bits.
     Tag([u16; 2], u8, u64),
@@ -132,11 +131,11 @@ fn node(width: usize, height: usize) -> CameraNode {
 }
 
 thread_local! {
-    /// All images go through this node, as in flight, so that state left by one image affects the next.
+    /// State left by one image affects the next, as in flight.
     static NODE: RefCell<CameraNode> = RefCell::new(node(320, 240));
 }
 
-/// Whether a pose is detected; checks that it is valid.
+/// Whether a pose is detected, which has to be valid.
 fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
     let Some(pose) = node.detect(image) else {
         return false;
@@ -158,7 +157,6 @@ proptest! {
     fn camera_with_images_of_another_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
         let image = draw(width, height, ground, &strokes);
         detects(&mut node(width, height), &image);
-        // A node that expects another size rejects the image.
         NODE.with_borrow_mut(|other| {
             prop_assert!((width, height) == (320, 240) || !detects(other, &image));
             Ok(())
@@ -202,7 +200,7 @@ fn camera_with_a_drawn_tag_and_noise() {
     ));
 }
 
-/// Resident memory of this process, pages; None when the system does not report it.
+/// Resident memory of this process, pages; None without a report of the system.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     text.split_whitespace().nth(1)?.parse().ok()
@@ -227,8 +225,8 @@ fn camera_memory_over_a_thousand_images() {
         resident()
     };
     if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests run at the same time and may use 40 MB of pages; a leak of one image per detection would take 70
-        // MB.
+        // Other tests may use 40 MB of pages at the same time; a leak of one image per detection would take
+        // 70 MB.
         assert!(late < early + 10_000, "{early} to {late} pages");
     }
 }

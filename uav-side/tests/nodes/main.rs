@@ -1,5 +1,4 @@
-//! Tests of the drone's nodes through their public interface. Each node has a file; together they are one program,
-//! which is built and linked once.
+//! Tests of the drone's nodes through their public interface, in one program that is built and linked once.
 
 // Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

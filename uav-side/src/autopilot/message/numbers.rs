@@ -1,6 +1,6 @@
 //! Numbers of MAVLink: messages, severities, estimator status bits, commands.
 
-/// Numbers of the messages whose rate Alight requests.
+/// Messages whose rate Alight requests.
 pub mod id {
     pub const HEARTBEAT: u32 = 0;
     pub const SYS_STATUS: u32 = 1;
@@ -31,7 +31,6 @@ pub mod id {
 pub mod severity {
     /// Immediate action is required.
     pub const CRITICAL: u8 = 2;
-    /// A failure.
     pub const WARNING: u8 = 4;
     /// Unusual, but not an error.
     pub const NOTICE: u8 = 5;
@@ -47,17 +46,17 @@ pub mod estimator {
     /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only after tilt and heading are aligned.
     pub const POSITION_HORIZ_ABS: u16 = 16;
     pub const POSITION_VERT_ABS: u16 = 32;
-    /// The estimator has no position measurement and assumes a constant position.
+    /// Without a position measurement the estimator assumes a constant position.
     pub const CONSTANT_POSITION: u16 = 128;
 }
 
 pub mod command {
     /// `MAV_CMD_DO_SET_MODE`.
     pub const SET_MODE: u16 = 176;
-    /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
+    /// `MAV_CMD_DO_SET_HOME`: latitude, longitude (deg) and height above the sea (m) in the last parameters.
     pub const SET_HOME: u16 = 179;
-    /// `MAV_CMD_MISSION_START`: from the beginning, with first and last item 0 (PX4 takes the first item from it;
-    /// ArduCopter starts again after a disarm).
+    /// `MAV_CMD_MISSION_START` with first and last item 0: a restart with PX4, and with ArduCopter after a
+    /// disarm.
     pub const MISSION_START: u16 = 300;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;
@@ -65,19 +64,18 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
-    /// `MAV_CMD_NAV_LAND`: sent to the companion, land on the vessel.
+    /// `MAV_CMD_NAV_LAND`, which makes the companion land on the vessel.
     pub const NAV_LAND: u16 = 21;
-    /// `MAV_CMD_NAV_TAKEOFF`: sent to the companion, take off from the deck.
+    /// `MAV_CMD_NAV_TAKEOFF`, which makes the companion take off from the deck.
     pub const NAV_TAKEOFF: u16 = 22;
-    /// `MAV_CMD_USER_1`: Alight's command to land.
+    /// `MAV_CMD_USER_1`: land.
     pub const USER_1: u16 = 31010;
-    /// `MAV_CMD_USER_2`: Alight's command to abort.
+    /// `MAV_CMD_USER_2`: abort.
     pub const USER_2: u16 = 31011;
-    /// `MAV_CMD_USER_3`: Alight's command to hold.
+    /// `MAV_CMD_USER_3`: hold.
     pub const USER_3: u16 = 31012;
-    /// `MAV_CMD_USER_4`: Alight's command for a station: height, m; ahead and to starboard of the deck's centre, m;
-    /// duration, min.
+    /// `MAV_CMD_USER_4`: station; height, m; ahead and to starboard of the deck's centre, m; duration, min.
     pub const USER_4: u16 = 31013;
-    /// Second parameter of `ARM_DISARM`: the autopilot disarms in the air too.
+    /// Second parameter of `ARM_DISARM`: disarm in the air, too.
     pub const FORCE: f64 = 21196.0;
 }

@@ -1,5 +1,3 @@
-//! Tests of orders by a ground station.
-
 use super::*;
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Time;
@@ -12,7 +10,7 @@ fn at(s: f64) -> DroneTime {
 }
 const STATION: Address = Address::new(255, 190);
 const REJECTED: CommandOutcome = Rejected(TemporarilyRejected, UNAWARE);
-/// The remote control does not block orders, and the link's orders are accepted.
+/// The remote control does not block orders, and the link accepts them.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
 fn new(command: u16) -> StationCommand {
@@ -33,7 +31,6 @@ fn tracking(s: f64) -> MissionState {
     MissionState {
         header: Header::new(0, 1, 5, 1, at(s)),
         state: State::Tracking,
-        // First order of this boot.
         order: Some([7, 1]),
         ..MissionState::default()
     }
@@ -72,7 +69,7 @@ fn station_orders_unaware_of_an_abort() {
         [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
         [REJECTED, ordered]
     );
-    // Actual and possible repetitions of a former order.
+    // Certain and possible repetitions of a former order.
     for again in [Repetition::Yes, Repetition::Perhaps] {
         assert_eq!(
             [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
@@ -96,7 +93,7 @@ fn station_order_whose_answer_was_lost() {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
-    // A repetition after a lost answer is answered again, without a new order.
+    // A repetition after a lost answer is answered without a new order.
     orders.give(LAND, STATION, given(1, 30.0));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
@@ -112,7 +109,7 @@ fn station_order_whose_answer_was_lost() {
     ] {
         assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
     }
-    // After the landing was stopped, the former answer is not reused.
+    // The former answer is not reused after the landing was stopped.
     orders.stopped(at(34.0));
     assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
 }
@@ -145,7 +142,7 @@ fn station_abort_after_a_landing_from_elsewhere() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
-    // Another operator orders a landing in between; the stations are not informed.
+    // Another operator orders a landing without the stations' knowledge.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
@@ -189,7 +186,6 @@ fn station_order_answers() {
             published += usize::from(command.is_some());
             answers.extend(a);
         }
-        // The order is answered each second.
         let answer = answers.pop().unwrap();
         let under_way = answers.iter().all(|a| a.result == InProgress);
         assert!(under_way && answers.len() == published.min(5), "{answers:?}");
@@ -253,7 +249,6 @@ fn station_of_a_command() {
     }
 }
 
-/// An unsigned link accepts an abort only.
 #[test]
 fn orders_of_an_unsigned_link() {
     let mut orders = StationOrders::default();
@@ -308,7 +303,7 @@ fn station_order_that_the_mission_rejects() {
     assert!(answer.text.unwrap().starts_with("no station from here: "));
 }
 
-/// After the touchdown an order to land is rejected, with the full reason.
+/// A landed drone rejects an order to land with the full reason.
 #[test]
 fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();

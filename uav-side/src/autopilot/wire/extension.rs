@@ -1,4 +1,4 @@
-//! Messages with MAVLink 2 extension fields and messages of other dialects, encoded by offset.
+//! Messages with MAVLink 2 extension fields or of other dialects, encoded by offset.
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
@@ -30,7 +30,7 @@ impl Row {
 /// Offsets of extension fields in their payloads.
 pub(super) const RESET_COUNTER_AT: usize = 230;
 pub(super) const ELLIPSOID_HEIGHT_AT: usize = 30;
-/// `signal_quality` of `DISTANCE_SENSOR`, and its value for an invalid reading; 0: unknown.
+/// `signal_quality` of `DISTANCE_SENSOR` and its invalid value; 0: unknown.
 pub(super) const DISTANCE_QUALITY_AT: usize = 38;
 pub(super) const DISTANCE_INVALID: u8 = 1;
 const ESTIMATOR_FLAGS_AT: usize = 40;
@@ -46,8 +46,8 @@ const MISSION_STATE_AT: usize = 4;
 /// `target_system` of `COMMAND_ACK`; the component follows.
 pub(super) const ACK_TO_AT: usize = 8;
 
-/// `LANDING_TARGET`: time, angles (unused), distance, size; number, frame; extension: position, attitude, type (2:
-/// fiducial marker), position valid.
+/// `LANDING_TARGET`: time, angles (unused), distance, size; number, frame; extension: position, attitude,
+/// type (2: fiducial marker), position valid.
 pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
     Row::default()
         .bytes(&t.time_us.to_le_bytes())
@@ -58,8 +58,8 @@ pub(super) fn landing_target(t: &LandingTarget) -> Vec<u8> {
         .bytes(&[2, 1])
         .0
 }
-/// `TARGET_RELATIVE`: time, position, its deviations, the heading's deviation, attitudes of the target and of the
-/// sensor (none); number, frame (2: `TARGET_OBS_FRAME_LOCAL_OFFSET_NED`), type (2: fiducial marker).
+/// `TARGET_RELATIVE`: time, position, its deviations, the heading's deviation, attitudes of the target and of
+/// the sensor (none); number, frame (2: `TARGET_OBS_FRAME_LOCAL_OFFSET_NED`), type (2: fiducial marker).
 pub(super) fn target_relative(t: &TargetRelative) -> Vec<u8> {
     Row::default()
         .bytes(&t.time_us.to_le_bytes())
@@ -71,10 +71,9 @@ pub(super) fn target_relative(t: &TargetRelative) -> Vec<u8> {
         .bytes(&[0, 2, 2])
         .0
 }
-/// `TARGET_ABSOLUTE`: time, latitude, longitude, height above the sea, velocity, acceleration (not stated), attitude,
-/// rates (not stated), deviations of position, velocity and acceleration; number, validity bits (1: position, 2:
-/// velocity). The velocity is along the target's axes in the definition, and in NED for PX4; the attitude is chosen so
-/// that both coincide.
+/// `TARGET_ABSOLUTE`: time, latitude, longitude, height above the sea, velocity, acceleration (not stated),
+/// attitude, rates (not stated), deviations of position, velocity and acceleration; number, validity bits (1:
+/// position, 2: velocity). The attitude makes the velocity along the target's axes equal to PX4's NED.
 pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
     let degrees = |d: f64| ((d * 1e7).round() as i32).to_le_bytes();
     Row::default()
@@ -107,8 +106,7 @@ fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
 }
 /// Length of one `STATUSTEXT`.
 const TEXT: usize = 50;
-/// `STATUSTEXT`s of a text: severity, characters; extension: text number (0: a single part), part number. A part that
-/// is not full is the last.
+/// `STATUSTEXT`s: severity, text; extension: text number (0: one part), part number; the last is not full.
 pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>> {
     let number = if text.len() > TEXT { number } else { 0 };
     let full = text.as_bytes().chunks_exact(TEXT);
@@ -154,8 +152,7 @@ pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
         .floats(values.as_flattened())
         .0
 }
-/// `GPS_RAW_INT`: time, latitude, longitude, height, four unused fields, fix and satellites; extension: height above
-/// the ellipsoid.
+/// `GPS_RAW_INT`: time, place, height, four unused, fix, satellites; extension: ellipsoidal height.
 pub(super) fn gnss_heights(sea_m: f64, ellipsoid_m: f64) -> Vec<u8> {
     let mm = |m: f64| ((m * 1e3).round() as i32).to_le_bytes();
     Row::default()
@@ -210,7 +207,7 @@ pub(super) fn mission_current(total: u16, state: u8) -> Vec<u8> {
 /// Decodes messages whose content is in the extension, and ArduPilot's own.
 pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<MavlinkMessage> {
     match number {
-        // Decoded by offset, so that a flag unknown to the dialect does not invalidate the message.
+        // Decoded by offset, so that an unknown flag does not invalidate the message.
         id::ESTIMATOR_STATUS => Some(MavlinkMessage::EstimatorStatus {
             flags: payload.u16(ESTIMATOR_FLAGS_AT),
         }),

@@ -1,5 +1,5 @@
-//! MAVLink 2 frames of the drone: [`Encoder`] and [`Decoder`] convert [`MavlinkMessage`]s to frames and back, in both
-//! directions, so that a test or the simulation can be the other end. Neither panics on any input; damaged, unknown and
+//! MAVLink 2 frames of the drone: [`Encoder`] and [`Decoder`] convert [`MavlinkMessage`]s in both directions,
+//! so that a test or the simulation can be the other end. Neither panics on any input; damaged, unknown and
 //! unused frames are counted and skipped.
 
 mod decode;
@@ -14,7 +14,7 @@ use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
 const MAX_SEVERITY: u8 = 7;
 
-/// Decodes frames from a stream of bytes that arrives in arbitrary parts.
+/// From a stream of bytes in arbitrary parts.
 #[derive(Default)]
 pub struct Decoder {
     frames: FrameReader,
@@ -22,7 +22,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Decoder that checks signatures if a key is set; a ground station's abort is accepted at any clock time.
+    /// Checks signatures if a key is set; a ground station's abort is accepted at any clock time.
     pub fn signed(signing: Option<Signing>) -> Decoder {
         Decoder {
             frames: FrameReader::signed(signing).whenever(is_abort),
@@ -32,7 +32,7 @@ impl Decoder {
     pub fn push(&mut self, bytes: &[u8]) {
         self.frames.push(bytes);
     }
-    /// Next frame that Alight uses; None until more bytes arrive.
+    /// None until more bytes arrive.
     pub fn next_frame(&mut self) -> Option<MavlinkFrame> {
         loop {
             let raw = self.frames.next_frame()?;
@@ -48,14 +48,13 @@ impl Decoder {
             self.unknown += 1;
         }
     }
-    /// Number of skipped frames: unused, or with a value unknown to the dialect.
+    /// Number of skipped frames: unused, or with an unknown value.
     pub fn ignored(&self) -> u64 {
         self.unknown + self.frames.unreadable()
     }
     pub fn signatures(&self) -> Signatures {
         self.frames.signatures()
     }
-    /// Bytes lost because they were not read in time.
     pub fn lost(&self) -> u64 {
         self.frames.lost()
     }
@@ -72,8 +71,7 @@ impl Encoder {
     pub fn signed(signing: Option<Signing>) -> Encoder {
         Encoder { sequence: 0, signing }
     }
-    /// Bytes of the next frame; of several frames for a long text. None for messages that only others send, and for
-    /// numbers unknown to the dialect.
+    /// Bytes of the next frame, or of several for a long text. None for messages that are not sent.
     pub fn frame(&mut self, from: Address, message: &MavlinkMessage) -> Option<Vec<u8>> {
         let MavlinkMessage::Text { severity, text } = message else {
             return Some(self.next(from, outgoing(message)?));
@@ -96,7 +94,7 @@ impl Encoder {
     }
 }
 
-/// Whether this is a `COMMAND_LONG` or `COMMAND_INT` that aborts; both have the command at the same offset.
+/// Whether this is a `COMMAND_LONG` or `COMMAND_INT` that aborts (with the command at the same offset).
 fn is_abort(id: u32, fields: Fields<'_>) -> bool {
     matches!(id, 75 | 76) && fields.u16(28) == super::message::command::USER_2
 }
@@ -152,7 +150,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// DISTANCE_SENSOR with its extension: 1.5 m downwards, with this quality.
+    /// DISTANCE_SENSOR of 1.5 m downwards, with this quality.
     fn distance(quality: u8) -> Vec<u8> {
         let mut payload = 7_u32.to_le_bytes().to_vec();
         payload.extend([10_u16, 1000, 150].into_iter().flat_map(u16::to_le_bytes));
@@ -167,7 +165,7 @@ mod tests {
         mavlink::encode(from, Outgoing::new(132, 85, payload), None)
     }
 
-    /// A ground station whose clock is set back after it was ahead.
+    /// A ground station's clock is set back after it was ahead.
     #[test]
     fn abort_whatever_the_clock_shows() {
         use super::super::message::{CommandLong, command};
@@ -195,7 +193,7 @@ mod tests {
     }
 
     proptest! {
-        /// A long text arrives completely: in parts with one number, each but the last full.
+        /// A long text arrives in parts with one number, each but the last full.
         #[test]
         fn texts_in_parts(text in "[ -~]{0,220}") {
             let mut decoder = Decoder::default();

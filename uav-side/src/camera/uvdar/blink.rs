@@ -1,6 +1,6 @@
-//! Identification of markers by their blinking codes (Walter et al. 2019, section IV). Bright spots are tracked from
-//! image to image, dark ones at their predicted positions, and the last images of each are compared with the markers'
-//! codes in every phase.
+//! Identification of markers by their blinking codes (Walter et al. 2019, section IV). Bright spots are
+//! tracked from image to image, through dark images at their predicted positions. The last images of each
+//! spot are compared with the codes in every phase.
 
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector2;
@@ -19,7 +19,6 @@ pub struct Code {
 }
 
 impl Code {
-    /// Parses a text of 4 to 32 characters 0 and 1; None for any other.
     pub fn parse(text: &str) -> Option<Code> {
         let length = text.len();
         if !(4..=MAX_BITS).contains(&length) || !text.bytes().all(|b| b == b'0' || b == b'1') {
@@ -49,8 +48,7 @@ impl Code {
         }
         longest
     }
-    /// Minimum number of bits in which the last images, the newest in the lowest bit, differ from the code in any
-    /// phase.
+    /// Minimum number of bits, over all phases, in which `observed` (newest lowest) differs from the code.
     fn distance(&self, observed: u32) -> u32 {
         let mask = u32::MAX >> (32 - self.length as u32);
         (0..self.length)
@@ -65,7 +63,7 @@ impl Code {
             .min()
             .unwrap_or(u32::MAX)
     }
-    /// Minimum number of bits in which two codes of the same length differ in any phase.
+    /// Minimum number of differing bits of two codes of the same length, over all phases.
     pub fn apart(&self, other: &Code) -> u32 {
         let backwards = (0..other.length).fold(0_u32, |bits, k| {
             bits | (((other.bits >> (other.length - 1 - k)) & 1) << k)
@@ -105,8 +103,7 @@ pub struct BlinkTracker {
 }
 
 impl BlinkTracker {
-    /// Tracker of markers with these codes, with an image every `period`; a spot deviates from its predicted position
-    /// by at most `gate_px` between images.
+    /// Tracker for an image every `period`; a spot is within `gate_px` of its prediction.
     pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> BlinkTracker {
         BlinkTracker {
             max_dark: codes.iter().map(Code::max_dark).max().unwrap_or(0),
@@ -118,9 +115,8 @@ impl BlinkTracker {
             last: None,
         }
     }
-    /// Processes the spots of an image. Returns the spots that are identified as markers.
     pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
-        // Bits of lost images are unknown: all tracks start again.
+        // Bits of lost images are unknown, so all tracks start again.
         let gap = self
             .last
             .map_or(f64::INFINITY, |last| (at - last).secs() / self.period.secs());
@@ -151,7 +147,7 @@ impl BlinkTracker {
         }
         self.known()
     }
-    /// Assigns to each track the spot nearest to its predicted position. Returns which spots are assigned.
+    /// Assigns to each track the nearest spot to its predicted position. Returns which spots are assigned.
     fn follow(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<bool> {
         let mut taken = vec![false; blobs.len()];
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
@@ -191,7 +187,7 @@ impl BlinkTracker {
         }
         taken
     }
-    /// Lit spots that match exactly one marker; a marker that two spots match is left out.
+    /// Lit spots that match exactly one marker; a marker with two matching spots is left out.
     fn known(&self) -> Vec<IdentifiedMarker> {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {
@@ -283,7 +279,6 @@ mod tests {
         let mut tracker = tracker();
         let mut identified = 0;
         for k in 0..48_u64 {
-            // One image in twelve is dark.
             let lit = code.lit(k) && k % 12 != 6;
             let blobs: Vec<Blob> = lit.then(|| blob(50.0, 60.0)).into_iter().collect();
             let known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);

@@ -1,5 +1,3 @@
-//! Bright spots of an image and their positions.
-
 use nalgebra::Vector2;
 
 use crate::camera::image::GreyImage;
@@ -7,7 +5,7 @@ use crate::camera::image::GreyImage;
 /// Maximum number of spots in an image; the brightest ones are kept.
 pub const MAX_BLOBS: usize = 64;
 
-/// Maximum number of runs of bright pixels. An image with more shows glare or noise, and no spots are returned.
+/// Maximum number of runs of bright pixels; an image with more shows glare or noise.
 const MAX_RUNS: usize = 4000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,12 +20,12 @@ pub struct Blob {
 pub struct BlobLimits {
     /// Minimum grey level of a spot's pixels.
     pub threshold: u8,
-    /// Maximum number of pixels above the threshold: markers are small, the sun and its reflections are not.
+    /// Maximum number of pixels: markers are small, the sun and its reflections are not.
     pub max_pixels: usize,
 }
 
-/// Spots of the image: connected pixels above the threshold, row by row from the top. A row's runs are joined with
-/// those of the row above, and only the brightest spots are kept, so that time and memory are bounded.
+/// Connected pixels above the threshold, row by row from the top. A row's runs are joined with those of the
+/// row above, and only the brightest spots are kept, so that time and memory are bounded.
 pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
     let mut open: Vec<(usize, usize, usize)> = Vec::new();
     let mut groups = Groups::default();
@@ -111,7 +109,7 @@ impl Groups {
         if a == b {
             return;
         }
-        // The later run's root becomes a child of the earlier one's, which takes over its sum.
+        // The later run becomes a child of the earlier one, which takes over its sum.
         let (low, high) = (a.min(b), a.max(b));
         let add = self.sums.get(high).copied().unwrap_or_default();
         if let (Some(parent), Some(sum)) = (self.parent.get_mut(high), self.sums.get_mut(low)) {
@@ -159,7 +157,7 @@ mod tests {
 
     #[test]
     fn blob_centre() {
-        // A "U", whose legs meet in the last row only, and a pixel that touches it at a corner.
+        // A "U", whose legs meet in the last row, and a pixel that touches it at a corner.
         let u = [
             (10, 10, 150),
             (12, 10, 150),

@@ -1,5 +1,4 @@
-//! Wide lens: the angle from the optical axis determines the distance from the image's centre (equidistant projection
-//! with the polynomial of Kannala and Brandt 2006, as in OpenCV's fisheye model).
+//! Wide equidistant lens with the polynomial of Kannala and Brandt 2006, as in OpenCV's fisheye model.
 
 use alight_shared::config;
 use nalgebra::{Vector2, Vector3};
@@ -22,7 +21,7 @@ config! {
         pub focal_px: [f64; 2] = [152.0, 152.0];
         /// Principal point, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
-        /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
+        /// Coefficients k1 to k4 of the third, fifth, seventh and ninth power of the angle from the axis.
         pub distortion: [f64; 4] = [0.0; 4], in -2.0..=2.0;
         /// Full angle of the lens's cone, deg.
         pub cone_deg: f64 = 180.0, in 10.0..=240.0;

@@ -1,5 +1,5 @@
-//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"): bright spots in
-//! a wide, dark image, identified by their blinking codes, give the deck's position from further away than the tag.
+//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"),
+//! identified by their codes. They give the deck's position from further away than the tag.
 //!
 //! Read in this order: [`blobs`], [`blink`], [`fisheye`], [`pose`].
 
@@ -38,7 +38,7 @@ config! {
         pub tilt_down_deg: f64 = 45.0, in -90.0..=90.0;
         /// Optical centre relative to the belly camera's, in that camera's axes (right, aft, down), m.
         pub offset_m: [f64; 3] = [0.0; 3], in -5.0..=5.0;
-        /// Images per second, which is the markers' bits per second.
+        /// Images per second, equal to the markers' bits per second.
         pub rate_hz: f64 = 20.0, in 1.0..=200.0;
         /// Minimum grey level of a marker.
         pub threshold: u8 = 80, in 5.0..=255.0;
@@ -57,7 +57,7 @@ config! {
         pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
                 .to_vec();
-        /// Number of tolerated wrong bits.
+        /// Number of tolerated wrong bits in a code.
         pub wrong_bits: u32 = 1, in 0.0..=3.0;
         /// Maximum deviation of a spot from its predicted position between images, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
@@ -66,7 +66,7 @@ config! {
         pub spot_sd_px: f64 = 0.15, in 0.01..=10.0;
         /// Standard deviation of the deck's tilt relative to the drone, each axis, deg.
         pub tilt_sd_deg: f64 = 12.0, in 0.5..=60.0;
-        /// Maximum sum of squared residuals.
+        /// Maximum sum of squared residuals, in variances.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
     check |this, at| {
@@ -97,7 +97,7 @@ impl UvdarSettings {
     pub fn parsed(&self) -> Vec<Code> {
         self.codes.iter().filter_map(|c| Code::parse(c)).collect()
     }
-    /// Rotation to the belly camera from the ultraviolet one, about the common x axis.
+    /// Rotation from the ultraviolet camera to the belly camera, about the common x axis.
     pub fn belly_from_uv(&self) -> UnitQuaternion<f64> {
         let turn = core::f64::consts::FRAC_PI_2 - self.tilt_down_deg.to_radians();
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn)
@@ -108,13 +108,11 @@ impl UvdarSettings {
 pub struct UvdarCounts {
     pub images: u64,
     pub fixes: u64,
-    /// Spots identified as markers.
     pub markers: u64,
-    /// Images with a single identified marker: a direction without a distance.
+    /// Images with a single marker, which has a direction without a distance.
     pub single: u64,
-    /// Images whose markers fit no position, or several.
+    /// Images whose markers fit no position or several.
     pub misfit: u64,
-    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 
@@ -135,7 +133,6 @@ pub struct UvdarOut {
 }
 
 wiring! {
-    /// Topics that the ultraviolet camera's node writes; it reads images only.
     UvdarPorts of UvdarNode: CameraIn => UvdarOut {
         reads {}
         edge { frames, exposed }
@@ -162,7 +159,6 @@ impl UvdarNode {
             counts: UvdarCounts::default(),
         }
     }
-    /// Position of the deck from an image and those before it.
     pub fn detect(&mut self, at: Time<DroneClock>, image: &GreyImage) -> Option<UvdarFix> {
         self.counts.images += 1;
         let s = &self.settings;

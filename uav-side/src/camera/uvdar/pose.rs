@@ -1,11 +1,10 @@
 //! Pose of the deck from the directions of known markers, by least squares on the sphere.
 //!
-//! The unknowns are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's axes
-//! lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes, over the
-//! bearing's standard deviation. Two further residuals are the deck's tilt over the standard deviation of deck and
-//! drone together: they select the right one of the two tilts that a small square permits, and make two markers
-//! sufficient. Two markers alone have two solutions, a deck's width apart; then the one that continues the previous
-//! image's attitude is chosen, if it is unique.
+//! The unknowns are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the
+//! deck's axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in
+//! two axes, over the bearing's standard deviation. The prior of the deck's tilt adds two residuals, which
+//! select one of the two tilts that a small square permits and make two markers sufficient. Two markers have
+//! two solutions, a deck's width apart; the one near the previous image's attitude is chosen if it is unique.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
@@ -20,12 +19,11 @@ const LIMITS: RefinementLimits = RefinementLimits {
     absolute_gain: 1e-12,
     step: 0.0,
 };
-/// Difference of the sums of squared residuals below which another solution is a rival: 3 standard deviations.
+/// Difference of the sums of squared residuals below which another solution is a rival: 3 sigma.
 const RIVAL: f64 = 9.0;
 /// Distance between solutions, as a fraction of the range, below which they are the same.
 const SAME_FRACTION: f64 = 0.02;
-/// Maximum rotation, rad, from the previous attitude to a solution that continues it, and the factor by which the
-/// rotation to each rival must be larger.
+/// Maximum rotation from the previous attitude to a solution, rad, and factor by which rivals' are larger.
 const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
@@ -70,7 +68,7 @@ fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
     Some(Matrix2x3::from_rows(&[a.transpose(), b.transpose()]))
 }
 
-/// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the camera's axes).
+/// Gauss-Newton matrix, gradient and cost at `s`, for a translation and a rotation about the camera's axes.
 fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> Option<NormalEquations> {
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
     let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
@@ -121,8 +119,7 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// The one of `rivals`, equally good solutions with the best first, that continues the attitude `last`; None unless
-/// exactly one does.
+/// The only one of `rivals` (equally good solutions, best first) near the attitude `last`; otherwise None.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
         return Some(alone);
@@ -139,8 +136,7 @@ fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Opt
     (*smallest < CONTINUITY_RAD && *next > RIVAL_TURNS * smallest).then_some(found)
 }
 
-/// Solves from two markers or more. None when nothing fits, or when several positions fit equally and not exactly one
-/// continues the attitude `last`.
+/// Solves from two markers or more. None for no position, or several that `last` does not resolve.
 pub fn solve(
     bearings: &[MarkerBearing],
     known: &PosePrior,
@@ -167,7 +163,6 @@ pub fn solve(
         let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
         let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
         let attitude = turn * level;
-        // In an oblique view markers are nearer than their angular distance implies.
         for fraction in [1.0, 0.5] {
             let start = CameraPose {
                 position: direction * (range * fraction).clamp(0.5, 500.0) - attitude * centre,
@@ -244,8 +239,7 @@ mod tests {
             let t = Vector3::new(side, up, 1.0).normalize() * range;
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
             let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
-            // From afar the rectangle's shape hardly depends on its tilt, and two positions may fit equally; the
-            // previous attitude then selects one.
+            // From afar the previous attitude selects one of two positions that may fit equally.
             let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
             let pose = solve(&bearings(t, r, 4), &known, None).or_else(followed).unwrap();
             // A tilted deck is biased towards level, by less than the stated uncertainty.
@@ -253,7 +247,6 @@ mod tests {
             let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
             prop_assert!(off < 3.0, "{off}: {} {t}", pose.position);
             prop_assert!(pose.misfit < 1.0);
-            // Two markers are sufficient when the previous attitude is known.
             let before = UnitQuaternion::from_euler_angles(0.02, -0.02, 0.03) * r;
             if let Some(two) = solve(&bearings(t, r, 2), &known, Some(&before)) {
                 prop_assert!(two.covariance.trace() > pose.covariance.trace());

@@ -1,4 +1,4 @@
-//! Descent and flare: conditions under which a landing continues or is broken off.
+//! Conditions under which a descent or flare continues or is broken off.
 
 use alight_shared::msg::ReasonCode::{
     Descending, DescendingTo, Deviated, FlareHeight, Flaring, Matched, Matching, Missed, NoPlan, Swings,
@@ -12,7 +12,7 @@ use super::super::situation::{Deck, Situation};
 use super::{MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
 use crate::mission_config::MissionConfig;
 
-/// Reason to break off a landing that is not committed: another drone owns the deck, or the helm announces a turn.
+/// Reason to break off an uncommitted landing: another owner of the deck, or a turn announced by the helm.
 fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
     let turns = s.course == Course::Turning && urgency <= 0.0;
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
@@ -30,15 +30,15 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     ])
 }
 
-/// Cone of a descent: its radius at the deck, m, and the radius' increase per metre of clearance.
+/// Cone of a descent: radius at the deck, m, and its increase per metre of clearance.
 const CONE_M: f64 = 1.0;
 const CONE_SLOPE: f64 = 0.3;
-/// Duration of a new attempt, s, and its probability of a harmful contact: a landing is broken off only if its
+/// Duration of a new attempt, s, and its probability of a harmful contact. A landing is broken off if its
 /// probability falls short of the required one by more than the cost of both.
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
-/// Reason if a condition of a landing in progress is violated; `blind_s`: maximum time without vision.
+/// Violated condition of a landing in progress; `blind_s`: maximum time without vision.
 fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
@@ -52,18 +52,17 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
-/// Tilt beyond the commanded one above which the autopilot has lost the attitude, rad: 10 deg; the excess reaches 2 deg
-/// in landings.
+/// Tilt beyond the commanded one at which the attitude is lost, rad: 10 deg; landings reach 2 deg.
 const MAX_TILT_EXCESS_RAD: f64 = 0.175;
-/// Clearance below which the deck may tilt a drone by touching it, m: the forecast's error.
+/// Clearance below which the deck may tilt a drone, m: the forecast's error.
 const MAY_TOUCH_M: f64 = 0.3;
 
-/// Reason if the attitude is being lost: a climb's higher thrust restores the rotors' torque.
+/// Reason if the attitude is being lost; a climb's higher thrust restores the rotors' torque.
 fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
     exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
 }
 
-/// Descends until the flare, with a pause at the decision clearance while a condition of the flare is not met.
+/// Descends to the flare, with a pause at the decision clearance until the flare's conditions are met.
 pub(super) fn descent(
     violated: Option<DroneTime>,
     paused: Option<DroneTime>,
@@ -81,7 +80,7 @@ pub(super) fn descent(
     let violation = violation(deck, urgency, s, c, c.descent_vision_s);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
-    // Below the commit clearance continuing is safer than breaking off, as long as the deck is below.
+    // Below the commit clearance continuing over the deck is safer than breaking off.
     if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
         return PhaseTransition::BreakOff(why);
     }
@@ -111,12 +110,10 @@ pub(super) fn descent(
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
 }
 
-/// Distance above the lowest plan within which the drone follows the deck, m: the part of the heave that it does not
-/// follow.
+/// Distance above the lowest plan within which the drone follows the deck, m: heave that it does not follow.
 const MATCHED_WITHIN_M: f64 = 0.5;
 
-/// End of a descent that does not land: the drone has followed the deck at the lowest plan since `matched`, and then
-/// climbs.
+/// End of a descent without landing: a climb after following the deck at the lowest plan since `matched`.
 fn matching(
     lowest_m: f64,
     violated: Option<DroneTime>,
@@ -143,8 +140,7 @@ fn matching(
     MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
 
-/// Continues the flare until touchdown. It is broken off if the deck is missed or lost, and for soft reasons until it
-/// is committed.
+/// Flares until touchdown; a missed or lost deck breaks it off, as do soft reasons until it is committed.
 pub(super) fn flare(
     committed: bool,
     violated: Option<DroneTime>,
@@ -155,7 +151,7 @@ pub(super) fn flare(
     let Some(deck) = s.fresh_deck() else {
         return PhaseTransition::BreakOff(s.no_deck());
     };
-    // The deck may fall away again: half a metre above the commit clearance there is time to decide.
+    // Half a metre above the commit clearance there is time to decide after the deck has fallen away.
     let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
     let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
         exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
@@ -174,5 +170,5 @@ pub(super) fn flare(
     MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
 }
 
-/// Duration of a violation after which a landing is broken off, s: several messages.
+/// Duration of a violation that breaks off a landing, s: several messages.
 const VIOLATION_S: f64 = 0.3;

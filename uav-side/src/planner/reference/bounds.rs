@@ -1,4 +1,4 @@
-//! Bounds of references and plans: the water, the lowest clearance over the deck, volumes around the deck.
+//! Bounds of references and plans by the water, the lowest clearance and volumes around the deck.
 
 use alight_shared::msg::DeckStage;
 use nalgebra::Vector3;
@@ -10,8 +10,8 @@ use super::{PlanReference, ReferenceGenerator};
 use crate::contingency::NEAR_DECK_M;
 use crate::surroundings::{Passage, margin_m};
 
-/// Distance of the plan's bound below the lowest clearance of the reference, m: the bound must not affect a plan that
-/// follows the reference.
+/// Distance of the plan's bound below the reference's lowest clearance, m; a plan that follows the reference
+/// does not reach it.
 const UNDERCUT_M: f64 = 0.2;
 /// Widening of the deck's outline within which the minimum altitude does not apply, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;
@@ -47,7 +47,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Moves references out of the volumes that the plan passes sideways, and bounds the plan's positions.
+    /// Moves references out of volumes that the plan passes sideways, and bounds its positions.
     pub(in crate::planner) fn keep_out(&self, reference: &PlanReference, problem: &mut Problem) {
         problem.sides.clear();
         if reference.passages.is_empty() {
@@ -55,8 +55,8 @@ impl ReferenceGenerator {
         }
         let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
         for (stage, (r, deck)) in stages.enumerate() {
-            // Leaving one volume may lead into another. Two passes suffice for two volumes; for a third one only its
-            // soft bound remains.
+            // Leaving one volume may lead into another. Two passes suffice for two volumes; a third has only
+            // its soft bound.
             let passages = reference.passages.iter();
             let from = problem.sides.len();
             let sides = passages.filter_map(|p| p.side(deck));
@@ -79,8 +79,7 @@ impl ReferenceGenerator {
         self.keep_above(reference, problem);
     }
 
-    /// Soft upper bound of z at a place: above the volumes that the plan passes over, and above the water away from the
-    /// deck.
+    /// Soft upper bound of z: above volumes that the plan passes over, and off the deck above the water.
     pub fn ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
         let water_z = self.water_ceiling(reference, stage, x, y);
         let Some(deck) = reference.deck.get(stage + 1) else {
@@ -90,8 +89,8 @@ impl ReferenceGenerator {
         tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
     }
 
-    /// Bound of z by the lowest clearance near the deck, [`NO_CEILING`] if a plan may touch: `n (p - c) - l = h` solved
-    /// for the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
+    /// Bound of z by the lowest clearance, [`NO_CEILING`] if a plan may touch: `n (p - c) - l = h` solved for
+    /// the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
     fn deck_ceiling(&self, reference: &PlanReference, deck: &DeckStage, x: f64, y: f64) -> f64 {
         let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
         let near = dx.hypot(dy) < NEAR_DECK_M;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::planner::weights::FaaDistance;
 
-/// Weight of a stage: far from the contact, plus an addition at the contact.
+/// Weight of a stage, increased near the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WeightSchedule {
@@ -36,11 +36,12 @@ impl Check for WeightSchedule {
 }
 
 config! {
-    /// Descent profile: fast, braked, soft.
+    /// Descent profile with a fast, a braked and a soft part.
     ///
-    /// Chosen: after a prototype. The soft part is long enough for the drone's lag, which can cause an early contact:
-    /// with 40 ms of delay to the autopilot the motors stop in time in 79 of 80 landings at 0.28 s, 76 at 0.2 s, 80 at
-    /// 0.35 s. During the soft part the tag is out of view, and each 0.1 s adds 8 mm to the position error.
+    /// Chosen: by a prototype. The soft part is long enough for the drone's lag, which can cause an early
+    /// contact: with 40 ms of delay to the autopilot the motors stop in time in 79 of 80 landings at 0.28 s,
+    /// 76 at 0.2 s, 80 at 0.35 s. During the soft part the tag is out of view, and each 0.1 s adds 8 mm to
+    /// the position error.
     #[derive(Copy)]
     pub struct ProfileConfig {
         /// Maximum sink rate, m/s.
@@ -49,7 +50,7 @@ config! {
         pub braking_mps2: f64 = 2.5, in 0.2..=6.0;
         /// Maximum downward acceleration, m/s².
         pub acceleration_mps2: f64 = 3.0, in 0.2..=8.0;
-        /// Maximum increase of `sink_mps` when late, m/s.
+        /// Maximum increase of `sink_mps` for a late drone, m/s.
         pub hurry_mps: f64 = 0.5, in 0.0..=4.0;
         /// Sink rate of the soft part relative to the deck, m/s.
         pub touch_mps: f64 = 0.28, in 0.05..=1.0;
@@ -71,7 +72,7 @@ config! {
 config! {
     /// Choice of the touchdown time.
     ///
-    /// Chosen: after a prototype.
+    /// Chosen: by a prototype.
     #[derive(Copy)]
     pub struct TouchdownTimeConfig {
         /// Search window after the earliest touchdown time, s; 0 takes the earliest.
@@ -84,17 +85,17 @@ config! {
         pub tilt_deg: f64 = 5.0, in 0.1..=90.0;
         /// Rate of tilt that costs 1/2, deg/s.
         pub tilt_rate_dps: f64 = 5.0, in 0.1..=1e3;
-        /// Rising speed of the deck that costs 1/2, m/s: a rising deck reaches a waiting drone earlier or later than
-        /// predicted, before the drone is aligned.
+        /// Rising speed of the deck that costs 1/2, m/s: a rising deck makes the contact time of an unaligned
+        /// drone uncertain.
         pub rising_mps: f64 = 0.8, in 0.01..=1e3;
         /// Cost of waiting, 1/s.
         pub waiting_per_s: f64 = 0.3, in 0.0..=100.0;
         /// Cost reduction above which another time replaces the chosen one.
         pub hysteresis: f64 = 0.2, in 0.0..=100.0;
-        /// Maximum advance of the contact relative to the profile when late, s.
+        /// Maximum advance of the contact relative to the profile for a late drone, s.
         pub hurry_s: f64 = 0.15, in 0.0..=1.0;
-        /// Maximum delay of the contact relative to the profile in the flare, s: low over the deck the tag is out of
-        /// view, and a drone that waits there drifts away or is left behind by the vessel.
+        /// Maximum delay of the contact relative to the profile in the flare, s: without the tag in view a
+        /// waiting drone drifts away or is left behind.
         pub linger_s: f64 = 0.05, in 0.0..=10.0;
     }
 }
@@ -102,10 +103,10 @@ config! {
 config! {
     /// The rendezvous planner (`alight`).
     ///
-    /// Chosen: by landings on seven decks (40 each). Far from the deck the weight of the tilt is larger than alignment
-    /// needs, so that the plan does not follow the forecast's noise. Stages keep the weights of the contact for as long
-    /// as the contact may be late (`after_s`, 0.1 s): a longer alignment costs position and tilt, because a drone with
-    /// a matched tilt accelerates away from the deck.
+    /// Chosen: by 40 landings on each of seven decks. Far from the deck the tilt has a larger weight than
+    /// alignment needs, so that the plan does not follow the forecast's noise. Stages keep the contact's
+    /// weights for as long as the contact may be late (`after_s`, 0.1 s). A longer alignment costs position
+    /// and tilt, because a drone with a matched tilt accelerates away from the deck.
     #[derive(Copy)]
     pub struct RendezvousConfig {
         /// Descent profile.
@@ -115,7 +116,7 @@ config! {
         /// Plan the tilt as the horizontal acceleration that it causes at the planned vertical acceleration; if false,
         /// as `g tilt` of the linear model.
         pub true_tilt: bool = true;
-        /// Clearance that determines the proximity of the contact: that of each stage, or the present one.
+        /// Clearance that determines the proximity of the contact, of each stage or the present one.
         pub distance: FaaDistance = FaaDistance::PerStage;
         /// Start a landing from the measured state; if false, from the previous plan.
         pub start_from_measured: bool = true;

@@ -1,13 +1,14 @@
-//! The rendezvous planner, `alight`: position, velocity and attitude match the deck's at a chosen time.
+//! Rendezvous planner `alight`: position, velocity and attitude match the deck's at a chosen time.
 //!
 //! Differences from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
 //! - The touchdown time is chosen within the forecast ([`touchdown_time`]).
-//! - The height is a function of the time left: fast down to just above the deck, then softly onto it ([`profile`]).
-//! - The weights of a stage depend on the drone's height *at that stage*, `g = exp(-(h/h0)²)`: attitude, velocity and
-//!   position matter at the contact, and only briefly, because a matched tilt accelerates sideways.
-//! - Tilt is planned as the horizontal acceleration that it causes at the planned vertical acceleration and in the
-//!   wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`. The wind accelerates an aligned drone, so the plan includes the
-//!   wind's effect during the alignment.
+//! - The height is a function of the time left: fast down to just above the deck, then softly onto it
+//!   ([`profile`]).
+//! - The weights of a stage depend on the drone's height *at that stage*, `g = exp(-(h/h0)²)`: attitude,
+//!   velocity and position matter only briefly at the contact, because a matched tilt accelerates sideways.
+//! - Tilt is planned as the horizontal acceleration that it causes at the planned vertical acceleration and
+//!   in the wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`, so that the plan includes the wind during the
+//!   alignment.
 
 pub mod config;
 pub mod profile;
@@ -32,16 +33,16 @@ use profile::{Height, Profile};
 use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
-/// Clearance below which the wind is not estimated in a landing, m: contact forces are not wind.
+/// Clearance below which the wind is not estimated in a landing, m, because contact forces would disturb it.
 const FREE_M: f64 = 0.5;
-/// Distance from the deck's centre up to which its plane is followed, m: slightly more than half the width of the
-/// default deck.
+/// Distance from the deck's centre up to which its plane is followed, m: more than half the default deck's
+/// width.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
-/// Time constant with which the plans of a landing approach the drone's position and velocity, s: the plan accepts the
-/// gap that the pilot has not closed by then and meets the deck from there. It is longer than the pilot's loop, so that
-/// two loops do not close the same gap, and shorter than the one second from full descent to contact.
+/// Time constant with which the plans of a landing approach the drone's position and velocity, s: a plan
+/// accepts a gap that the pilot has not closed by then. It is longer than the pilot's loop, so that two loops
+/// do not close the same gap, and shorter than the one second from full descent to contact.
 const YIELDS_S: f64 = 0.3;
-/// Law of `alight`: references and weights of a landing, and the wind that they allow for.
+/// Law of `alight`.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
     config: RendezvousConfig,
@@ -62,7 +63,7 @@ struct DescentPlan {
     ceiling: f64,
     /// Lower bound of the height while no contact is permitted, m.
     floor: f64,
-    /// Planned position of the feet on the deck, from its centre, NED, m.
+    /// Planned position of the feet from the deck's centre, NED, m.
     lateral_offset: Vector2<f64>,
     /// Mean height of the deck, NED z, m.
     mean_z: f64,
@@ -70,9 +71,9 @@ struct DescentPlan {
     wind: Vector2<f64>,
     /// Height of the target plane above the deck, along its normal, m.
     lifted_m: f64,
-    /// Distance of the lowest foot below the feet's centre for a drone that tilts against the wind, m.
+    /// Distance of the lowest foot below the feet's centre while the drone tilts against the wind, m.
     lowered_m: f64,
-    /// Target of the feet on the deck, from its centre, NED, m.
+    /// Target of the feet from the deck's centre, NED, m.
     meets: Vector2<f64>,
 }
 
@@ -84,7 +85,7 @@ impl DescentPlan {
 }
 
 impl Law for Rendezvous {
-    /// Updates the disturbance, unless the drone is close enough to the deck to touch it.
+    /// Updates the disturbance, unless the drone may touch the deck.
     fn observe(
         &mut self,
         drone: Option<&DroneState>,
@@ -157,8 +158,7 @@ impl Rendezvous {
         }
     }
 
-    /// Replaces references and weights of position, tilt and height; returns the time to contact (s), if one is
-    /// planned.
+    /// Replaces references and weights of position, tilt and height. Returns the planned time to contact, s.
     fn write_references(
         &mut self,
         now: Time<DroneClock>,
@@ -169,8 +169,8 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg it has 0.1 m more clearance than at
-        // the centre, and would stay above the deck for longer.
+        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg it has 0.1 m more
+        // clearance than at the centre.
         let normal = here.normal();
         let lateral_offset = self.lateral_offset(&start, here, &normal);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
@@ -190,7 +190,7 @@ impl Rendezvous {
         let (left, floor) = if permitted {
             let min_time = self.profile.min_time(clearance, begin.sinking);
             let left = self.profile.left(clearance);
-            // Low over the deck the tag is out of view, and a drone that waits drifts away.
+            // Without the tag in view a waiting drone drifts away.
             let flare = mission.state == Mode::Flare;
             let c = &self.config.touchdown_time;
             let window_s = if flare || lifted_m > 0.0 { 0.0 } else { c.window_s };
@@ -236,24 +236,23 @@ impl Rendezvous {
         permitted.then_some(left)
     }
 
-    /// Fraction of the deck's heave that the reference follows at a height over it, 0 to 1: a smooth step between two
-    /// heights.
+    /// Fraction of the deck's heave that the reference follows, 0 to 1: a smooth step between two heights.
     fn heave_fraction(&self, clearance: f64) -> f64 {
         let c = &self.config.profile;
         let s = ((c.mean_above_m - clearance) / (c.mean_above_m - c.heave_below_m)).clamp(0.0, 1.0);
         s * s * (3.0 - 2.0 * s)
     }
 
-    /// Horizontal position of an aligned drone's feet relative to the deck's centre (NED, m), limited to the deck's
+    /// Horizontal position of an aligned drone's feet from the deck's centre (NED, m), limited to the deck's
     /// extent.
     fn lateral_offset(&self, state: &ModelState, deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
         o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
     }
 
-    /// NED z of the centre of mass of an aligned drone that stands on the deck at `lateral_offset` from its centre, m:
-    /// `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the feet's distance `l`;
-    /// `lifted_m` higher along the normal.
+    /// NED z (m) of the centre of mass of an aligned drone that stands at `lateral_offset` from the deck's
+    /// centre: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the feet's
+    /// distance `l`; `lifted_m` higher along the normal.
     fn contact_z(
         &self,
         deck: &DeckStage,
@@ -265,7 +264,7 @@ impl Rendezvous {
         deck.position[2] + (n.xy().dot(lateral_offset) - lifted_m) / up + self.feet * n.z
     }
 
-    /// Height of the profile `time` from now, limited to what the drone can follow.
+    /// Height of the profile at `time`, limited to what the drone can follow.
     fn wanted(&self, time: f64, way: &DescentPlan) -> Height {
         let wanted = if way.stops_above() && way.left < time {
             Height {
@@ -289,8 +288,8 @@ impl Rendezvous {
         wanted
     }
 
-    /// Lowest height reachable `time` after `h` at bounded acceleration: with a reference that falls faster the rotors
-    /// have too little thrust to hold the position.
+    /// Lowest height reachable `time` after `h` at bounded acceleration. With a reference that falls faster
+    /// the rotors have too little thrust to hold the position.
     fn lowest(&self, h: &Height, time: f64) -> Height {
         let c = &self.config.profile;
         let max = (c.sink_mps + c.hurry_mps).max(h.sinking);
@@ -334,7 +333,7 @@ impl Rendezvous {
             - h.clearance;
         r[8] = fraction * deck.velocity[2] + h.sinking;
 
-        // After the contact the drone does not have to match the deck any more.
+        // The drone need not match the deck after the contact.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
         let clearance = match c.distance {
             FaaDistance::PerStage => h.clearance,
@@ -349,8 +348,8 @@ impl Rendezvous {
             q[3 + i] = c.tilt.at(g);
             q[9 + i] = c.rates.at(g);
         }
-        // Near the contact the reference is the deck's tilt plus the wind's acceleration; far from it a small
-        // acceleration. a = (-g theta, g phi).
+        // Near the contact the reference is the deck's tilt plus the wind's acceleration; elsewhere it is a
+        // small acceleration. a = (-g theta, g phi).
         let contact = c.tilt.contact * g / c.tilt.at(g).max(1e-9);
         let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
@@ -362,9 +361,9 @@ impl Rendezvous {
     }
 }
 
-/// Attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal acceleration per g, of which
-/// `wind` (m/s²) contributes a part; `down` is the vertical acceleration (NED, m/s²). Returns its upward axis in NED
-/// and the factor on the rates of tilt.
+/// Upward axis (NED) of the attitude whose thrust gives the planned accelerations, and factor on the rates of
+/// tilt. `state`'s tilt is horizontal acceleration per g, of which `wind` (m/s²) contributes a part; `down`
+/// is the vertical acceleration (NED, m/s²).
 pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (Vector3<f64>, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (

@@ -1,4 +1,4 @@
-//! Descent profile, backwards from the contact: soft at the end, braked before, fast above.
+//! Descent profile: fast, then braked, and soft before the contact.
 
 use super::config::ProfileConfig;
 
@@ -6,7 +6,7 @@ use super::config::ProfileConfig;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     config: ProfileConfig,
-    /// Time left until contact at which braking begins, s.
+    /// Time to contact at which braking begins, s.
     braking_from: f64,
 }
 
@@ -27,8 +27,8 @@ impl Profile {
         }
     }
 
-    /// Height `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full speed. After
-    /// the contact it continues below the deck's plane with an exponential decay, which keeps pressure on the contact.
+    /// Height `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full
+    /// speed. An exponential decay below the deck's plane follows, which keeps pressure on the contact.
     pub fn at(&self, left: f64) -> Height {
         let c = &self.config;
         if left < 0.0 {
@@ -68,7 +68,7 @@ impl Profile {
         c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
     }
 
-    /// Shortest time to contact from `clearance` at the present sink rate `speed`, s: the profile's time plus the time
+    /// Shortest time to contact from `clearance` at the sink rate `speed`, s: the profile's time plus that
     /// lost while accelerating to the profile's speed.
     pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);

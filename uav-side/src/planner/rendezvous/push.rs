@@ -1,15 +1,15 @@
-//! Lateral disturbance during the descent: measured at the drone, predicted along its path.
+//! Lateral disturbance during the descent, measured at the drone and predicted along its path.
 //!
-//! Wind decreases towards the water by the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a drone that
-//! drifts with the wind has less airspeed. Both change the drag `d = -k |u| u` of the airspeed `u = v - w`, to first
-//! order
+//! Wind decreases towards the water by the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a
+//! drone that drifts with the wind has less airspeed. To first order, the drag `d = -k |u| u` of the airspeed
+//! `u = v - w` becomes
 //!
 //! ```text
 //! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)),    S = |d0| / |u0| (1 + u0 u0' / |u0|²)
 //! ```
 //!
-//! In 10 m/s of wind this is a third of the disturbance from 7 m above a deck; a plan with a constant disturbance ends
-//! 4 cm upwind.
+//! In 10 m/s of wind the change from 7 m above a deck is a third of the disturbance, or 4 cm at the plan's
+//! end.
 
 use alight_shared::landing::LINEAR_MPS;
 use alight_shared::msg::DroneState;
@@ -27,7 +27,7 @@ const LOWEST_M: f64 = 0.5;
 pub(super) struct LateralDisturbance {
     /// NED, m/s².
     measured: Vector2<f64>,
-    /// Velocity (NED, m/s) and height (NED z, m) of the drone at the measurement.
+    /// Velocity (NED, m/s) and height (NED z, m) at the measurement.
     velocity: Vector2<f64>,
     z: f64,
     /// True wind at the drone, towards NED, m/s; None while unknown.
@@ -37,7 +37,7 @@ pub(super) struct LateralDisturbance {
 }
 
 impl LateralDisturbance {
-    /// Processes new odometry; in `free` flight the disturbance is averaged over [`DISTURBANCE_S`].
+    /// In `free` flight the disturbance is averaged over [`DISTURBANCE_S`].
     pub(super) fn measure(&mut self, d: &DroneState, free: bool) {
         self.wind = d.wind.map(Vector2::from);
         if !free {
@@ -50,11 +50,11 @@ impl LateralDisturbance {
     pub(super) fn know_water(&mut self, z: f64) {
         self.water_z = Some(z);
     }
-    /// Disturbance at the drone, NED, m/s².
+    /// NED, m/s².
     pub(super) fn measured(&self) -> Vector2<f64> {
         self.measured
     }
-    /// Disturbance of a drone at the height `z` (NED, m) with the velocity `velocity` (NED, m/s), m/s².
+    /// Disturbance at the height `z` (NED, m) and the velocity `velocity` (NED, m/s), m/s².
     pub(super) fn at(&self, z: f64, velocity: &Vector2<f64>) -> Vector2<f64> {
         let (Some(wind), Some(water_z)) = (self.wind, self.water_z) else {
             return self.measured;

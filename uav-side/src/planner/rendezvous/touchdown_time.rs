@@ -1,5 +1,5 @@
-//! Touchdown time: the reachable time at which the deck is nearly level, rotates slowly and accelerates like an aligned
-//! drone.
+//! Choice of a reachable time at which the deck is nearly level, rotates slowly and accelerates like an
+//! aligned drone.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, DeckStage};
@@ -14,8 +14,8 @@ const GRID_S: f64 = 0.1;
 /// Maximum number of candidates: a window of 4 s.
 const MAX_CANDIDATES: usize = 41;
 
-/// Expected cost of touching this deck in `wind` (its horizontal acceleration, m/s²), without the cost of waiting:
-/// `E[x²] = E[x]² + var x` of each quantity, so that a time that is poorly predicted has the average cost.
+/// Expected cost of touching this deck in `wind` (m/s²), without the cost of waiting: `E[x²] = E[x]² + var x`
+/// of each quantity, so that a poorly predicted time has the average cost.
 pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
@@ -47,9 +47,9 @@ impl TouchdownTime {
         self.at = None;
     }
 
-    /// Time until the contact (s). Each call chooses it again until [`TouchdownTimeConfig::freeze_s`] before the
-    /// contact. `min_time` is the earliest possible, `left` the profile's time at the present height; in a `flare` the
-    /// drone does not wait.
+    /// Time until the contact (s), final from [`TouchdownTimeConfig::freeze_s`] before it. `min_time` is the
+    /// earliest possible, `left` the profile's time at the present height; in a `flare` the drone does not
+    /// wait.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
@@ -62,7 +62,7 @@ impl TouchdownTime {
     ) -> f64 {
         let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
         let price = |t: Time<DroneClock>| {
-            // Every time beyond the forecast has the cost of the forecast's end.
+            // Times beyond the forecast have the cost of its end.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
             Some(expected_cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
@@ -89,7 +89,7 @@ impl TouchdownTime {
                 }
             }
         }
-        // A late drone descends only slightly faster than the profile.
+        // A late drone descends slightly faster than the profile.
         let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
         chosen = chosen.max(soonest);
         if flare {
@@ -130,14 +130,14 @@ mod tests {
         // The deck is level at pi / 1.3 = 2.42 s.
         let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((t - 2.42).abs() < 0.1, "{t}");
-        // The choice is final: it stays the same although the forecast has changed.
+        // The final choice is kept although the forecast has changed.
         let now = Time::from_secs(1.5);
         let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
-        // A drone that is late by half a second: the contact is postponed, by less because of the hurry.
+        // A delay of half a second postpones the contact, by less because of the hurry.
         let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
-        // A drone that is early, low over the deck, does not wait.
+        // An early drone low over the deck does not wait.
         let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
         assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
     }
@@ -187,7 +187,7 @@ mod tests {
         let stuck = expected_cost(&d, &STILL, &c);
         d.acceleration = [a.x, a.y, 0.0];
         assert!(expected_cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
-        // A level deck in wind accelerates an aligned drone as well.
+        // In wind a level deck accelerates an aligned drone as well.
         let level = DeckStage {
             acceleration: [0.8, 0.0, 0.0],
             ..DeckStage::default()

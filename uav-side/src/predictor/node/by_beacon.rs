@@ -2,12 +2,12 @@
 
 use super::*;
 
-/// Time for which the last known level of the deck is used, s. In that time, a barometer drifts by a metre.
+/// Time for which the last known level of the deck is used, s; a barometer drifts by a metre meanwhile.
 const LEVEL_S: f64 = 300.0;
 
 impl Predictor {
-    /// Forecast by the beacon alone: a level deck on a straight course, at its configured height above mean sea level.
-    /// None without a beacon, or before the autopilot has reported the sea level.
+    /// Forecast by the beacon alone: a level deck on a straight course, at its configured height above mean
+    /// sea level. None without a beacon or a sea level from the autopilot.
     pub(super) fn forecast_by_beacon(
         &mut self,
         now: Time<DroneClock>,
@@ -45,7 +45,7 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
-    /// Forecast without a deck. It reports that several decks are in sight and none is followed.
+    /// Forecast without a deck: several decks are in sight and none is followed.
     pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
@@ -65,7 +65,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// Present estimate from the beacon or from the last known position, whichever is more accurate.
+    /// The more accurate of the estimates from the beacon and from the last known position.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
@@ -73,7 +73,7 @@ impl Predictor {
             .filter_map(|track| track.known(now, drone))
             .min_by(|a, b| a.sd_m.total_cmp(&b.sd_m))
     }
-    /// Stores position and velocity of the vessel from fresh measurements, for use when none are received.
+    /// Stores position and velocity of the vessel from fresh measurements.
     pub(super) fn remember(&mut self, now: Time<DroneClock>, axes: &[Axis; AXES], source: Source) {
         let Some(drone) = self.track.newest().filter(|_| self.config.beacons) else {
             return;
@@ -96,7 +96,7 @@ impl Predictor {
         let velocity = level(&|i| (axes[i].x[RATE], axes[i].p[RATE][RATE]));
         self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
-    /// Updates the sea level, and the vessel's beacons if the mission permits them.
+    /// Updates the sea level and, if the mission permits them, the vessel's beacons.
     pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(a) = &input.autopilot {
             self.origin_sea_m = a.origin_sea_m;

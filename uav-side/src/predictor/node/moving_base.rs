@@ -8,8 +8,8 @@ use super::super::relative::{self, Use};
 use super::*;
 
 impl Predictor {
-    /// Processes a relative position. If its solution is not fixed, or if the tags contradict it, it is only reported
-    /// in the forecast's state.
+    /// Processes a relative position. One that is not fixed, or that the tags contradict, is only reported in
+    /// the forecast.
     pub(super) fn relative_place(
         &mut self,
         now: Time<DroneClock>,
@@ -39,7 +39,7 @@ impl Predictor {
         }
         Ok(())
     }
-    /// Fuses a detection. While a relative position is in use, additional errors of the camera are taken into account.
+    /// Fuses a detection. Additional camera errors apply while a relative position is in use.
     pub(super) fn fuse_next_to_relative(
         &mut self,
         now: Time<DroneClock>,
@@ -51,8 +51,8 @@ impl Predictor {
             self.fuse(o)
         }
     }
-    /// Compares the vessel's own tags with the relative position. On a contradiction, the position derived from it is
-    /// discarded, so that the tags are not rejected as outliers.
+    /// Compares the vessel's own tags with the relative position. On a contradiction the position derived
+    /// from it is discarded, so that the tags are not rejected as outliers.
     pub(super) fn compare_relative(&mut self, tag: &DeckObservation) {
         let comparable = self.relative.is_comparable(tag.at);
         let Some(filter) = self.filter.as_mut().filter(|_| comparable) else {
@@ -66,7 +66,7 @@ impl Predictor {
             filter.give_up_place(apart_m);
         }
     }
-    /// Distance of a detection from the relative position, and its limit, m, if the detection is another deck.
+    /// Distance of a detected other deck from the relative position, and its limit, m.
     pub(super) fn apart_from_relative(&self, axes: &[Axis; AXES], o: &DeckObservation) -> Option<[f64; 2]> {
         if !self.relative.is_comparable(o.at) {
             return None;
@@ -76,7 +76,7 @@ impl Predictor {
     }
 }
 
-/// Velocity of the deck in the drone's frame at `at`, m/s, from the filters' state at that time.
+/// Velocity of the deck in the drone's frame at `at`, m/s.
 fn velocity(waves: &Waves, axes: &[Axis; AXES], at: Time<DroneClock>) -> Vector3<f64> {
     let modes = waves.motion(at);
     Vector3::from_fn(|i, _| axes[i].predicted(MeasurementRow::Rate) + axes[i].x[DRIFT] + modes.rate[i])

@@ -17,7 +17,8 @@ impl Predictor {
             });
             self.count(admitted);
         }
-        // All tags of an image are registered first, because each decision depends on the other decks in sight.
+        // All tags of an image are registered first, because each decision depends on the other decks in
+        // sight.
         let sighted: Vec<_> = input.tags.iter().map(|m| self.sighted(now, m)).collect();
         for detected in sighted {
             let admitted = detected.and_then(|detected| self.identified(now, detected));
@@ -29,7 +30,7 @@ impl Predictor {
         }
     }
 
-    /// Detection of the deck in the drone's frame.
+    /// In the drone's frame.
     pub(super) fn observed(
         &self,
         now: Time<DroneClock>,
@@ -43,7 +44,7 @@ impl Predictor {
             .ok_or(RejectionReason::NoDroneState)?;
         Ok(observe(&pose, &self.config))
     }
-    /// Deck to which tags belong, or a rejection if the tags are not at the vessel's position.
+    /// Deck of the tags; an error if they are not at the vessel's position.
     pub(super) fn sighted(
         &mut self,
         now: Time<DroneClock>,
@@ -95,7 +96,7 @@ impl Predictor {
         }
         Ok(())
     }
-    /// Whether the radio still provides the vessel's position. Afterwards the vessel is known only by its tags.
+    /// Whether the radio still provides the vessel's position.
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
         self.age_s(now, &[Estimate]) <= SILENT_S
     }
@@ -115,9 +116,8 @@ impl Predictor {
         }
     }
 
-    /// Distance of detected tags from the vessel's position and its limit, m, if they belong to another vessel. The
-    /// position is the relative position or the radio's; while the radio is silent and the deck is not followed, it is
-    /// the beacon's.
+    /// Distance of another vessel's tags from the vessel's position and its limit, m. The position is the
+    /// relative position or the radio's; while the radio is silent and no deck is followed, the beacon's.
     pub(super) fn apart_from_radio(
         &self,
         now: Time<DroneClock>,
@@ -136,8 +136,8 @@ impl Predictor {
         filter.elsewhere(&self.waves, axes?, o, followed)
     }
 
-    /// Distance between the positions by vision and by radio, and its limit, m. Refers to the deck or to the tags of
-    /// another deck.
+    /// Distance between the positions by vision (of the deck or of another deck's tags) and by radio, and its
+    /// limit, m.
     pub(super) fn place_apart_m(
         &self,
         now: Time<DroneClock>,
@@ -148,7 +148,7 @@ impl Predictor {
         let elsewhere = self.elsewhere.filter(|(at, _)| (now - *at).secs() < fresh_s);
         match elsewhere {
             Some((_, apart)) if vision_age_s >= fresh_s => Some(apart),
-            // An old radio position does not show where the vessel has gone since.
+            // An old radio position does not show where the vessel is now.
             Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
         }
     }

@@ -1,4 +1,4 @@
-//! Compares the filter of one axis and the vision geometry with closed forms.
+//! Filter of one axis and vision geometry against closed forms.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
@@ -54,7 +54,7 @@ fn axis_covariance_and_update() {
     let (_, spread) = a.project(MeasurementRow::Vision);
     a.update(MeasurementRow::Vision, 0.05, 1e-4);
     let (value, left) = a.project(MeasurementRow::Vision);
-    // In the scalar case the result is (1/P + 1/R)^-1 and the weighted mean.
+    // Scalar closed form: (1/P + 1/R)^-1 and the weighted mean.
     let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
     assert!((left / expected - 1.0).abs() < 1e-9);
     assert!((value - 0.05 * expected / 1e-4).abs() < 1e-9);
@@ -170,7 +170,7 @@ fn filter_of_a_turning_vessel() {
     assert_eq!(walk(&filter, &after), still);
 }
 
-/// New modes with opposite phases, half a metre each; the deck itself has not moved.
+/// New modes have opposite phases, half a metre each, and the deck has not moved.
 #[test]
 fn newer_modes_with_vision() {
     let config = PredictorConfig::default();
@@ -196,7 +196,7 @@ fn newer_modes_with_vision() {
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);
-    // A message valid from the middle of these observations on, with the opposite content.
+    // Valid from the middle of these observations on, with the opposite content.
     let mut newer = world::waves(&vessel, 2, 1.1);
     for mode in newer.modes.iter_mut() {
         mode.shape = mode.shape.map(|c| c.map(|x| -x));
@@ -208,7 +208,8 @@ fn newer_modes_with_vision() {
     }
 }
 
-/// The vessel's modes replace the bank also when they predict nothing, in calm water; a vessel without modes keeps it.
+/// In calm water the vessel's modes, which predict nothing, replace the bank; a vessel without modes keeps
+/// it.
 #[test]
 fn modes_without_confidence() {
     let mut waves = Waves::new(&PredictorConfig::default());

@@ -1,5 +1,5 @@
-//! Predictor against a deck of sinusoids: for a given motion it receives the messages of vessel and camera, and its
-//! forecast is checked for now and for a second ahead.
+//! Predictor against a deck of sinusoids: from messages of vessel and camera, forecasts for now and a second
+//! ahead.
 
 mod arbitrary;
 mod kernels;
@@ -48,7 +48,7 @@ fn frame_offset_by_vision() {
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
 }
 
-/// In waves and with drifting odometry, the relative place alone can replace the tags.
+/// In waves and with drifting odometry the relative place alone replaces the tags.
 #[test]
 fn frame_offset_by_relative_place() {
     let v = SimulatedVessel::moderate();
@@ -85,10 +85,9 @@ fn apparent_slope_ten_seconds_ahead() {
             }
         }
         let rms = f64::sqrt(squares / n);
-        // The mission keeps a margin of 0.15 below the friction limit.
         assert!(rms < 0.05, "sway {sway}: wrong by {rms}");
     }
-    // A deck that is carried by the water has no apparent slope at any tilt.
+    // A deck carried by the water has no apparent slope.
     assert!(
         steepest[0] > 0.15 && steepest[1] < 0.4 * steepest[0],
         "{steepest:?}"
@@ -122,8 +121,7 @@ fn forecast_in_silence() {
         .assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
-/// Rangefinder and camera are compared while the camera detects the deck. Without a detection, e.g. on the way back
-/// from a station, a drifted height is no contradiction.
+/// Without a detection, e.g. on the way back from a station, a drifted height is no contradiction.
 #[test]
 fn rangefinder_without_a_camera() {
     let v = SimulatedVessel::moderate();
@@ -160,7 +158,7 @@ fn successor_too_near_to_see_the_deck() {
             restart: Some((30.2, remembers)),
             ..Default::default()
         };
-        // Every forecast is checked from the first one on, because a wrong one would end a landing.
+        // The first forecast is checked as well, because a wrong one would end a landing.
         let after = |remembers| run(&v, &set(remembers), 31.0).accuracy(&v, 30.2..31.0, 0.2);
         let (kept, lost) = (after(true), after(false));
         assert!(kept.horizontal < 0.3 && kept.vertical < 0.2, "{kept:?}");
@@ -214,7 +212,7 @@ fn modes_of_a_silent_vessel_by_vision() {
             sample.forecast.predicted_slopes.len()
         };
         assert_eq!((slopes(50.0), slopes(70.0)), (0, PREDICTED_SLOPES));
-        // The forecast is compared two seconds ahead, where a bank of oscillators predicts little.
+        // Two seconds ahead a bank of oscillators predicts little.
         before += r.accuracy(&v, 30.0..60.0, 2.0).vertical;
         after += r.accuracy(&v, 65.0..88.0, 2.0).vertical;
     }
@@ -224,7 +222,7 @@ fn modes_of_a_silent_vessel_by_vision() {
 #[test]
 fn forecast_with_a_clock_error_within_its_sd() {
     let v = SimulatedVessel::moderate();
-    // With 100 ms of asymmetry the clock offset is wrong by 50 ms, and the bridge reports a standard deviation of 58
+    // 100 ms of asymmetry make the clock offset wrong by 50 ms; the bridge reports a standard deviation of 58
     // ms.
     let set = Setup {
         clock_error: 0.05,
@@ -253,6 +251,6 @@ fn forecast_with_reordered_messages() {
         b.horizontal < a.horizontal + 0.03 && b.tilt < a.tilt + 0.005,
         "{a:?} {b:?}"
     );
-    // Messages sent before the filter began are older than it.
+    // Messages from before the filter began.
     assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }

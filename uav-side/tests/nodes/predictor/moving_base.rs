@@ -12,8 +12,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::world::time;
 
-/// A vessel at anchor that heads north, which the radio places 2 m off, and a drone that hovers above its deck with
-/// drifting odometry.
+/// A vessel at anchor heads north, 2 m off by radio; a drone with drifting odometry hovers above its deck.
 struct Bench {
     predictor: Predictor,
     tick: u32,
@@ -21,7 +20,6 @@ struct Bench {
     error: Vector3<f64>,
     vision: bool,
     forecast: DeckForecast,
-    /// Drift of the odometry so far, m.
     drift: Vector3<f64>,
 }
 
@@ -99,7 +97,7 @@ impl Bench {
             self.forecast = forecast;
         }
     }
-    /// Distance of the forecast deck from its true position, in the drone's frame, m.
+    /// Error of the forecast deck's position in the drone's frame, m.
     fn off_m(&self) -> f64 {
         let [stage, ..] = &self.forecast.stages[..] else {
             panic!("no stage");
@@ -121,7 +119,7 @@ fn false_fix_before_the_tags() {
     assert!(b.off_m() < 0.05, "{}", b.off_m());
     let s = b.state();
     assert!((s.contradicted_m.unwrap() - 0.5).abs() < 0.1, "{s:?}");
-    // It stays rejected until it has been solved again.
+    // It stays rejected until it is solved again.
     b.vision = false;
     b.run(3.0);
     assert!(

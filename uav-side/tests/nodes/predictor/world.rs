@@ -1,5 +1,3 @@
-//! A deck of sinusoids, and the messages of a vessel and a camera.
-
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -31,11 +29,11 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// Vessel that follows the surface, with heave, orbital motion and slope, and a mean velocity north.
+/// Follows the surface with heave, orbital motion and slope, and moves north.
 #[derive(Clone)]
 pub struct SimulatedVessel {
     pub waves: Vec<Wave>,
-    /// Fraction of the water's horizontal motion that it follows.
+    /// Fraction of the water's horizontal motion that the vessel follows.
     pub sway: f64,
     pub speed: f64,
     pub heading: f64,
@@ -60,7 +58,7 @@ impl SimulatedVessel {
             heading: 0.7,
         }
     }
-    /// Reference point (NED) and Euler angles.
+    /// Reference point (NED), Euler angles.
     pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let mut p = Vector3::new(self.speed * t, 0.0, 0.0);
         let (mut n, mut e) = (0.0, 0.0);
@@ -90,8 +88,8 @@ impl SimulatedVessel {
         let (a, b) = (self.rates(t - h), self.rates(t + h));
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
-    /// Apparent slope over the second about `t`: tan of the angle between the deck's normal and the mean specific
-    /// force.
+    /// Apparent slope over the second about `t`: tan of the angle between the deck's normal and the mean
+    /// specific force.
     pub fn apparent_slope(&self, t: f64) -> f64 {
         let h = 1e-2;
         let force = |t: f64| {
@@ -147,11 +145,11 @@ pub struct Setup {
     pub clock_sd: f64,
     pub latency: (f64, f64),
     pub height: f64,
-    /// Time from which the rangefinder reads, s.
+    /// Time of the first rangefinder reading, s.
     pub ranges_from: f64,
     /// Time span with a relative place, s.
     pub relative: (f64, f64),
-    /// Time of a process restart, s, and whether the predecessor's checkpoint is kept.
+    /// Time of a process restart, s, and whether the checkpoint is kept.
     pub restart: Option<(f64, bool)>,
 }
 impl Default for Setup {
@@ -171,16 +169,15 @@ impl Default for Setup {
     }
 }
 
-/// A forecast with the truth in the drone's frame at `now`.
+/// Forecast with the truth in the drone's frame at `now`.
 pub struct Sample {
     pub now: f64,
     pub forecast: DeckForecast,
-    /// Error of the drone's smoothed odometry, every 10 ms of the run and a little longer: an initial offset that
-    /// drifts with a velocity error.
+    /// Error of the smoothed odometry, every 10 ms, beyond the end of the run: an initial offset and drift.
     pub frames: Rc<Vec<Vector3<f64>>>,
 }
 impl Sample {
-    /// Errors of position and Euler angles `ahead` seconds from now, and the forecast's stage.
+    /// Errors of position and Euler angles `ahead` seconds from now, and the stage.
     pub fn error(&self, v: &SimulatedVessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
         let s = self.forecast.at(time(self.now + ahead)).unwrap();
         let (p, e) = v.deck(self.now + ahead);
@@ -217,7 +214,7 @@ fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Vessel estimate with these errors: of its frame, of position and angles, and of their rates.
+/// Errors are those of the frame, of position and angles, and of their rates.
 fn estimate(
     v: &SimulatedVessel,
     header: Header<DroneClock>,
@@ -263,7 +260,6 @@ fn odometry(
     }
 }
 
-/// Tag pose by the camera of a drone with this position and attitude.
 fn tag(
     rng: &mut ChaCha8Rng,
     header: Header<DroneClock>,
@@ -290,7 +286,6 @@ fn tag(
     }
 }
 
-/// Rangefinder reading of a drone with this position and attitude.
 fn range(
     header: Header<DroneClock>,
     (centre, e): (Vector3<f64>, Vector3<f64>),
@@ -306,7 +301,7 @@ fn range(
     }
 }
 
-/// Position of a drone with this position and attitude relative to an antenna forward of the deck and above it.
+/// Position relative to an antenna forward of the deck and above it.
 fn relative(
     rng: &mut ChaCha8Rng,
     header: Header<DroneClock>,
@@ -326,7 +321,7 @@ fn relative(
     }
 }
 
-/// Adds an arrived message; state streams keep the newest.
+/// Adds a message; state streams keep the newest.
 fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
     if let Some(e) = m.estimate
         && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
@@ -344,7 +339,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     let mut predictor = Predictor::new(&PredictorConfig::default(), 1);
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
     let frames = Rc::new(drifting_frames(&mut rng, seconds + 3.0));
-    // Filtered errors of the vessel.
+    // Errors of the vessel's estimator.
     let mut position_error = Markov::new(&mut rng, 0.08, 1.0);
     let mut velocity_error = Markov::new(&mut rng, 0.08, 0.5);
     let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
@@ -401,10 +396,9 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
         }
         if let Some((_, remembers)) = set.restart.filter(|(at, _)| k == (at * 100.0) as u32) {
             predictor = Predictor::new(&PredictorConfig::default(), 2).as_successor();
-            // With boot number 0 the supervisor holds no checkpoint.
+            // Boot number 0 means no checkpoint.
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
-        // The supervisor publishes it at 50 Hz.
         arrived.checkpoint = given.filter(|_| k % 2 == 0);
         let out = predictor.step(time(now), &arrived);
         kept = out.checkpoint.or(kept);
@@ -420,7 +414,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     Run { samples, predictor }
 }
 
-/// Wave model with the modes of these waves, identified to 0.1 %.
+/// Modes of these waves, identified to 0.1 %.
 pub fn waves(v: &SimulatedVessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     let (s, c) = v.heading.sin_cos();
     let mode = |w: &Wave| {
@@ -451,7 +445,6 @@ pub fn waves(v: &SimulatedVessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     }
 }
 
-/// Prediction with deviations that increase with the horizon.
 pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     let stage = |h: u8| PredictedStage {
         sd: [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005]
@@ -466,7 +459,7 @@ pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     }
 }
 
-/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised squared error per
+/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and mean normalised squared error per
 /// degree of freedom of position and of roll and pitch.
 #[derive(Debug, Default)]
 pub struct Accuracy {
@@ -514,7 +507,7 @@ impl Run {
         Accuracy::of(v, samples, ahead)
     }
 }
-/// Accuracy over several seeds, from `from` s on.
+/// Over several seeds, from `from` s on.
 pub fn over_seeds(v: &SimulatedVessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
     let runs = [0, 1, 2, 3, 4].map(|seed| run(v, &Setup { seed, ..*set }, seconds));
     let samples = runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from);
