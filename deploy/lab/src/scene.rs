@@ -156,6 +156,10 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
             )));
         }
         scenario.vessel.speed_mps = speed;
+        // The default hull's engines make 2.2 m/s.
+        if args.hull.is_none() {
+            scenario.vessel.power();
+        }
     }
     match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
         true => scenario.differ_from_belief(nodes),

@@ -9,7 +9,6 @@ use alight_computer::terminal;
 use alight_shared::config::{Check, Keys};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::VesselCourse;
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -200,13 +199,7 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
     }
     let vessel = &mut scene.scenario.vessel;
     if changes.iter().any(|c| c.powered) {
-        // A change of speed may increase it by half.
-        let most = if vessel.course == VesselCourse::SpeedChange {
-            1.5
-        } else {
-            1.0
-        };
-        vessel.power_for(most * vessel.speed_mps);
+        vessel.power();
     }
     scene.scenario.check(&Keys::ROOT)?;
     Ok(scene)
@@ -341,6 +334,7 @@ mod tests {
     use super::super::definition::{parse, tests::shipped};
     use super::*;
     use crate::args::typed;
+    use alight_sim::physics::vessel::VesselCourse;
 
     fn expanded(definition: &Definition, arguments: &str) -> Result<Vec<StudyRow>, CliError> {
         let arguments = ["study", "x"].into_iter().chain(arguments.split_whitespace());

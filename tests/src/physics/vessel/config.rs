@@ -141,6 +141,16 @@ config! {
 }
 
 impl VesselConfig {
+    /// Sets the engines' thrust for the configured course and speed.
+    pub fn power(&mut self) {
+        // A change of speed may increase it by half.
+        let most = if self.course == VesselCourse::SpeedChange {
+            1.5
+        } else {
+            1.0
+        };
+        self.power_for(most * self.speed_mps);
+    }
     /// Sets the engines' thrust for this speed (m/s), at least 1.5 m/s: quadratic drag plus a reserve.
     pub fn power_for(&mut self, speed_mps: f64) {
         let more = (speed_mps / 1.5).powi(2).max(1.0);
