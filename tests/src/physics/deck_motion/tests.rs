@@ -273,7 +273,7 @@ fn recording_with_a_bad_row() {
         ("3,1", "2 values for 3 columns"),
         ("3,1,2,3", "4 values for 3 columns"),
         ("3,,2", "not a number"),
-        ("1.5,1,2", "before"),
+        ("1.5,1,2", "earlier"),
         ("3,95,2", "allowed"),
     ] {
         let e = rejection(&format!("{good}{row}\n4,1,1\n"));

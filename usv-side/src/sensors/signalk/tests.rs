@@ -209,7 +209,7 @@ fn signalk_burst_after_the_network_stood_still() {
         matches!(newest[0], Measurement::Gnss(fix) if (fix.datum.latitude_deg - 50.044).abs() < 1e-9),
         "{newest:?}"
     );
-    assert!(d.remarks().iter().any(|r| r.text.contains("held up")));
+    assert!(d.remarks().iter().any(|r| r.text.contains("delayed")));
     d.arrive(Time::from_secs(111.0));
     d.push((place(45) + &place(46)).as_bytes(), &mut out);
     assert_eq!((out.len(), d.timeless().len()), (6, 0));
