@@ -13,10 +13,13 @@ WHY = {
     "pymavlink": "logs of MAVLink and DataFlash are read by it",
     "pyulog": "ULog is read by it",
     "rosbags": "bags of ROS are read by it",
+    "xarray": "datasets of Capytaine are read by it",
+    "h5netcdf": "datasets of Capytaine are read by it",
+    "netCDF4": "datasets of Capytaine are read by it and xarray",
 }
 PACKAGE = {"mcap_protobuf": "mcap-protobuf-support"}
 # Packages of the wheel's extra `convert`.
-EXTRA = ("pymavlink", "pyulog", "rosbags")
+EXTRA = ("pymavlink", "pyulog", "rosbags", "xarray", "netCDF4")
 
 
 class Lazy:
@@ -56,5 +59,8 @@ mcap_decoder = Lazy("mcap_protobuf.decoder")
 dfreader = Lazy("pymavlink.DFReader")
 mavutil = Lazy("pymavlink.mavutil")
 pyulog = Lazy("pyulog")
+xarray = Lazy("xarray")
+h5netcdf = Lazy("h5netcdf")
+netcdf4 = Lazy("netCDF4")
 rosbags_highlevel = Lazy("rosbags.highlevel")
 rosbags_typesys = Lazy("rosbags.typesys")

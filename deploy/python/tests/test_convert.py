@@ -544,6 +544,54 @@ class Sentences(Case):
                 self.assertEqual(rows[0][name], value)
 
 
+@needs("xarray", "netCDF4")
+class Hulls(Case):
+    """A hull that follows the water in long waves, as Capytaine saves it, with dofs about a point off the mesh's origin."""
+
+    CENTER, DOFS = (0.7, 0.2, 0.6), ["Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw"]
+
+    def water(self, omega, direction_deg):
+        k, c, s = omega**2 / 9.81, math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
+        return [1j * c, 1j * s, 1.0, 1j * k * s, -1j * k * c, -k * s * c]
+
+    def hull(self, change=lambda dataset: dataset):
+        import numpy as np
+        import xarray
+
+        omega, degrees, dofs = [0.3, 0.6], np.array([-90.0, 0.0, 45.0, 180.0]), ("influenced_dof", "radiating_dof")
+        inertia, stiffness, *each = np.random.default_rng(1).normal(size=(6, 6, 6)) + 5.0 * np.eye(6)
+        stiffness[3, 3] = 1e-12  # The added roll damping is a fraction of its critical value.
+        added, damping = np.reshape(each, (2, 2, 6, 6))
+        motion = np.array([[self.water(w, b) for b in degrees] for w in omega])
+        motion[..., :3] += np.cross(motion[..., 3:], self.CENTER)
+        impedance = [stiffness - w**2 * (inertia + a) - 1j * w * b for w, a, b in zip(omega, added, damping)]
+        force = np.einsum("wij,wbj->wbi", impedance, motion)
+        variables = {name: (("omega", *dofs), each) for name, each in (("added_mass", added), ("radiation_damping", damping))}
+        variables.update(inertia_matrix=(dofs, inertia), hydrostatic_stiffness=(dofs, stiffness))
+        variables["excitation_force"] = (("complex", "omega", "wave_direction", dofs[0]), np.array([force.real, force.imag]))
+        axes = {"omega": omega, "wave_direction": np.radians(degrees), "complex": ["re", "im"], **dict.fromkeys(dofs, self.DOFS)}
+        change(xarray.Dataset(variables, {**axes, "rotation_center": ("x", list(self.CENTER))})).to_netcdf(self.directory / "hull.nc")
+        return self.directory / "hull.nc"
+
+    def test_motion_at_the_origin(self):
+        table = convert(self.hull()).table
+        self.assertEqual(list(table["direction_deg"]), [0.0, 45.0, 180.0] * 2)
+        for row in table.to_dict("records"):
+            for dof, water in zip(self.DOFS, self.water(row["omega_radps"], row["direction_deg"])):
+                self.near(complex(row[f"{dof.lower()}_re"], row[f"{dof.lower()}_im"]), water)
+
+    def test_datasets_that_are_rejected(self):
+        for change, *parts in (
+            (lambda d: d.drop_vars("inertia_matrix"), "neither RAO nor inertia_matrix", "hydrostatics=True"),
+            (lambda d: d.isel(influenced_dof=[2]), "influenced_dof has Heave", "needed are Surge"),
+            (lambda d: d.assign_coords(omega=[0.3, 110.0]), "omega has", "at most 100"),
+            (lambda d: d.isel(wave_direction=[0, 1, 2]), "wave_direction has", "from 0 to pi"),
+            (lambda d: d.assign(excitation_force=30.0 * d["excitation_force"]), "Surge at 0.3 rad/s and 0 deg", "check mass"),
+        ):
+            with self.subTest(parts[0]):
+                self.refused(self.hull(change), *parts)
+
+
 @needs()
 class Command(Case):
     def test_csv_next_to_the_recording(self):

@@ -4,8 +4,8 @@
     python -m alight.convert boat.csv -o kai.csv  # anybody's table
 
 ULog of PX4 (`.ulg`), DataFlash logs (`.bin`) and telemetry logs (`.tlog`) of ArduPilot and others, bags of ROS 1 and 2, INSPVAA,
-INSPVASA and VNINS sentences in text, and tables of any program. NMEA 0183 and UBX need no conversion. The libraries that read them are the
-extra `convert` of the wheel.
+INSPVASA and VNINS sentences in text, and tables of any program. NMEA 0183 and UBX need no conversion. A NetCDF of
+Capytaine becomes the table that `alight trial --hull` reads. The libraries that read them are the extra `convert` of the wheel.
 """
 
 from __future__ import annotations
@@ -72,6 +72,8 @@ def _reader(path: str, head: bytes):
     # Each reader is imported for its own files: none needs the libraries of another.
     if os.path.isdir(path) or head.startswith((b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")):
         from ._bags import read
+    elif head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF")):
+        from ._capytaine import read
     elif head.startswith(b"ULog\x01\x12\x35"):
         from ._ulog import read
     elif head.startswith(b"\xa3\x95"):

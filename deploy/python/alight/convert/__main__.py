@@ -14,9 +14,10 @@ def main(words: Optional[List[str]] = None) -> int:
     """Runs the command; returns its exit code: 0 converted, 2 bad input or a library that is missing."""
     parser = argparse.ArgumentParser(
         prog="python -m alight.convert",
-        description="Converts a recording of another program or device to Alight's CSV, which `alight estimate` reads.",
+        description="Converts a recording of another program or device to Alight's CSV, which `alight estimate` reads, or a hull "
+        "of Capytaine to the table that `alight trial --hull` reads.",
     )
-    parser.add_argument("file", metavar="FILE", help="ULog, DataFlash, tlog, bag of ROS, INSPVA or VNINS text, or any table")
+    parser.add_argument("file", metavar="FILE", help="ULog, DataFlash, tlog, bag of ROS, INSPVA or VNINS text, NetCDF of Capytaine, or any table")
     parser.add_argument("-o", dest="out", metavar="OUT.csv", help="the CSV [default: FILE with the suffix .csv]")
     system = "MAVLink system of the vessel in a tlog [default: the one with the most attitudes]"
     parser.add_argument("--system", type=int, metavar="N", help=system)
