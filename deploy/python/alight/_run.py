@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from typing import Any, Dict, Optional
+from typing import Any, Dict, List, Optional
 
 from ._lazy import numpy as np
 from ._lazy import pandas
@@ -13,9 +13,15 @@ from ._program import AlightError
 # Names of the parts of a series of several columns: NED or body axes by their first letters would be wrong in one of
 # both, so they are counted.
 PART = "{name}_{part}"
+# Steps between a message's values, s: section and key of the program's configuration with its default. Every second stage is
+# recorded (deploy/computer/src/record/views.rs).
+PATHS = {"/deck/forecast/path": ("predictor", "stage_s", 0.1), "/plan/path": ("planner", "step_s", 0.1)}
+RECORDED_STAGES = 2
+UNITS = """units: the end of each name (_1ps is 1/s); eta: m (NED), rad (roll, pitch, yaw), eta_dot and eta_ddot: per s and s2;
+  variances and covariances: their squares; slopes, loss, confidence, thrust, battery, alignment: ratios; quaternion_wxyz: of length 1"""
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class Run:
     """One landing, or one recording that was read.
 
@@ -35,6 +41,24 @@ class Run:
     files: Dict[str, str] = dataclasses.field(default_factory=dict)
     flight: Optional[Dict[str, Any]] = None
     path: Optional[str] = None
+
+    def __repr__(self) -> str:
+        """Topics by the step of their messages, steps within a message, and units."""
+        steps: Dict[float, List[str]] = {}
+        for topic, series in self.series.items():
+            times = series["time_s"]
+            step = float(f"{np.median(np.diff(times)):.2g}") if len(times) > 1 else 0.0
+            steps.setdefault(step, []).append(topic)
+        lines = [f"Run of {self.path or 'a trial'}: {self.outcome.get('outcome', 'no outcome')}; median step of each topic's time_s:"]
+        lines += [f"  {step:g} s: {', '.join(topics)}" for step, topics in sorted(steps.items())]
+        within = [f"{topic} {self._path_step_s(*key):g} s" for topic, key in PATHS.items() if topic in self.series]
+        within += ["predicted_slopes 0.25 s, apparent_slopes 2 s back in time"]
+        return "\n".join([*lines, f"steps within a message, from time_s on: {', '.join(within)}", UNITS])
+
+    def _path_step_s(self, section: str, key: str, default: float) -> float:
+        pattern = rf"^\[(?:drone\.)?{section}\]\n(?:(?!\[).*\n)*?{key} = ([0-9.]+)"
+        found = re.search(pattern, "\n".join(self.files.values()), re.M)
+        return RECORDED_STAGES * (float(found.group(1)) if found else default)
 
     def frame(self, topic: str):
         """The series of a topic as a pandas DataFrame, `time_s` its index; needs pandas."""

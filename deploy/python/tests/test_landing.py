@@ -1,5 +1,6 @@
 """One landing: what the module gives is what the program flew and recorded."""
 
+import dataclasses
 import os
 import unittest
 from unittest import mock
@@ -47,6 +48,16 @@ class Landing(unittest.TestCase):
             self.assertTrue((np.diff(series["time_s"]) >= 0).all(), topic)
         self.assertEqual(run.series["/vessel/estimate"]["eta"].shape[1], 6)
         self.assertEqual(run.series["/deck/forecast/path"]["position_m"].ndim, 3)
+
+    def test_summary_states_steps_and_units(self):
+        run, _ = landing()
+        files = {"drone.toml": "[planner]\nstages = 10\nstep_s = 0.05\n[predictor]\nstage_s = 0.2\n"}
+        for own, forecast, plan in ((run, 0.2, 0.2), (dataclasses.replace(run, files=files), 0.4, 0.1)):
+            text = repr(own)
+            self.assertLessEqual(text.count("\n"), 12)
+            self.assertTrue(all(topic in text for topic in run.series))
+            self.assertIn(f"/deck/forecast/path {forecast} s, /plan/path {plan} s", text)
+            self.assertIn("0.02 s: /sensor/range\n", text)
 
     def test_value_that_is_not_known_is_nan(self):
         # The simulated autopilot measures the battery's voltage and no current.
