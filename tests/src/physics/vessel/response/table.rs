@@ -81,7 +81,15 @@ impl ResponseTable {
             .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
         let (first, header) = rows.next().ok_or_else(|| at(1, "the file is empty".into()))?;
         if !header.split(',').map(str::trim).eq(COLUMNS) {
-            return Err(at(first, format!("the columns have to be {}", COLUMNS.join(","))));
+            let hint = if header.starts_with("t_s") {
+                "; a recording of the deck is given with --deck-motion"
+            } else if !header.is_ascii() || header.starts_with("CDF") {
+                "; python -m alight.convert FILE.nc makes it from Capytaine's NetCDF"
+            } else {
+                ""
+            };
+            let message = format!("the columns have to be {}{hint}", COLUMNS.join(","));
+            return Err(at(first, message));
         }
         let mut table = ResponseTable {
             omega: Vec::new(),

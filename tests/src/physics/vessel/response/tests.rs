@@ -99,6 +99,8 @@ fn bad_response_table() {
     for (text, n, part) in [
         (String::new(), 1, "empty"),
         (line(1, "omega,direction"), 1, "columns"),
+        (line(1, "t_s,roll_deg,pitch_deg"), 1, "--deck-motion"),
+        ("\u{FFFD}HDF".into(), 1, "alight.convert"),
         (line(3, &format!("0.5,sixty{zeros}")), 3, "`sixty`, not a number"),
         (line(3, "0.5,60,1,2"), 3, "missing"),
         (line(3, &format!("0.5,60{zeros},7")), 3, "too many"),
