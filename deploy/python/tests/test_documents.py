@@ -57,6 +57,14 @@ class Pictures(unittest.TestCase):
                 shown.add((page.parent / link).resolve().relative_to(ROOT).as_posix())
         self.assertEqual(shown, set(pictures))
 
+    @unittest.skipUnless(PAGE.exists(), "the documents lie in the checkout")
+    def test_readme_has_the_prediction_of_the_examples(self):
+        readme, page = (ROOT / path for path in ("README.md", "deploy/docs/examples.md"))
+        printed = r"roll +deg +modes +\S+ +(\S+).*?held +\S+ +(\S+)"
+        ahead, held = re.search(printed, page.read_text(encoding="utf-8"), re.S).groups()
+        sentence = f"to {ahead} deg rms; holding the present roll is {held} deg off"
+        self.assertIn(sentence, " ".join(readme.read_text(encoding="utf-8").split()))
+
 
 @unittest.skipUnless(has_all(), "the documents use pandas and matplotlib, and lie in the checkout")
 class Documents(unittest.TestCase):
