@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::admission::{AccessRejection, RejectionReason};
 use crate::msg::{Seq, State};
+use crate::tags::ForeignTag;
 
 /// Maximum number of metrics of one process.
 pub const MAX_METRICS: usize = 32;
@@ -113,6 +114,8 @@ names! {
     MemoryWarnings: "warnings of the shared memory",
     RtcmPassedOn: "RTCM frames passed on",
     RtcmDropped: "RTCM frames dropped",
+    RepeatedImages: "images equal to the one before",
+    ForeignTag: "no tag of the deck:",
 }
 
 /// Value of a metric with its unit.
@@ -129,6 +132,8 @@ pub enum MetricValue {
     AccessRejection(Option<AccessRejection>),
     /// State of the mission, if known.
     State(Option<State>),
+    /// What an image had in place of the deck's tags; None once one of these was detected.
+    ForeignTag(Option<ForeignTag>),
 }
 
 /// Metric of a process.
@@ -189,6 +194,7 @@ impl Metric {
             MetricValue::Seconds(v) | MetricValue::Fraction(v) => v.into(),
             MetricValue::AccessRejection(why) => why.map(AccessRejection::name).into(),
             MetricValue::State(state) => state.map(State::name).into(),
+            MetricValue::ForeignTag(tag) => tag.map(|t| t.to_string()).into(),
         }
     }
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::metrics::{self, MetricName, MetricValue, Metrics};
 use crate::msg::Seq;
+use crate::tags::ForeignTag;
 
 /// Maximum number of topics read by one process.
 pub const MAX_INPUTS: usize = 12;
@@ -148,6 +149,13 @@ impl ProcessState {
         match self.metric(name) {
             Some(MetricValue::Seconds(s)) => s,
             Some(_) | None => f64::NAN,
+        }
+    }
+    /// What the camera's image has in place of the deck's tags, if that is known.
+    pub fn foreign_tag(&self) -> Option<ForeignTag> {
+        match self.metric(MetricName::ForeignTag) {
+            Some(MetricValue::ForeignTag(tag)) => tag,
+            Some(_) | None => None,
         }
     }
     /// Count metric of this name; 0 if missing.

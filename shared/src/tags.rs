@@ -1,5 +1,10 @@
 //! Tags on a deck: several of one family with individual ids, sizes and positions, measured as one body.
 
+use core::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::config;
 use crate::msg::Seq;
 
@@ -26,7 +31,65 @@ config! {
 /// Tags of a deck.
 pub type Tags = Seq<DeckTag, MAX_TAGS>;
 
-/// Side of the small tags, m: 20 px from 1.4 m with a focal length of 320 px, enough for nearly all images.
+/// What an image without a tag of the deck has in its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(C, u8)]
+pub enum ForeignTag {
+    /// Tag of the family 36h11 with this number, which the deck lacks.
+    Number(u16),
+    /// Mirrored tag of the family 36h11 with this number.
+    Mirrored(u16),
+    /// Tag of the family 36h11 with this number, black and white exchanged.
+    Inverted(u16),
+    /// Tag of the family 25h9.
+    Family25h9,
+    /// Tag of the family standard 41h12.
+    Family41h12,
+    /// Black square on white with a pattern that is no tag of these families, mirrored or not.
+    Unknown,
+    /// Rows of this many pixels, another number than the image's width.
+    RowLength(u16),
+}
+
+impl ForeignTag {
+    /// How the tags become detectable.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::Number(_) => {
+                "set drone.deck.tags to the numbers that are printed, or print the configured tags (alight tag)"
+            }
+            Self::Mirrored(_) | Self::Unknown => {
+                "switch off one of the camera's flips (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tags \
+                 again (alight tag --pdf)"
+            }
+            Self::Inverted(_) | Self::Family25h9 | Self::Family41h12 => {
+                "print the tags again (alight tag --pdf)"
+            }
+            Self::RowLength(_) => {
+                "write images of the lens's width_px x height_px, one byte a pixel (ffmpeg -s 640x480 -pix_fmt gray)"
+            }
+        }
+    }
+}
+
+impl fmt::Display for ForeignTag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(n) => write!(f, "a tag in view has number {n}, which is not on the deck"),
+            Self::Mirrored(n) => write!(f, "a tag in view is mirrored (number {n}): it is never detected"),
+            Self::Inverted(n) => write!(f, "a tag in view is a negative (number {n}): it is never detected"),
+            Self::Family25h9 => f.write_str("a tag in view is of another family (25h9): 36h11 alone is detected"),
+            Self::Family41h12 => f.write_str("a tag in view is of another family (41h12): 36h11 alone is detected"),
+            Self::Unknown => f.write_str(
+                "a marker in view is no tag 36h11: a mirrored image (one of hflip, vflip), another family, or partly covered",
+            ),
+            Self::RowLength(n) => write!(f, "the image has rows of {n} bytes: another size or format than the lens's"),
+        }
+    }
+}
+
+/// Side of the small tags, m. From a height of 1.4 m and with a focal length of 320 px they measure 20 px, enough to
+/// decode them in nearly all images.
 const SMALL_M: f64 = 0.09;
 /// Radius of the ring of six small tags about the seventh, m. At contact, the default camera (0.22 m above
 /// the deck, 480 px high) sees a circle of 0.165 m, with a complete tag if its centre is within 0.101 m of

@@ -104,7 +104,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of all message layouts; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 31;
+pub const MESSAGE_VERSION: u16 = 32;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -79,6 +79,8 @@ pub struct TagCounts {
     /// Detections whose corners fit no pose.
     pub misfit: u64,
     pub wrong_size: u64,
+    /// Images with a pose that equal their predecessor pixel by pixel: the source repeats an older image.
+    pub repeated: u64,
 }
 
 pub struct TagDetector {

@@ -92,6 +92,8 @@ pub struct CameraNode {
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
+    /// Newest image that differs from the one before it.
+    previous: Option<GreyImage>,
     /// Time and sequence of the light reports.
     reports: Exposures,
 }
@@ -117,6 +119,7 @@ impl CameraNode {
             detector: TagDetector::new(&settings.tag, tags),
             exposures: Exposures::of(identity),
             newest: Newest::default(),
+            previous: None,
             reports: Exposures::of(identity),
         }
     }
@@ -293,7 +296,15 @@ impl Node for CameraNode {
         let mut out = CameraOut::default();
         for CameraFrame { at, image } in &input.frames {
             if self.exposures.accept(now, *at) {
-                for pose in self.decks(image) {
+                // Noise changes every image: an equal one shows the deck where it was.
+                let repeated = self.previous.as_ref() == Some(image);
+                let poses = self.decks(image);
+                if repeated {
+                    self.detector.counts.repeated += u64::from(!poses.is_empty());
+                    continue;
+                }
+                self.previous = Some(image.clone());
+                for pose in poses {
                     let header = self.exposures.header(*at);
                     out.tags.push(TagPose { header, ..pose });
                 }

@@ -5,9 +5,11 @@
 
 use std::cell::RefCell;
 
+use alight_shared::node::Node;
 use alight_shared::tags::{DeckTag, Tags};
+use alight_shared::time::Time;
 use alight_uav::camera::node::CameraIdentity;
-use alight_uav::camera::{CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
+use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
 
 /// First code of the family 36h11.
@@ -200,7 +202,33 @@ fn camera_with_a_drawn_tag_and_noise() {
     ));
 }
 
-/// Resident memory of this process, pages; None without a report of the system.
+#[test]
+fn camera_that_repeats_an_image() {
+    let mut node = node(320, 240);
+    let mut poses = |k: i64, ground: u8| {
+        let at = Time::from_nanos(33_000_000 * k);
+        let image = draw(320, 240, ground, &[Stroke::Tag([60, 40], 12, 0)]);
+        let frames = vec![CameraFrame { at, image }];
+        node.step(
+            at,
+            &CameraIn {
+                frames,
+                exposed: None,
+            },
+        )
+        .tags
+        .len()
+    };
+    // The drone moves on, the image does not.
+    let poses: Vec<usize> = [120, 120, 120, 121, 120]
+        .into_iter()
+        .zip(1..)
+        .map(|(g, k)| poses(k, g))
+        .collect();
+    assert_eq!((poses, node.counts().repeated), (vec![1, 0, 0, 1, 1], 2));
+}
+
+/// Resident memory of this process, pages; None when the system does not report it.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     text.split_whitespace().nth(1)?.parse().ok()

@@ -13,14 +13,16 @@ use std::time::Duration;
 use alight_shared::bus::{Bus, Edge, Ports as _, RowStep};
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::metrics::{Metric, MetricName};
+use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
 use alight_shared::node::Node;
+use alight_shared::tags::ForeignTag;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::ProcessClock;
 use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
 use alight_transport::memory::Memory;
 use alight_transport::statistics::Quantiles;
+use alight_uav::camera::foreign_tags::ForeignTags;
 use alight_uav::camera::marked::{MAX_BYTES, MarkedImage};
 use alight_uav::camera::metering::{Exposed, Light};
 use alight_uav::camera::uvdar::{UvdarNode, UvdarOut};
@@ -47,6 +49,9 @@ const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// Time after a detection during which the light on the tag is reported.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
+/// Minimum time between two searches for what an image has in place of the deck's tags: one takes several image periods.
+const FOREIGN_PERIOD: Span = Span::from_millis(2000);
+/// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
 pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
@@ -57,6 +62,10 @@ pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
     fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
     fn counted(&self) -> (Vec<Metric>, Value);
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
+        None
+    }
+    /// Search for what an image has in place of the deck's tags; None for a camera without tags.
+    fn foreign_tags(_computer: &DroneComputerConfig) -> Option<ForeignTags> {
         None
     }
     /// Light of the newest image; None if it is not metered.
@@ -100,11 +109,16 @@ impl Detector for CameraNode {
             MetricName::MisshapenTags.count(c.misshapen),
             MetricName::WithoutPose.count(c.misfit),
             MetricName::WrongSize.count(c.wrong_size),
+            MetricName::RepeatedImages.count(c.repeated),
         ];
         (metrics, json!(c))
     }
     fn reported(out: &CameraOut) -> Option<CameraLight> {
         out.light
+    }
+    fn foreign_tags(computer: &DroneComputerConfig) -> Option<ForeignTags> {
+        let drone = &computer.drone;
+        Some(ForeignTags::new(&drone.camera.tag, &drone.tags()))
     }
     fn metered(&self) -> Option<Light> {
         Some(self.light())
@@ -243,6 +257,26 @@ enum SourceEvent {
     Finished,
 }
 
+/// Explanation of images without the deck's tags. The first detection proves the camera right and ends the search.
+#[derive(Default)]
+struct ForeignSearch {
+    tags: Option<ForeignTags>,
+    next: Time<DroneClock>,
+    found: Option<ForeignTag>,
+}
+
+impl ForeignSearch {
+    /// Searches an undetected image, when a search is due. Returns a new explanation.
+    fn undetected(&mut self, frame: &CameraFrame) -> Option<ForeignTag> {
+        let tags = self.tags.as_mut().filter(|_| frame.at >= self.next)?;
+        self.next = frame.at + FOREIGN_PERIOD;
+        let found = tags.find(&frame.image).filter(|tag| self.found != Some(*tag));
+        self.found = found.or(self.found);
+        found
+    }
+}
+
+/// Light of images, reported and metered.
 #[derive(Default)]
 struct LightRecord {
     exposed: Option<Exposed>,
@@ -343,13 +377,18 @@ pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
         keeps_images: computer.recorder.images,
         opened: 0,
         light: LightRecord::default(),
+        foreign: ForeignSearch {
+            tags: D::foreign_tags(&computer),
+            ..ForeignSearch::default()
+        },
         ages: Quantiles::default(),
         printed: args.print.then_some(Value::Null),
         detector: PhantomData,
     };
     let ended = runtime::block_on(process.run_awaiting(&mut edge));
     if let Some(counts) = edge.printed.filter(|_| ended.is_ok()) {
-        terminal::line(json!({"counts": counts}));
+        let hint = edge.foreign.found.map(|tag| format!("{tag}: {}", tag.remedy()));
+        terminal::line(json!({"counts": counts, "hint": hint}));
     }
     ended
 }
@@ -365,6 +404,7 @@ struct CameraEdge<D> {
     keeps_images: bool,
     opened: u32,
     light: LightRecord,
+    foreign: ForeignSearch,
     /// Time from exposure to detection, s.
     ages: Quantiles,
     shown: Option<Shown>,
@@ -406,6 +446,11 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
         detections
             .iter()
             .for_each(|(at, _)| self.ages.add((sent.now - *at).secs()));
+        if !detections.is_empty() {
+            self.foreign = ForeignSearch::default();
+        } else if let Some(tag) = frames.last().and_then(|frame| self.foreign.undetected(frame)) {
+            warn!("{}: {tag}: {}", D::KIND.name(), tag.remedy());
+        }
         if self.printed.is_some() {
             print(frames, &detections);
         }
@@ -424,6 +469,10 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
             .into_iter()
             .chain(own)
             .chain(self.light.metrics(at.now))
+            .chain(
+                (self.foreign.found)
+                    .map(|tag| MetricName::ForeignTag.with(MetricValue::ForeignTag(Some(tag)))),
+            )
             .collect()
     }
     fn is_over(&self) -> bool {

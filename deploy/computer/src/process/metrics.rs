@@ -12,11 +12,16 @@ pub fn text(p: &ProcessState) -> String {
         .iter()
         .filter_map(|m| {
             let value = match m.value {
-                MetricValue::Count(0) | MetricValue::AccessRejection(None) => return None,
+                MetricValue::Count(0)
+                | MetricValue::AccessRejection(None)
+                | MetricValue::ForeignTag(None) => {
+                    return None;
+                }
                 MetricValue::Count(n) => n.to_string(),
                 MetricValue::Seconds(s) => time(s),
                 MetricValue::Fraction(f) => format!("{:.0} %", 100.0 * f),
                 MetricValue::AccessRejection(Some(why)) => why.name().into(),
+                MetricValue::ForeignTag(Some(tag)) => tag.to_string(),
                 MetricValue::State(state) => state.map_or("-", |s| s.name()).into(),
             };
             Some(format!("{} {value}", m.name.text()))

@@ -9,7 +9,7 @@ use alight_shared::msg::{
     AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, LandedState, LandingMode, MissionState,
     ReasonCode, ShadowComparison, State, VesselLevel, Wind, still_armed,
 };
-use alight_shared::process::ProcessKind;
+use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Time;
 use alight_shared::topics;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
@@ -53,6 +53,9 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
             mavlink_key::counts(&p.metrics).finding(autopilot.is_some())
     {
         all.push(FindingTopic("signatures").warning(signatures, remedy_of_signatures));
+    }
+    if let Some(tag) = s.process(ProcessKind::Camera).and_then(ProcessState::foreign_tag) {
+        all.push(FindingTopic("camera").warning(tag.to_string(), tag.remedy()));
     }
     all.extend(link(s));
     all.extend(battery_low(s));

@@ -6,7 +6,8 @@ use std::time::Duration;
 use alight_computer::config::camera::CameraSource;
 use alight_computer::drone::camera_source::Images;
 use alight_computer::exit::CliError;
-use alight_shared::metrics::{Metric, MetricName, MetricValue};
+use alight_shared::metrics::{MetricName, MetricValue};
+use alight_shared::process::ProcessState;
 use alight_shared::tags::Tags;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::detector::TagDetector;
@@ -63,6 +64,14 @@ fn show(
     let mut view = CameraImages::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
+        let [width, height] = [frame.image.width(), frame.image.height()];
+        if [width, height] != size {
+            let text = format!(
+                "its images have {width} x {height} px, those of the lens {} x {}",
+                size[0], size[1]
+            );
+            return Err(CliError(text));
+        }
         if let Some(detector) = &mut detector {
             let tag = detector.find(&frame.image).first().map(|found| found.light);
             let image = ImageLight::of(&frame.image);
@@ -87,14 +96,11 @@ fn show(
     Ok(())
 }
 
-pub fn reported(metrics: &[Metric]) -> CameraImages {
-    let of = |name: MetricName| {
-        let found = metrics.iter().find(|m| m.name == name)?;
-        match found.value {
-            MetricValue::Count(n) => Some(n as f64),
-            MetricValue::Seconds(v) | MetricValue::Fraction(v) => Some(v),
-            MetricValue::AccessRejection(_) | MetricValue::State(_) => None,
-        }
+pub fn reported(process: &ProcessState) -> CameraImages {
+    let of = |name: MetricName| match process.metric(name)? {
+        MetricValue::Count(n) => Some(n as f64),
+        MetricValue::Seconds(v) | MetricValue::Fraction(v) => Some(v),
+        MetricValue::AccessRejection(_) | MetricValue::State(_) | MetricValue::ForeignTag(_) => None,
     };
     CameraImages {
         images: of(MetricName::Images).unwrap_or(0.0) as u64,
@@ -108,44 +114,69 @@ pub fn reported(metrics: &[Metric]) -> CameraImages {
             .filter(|dark| *dark > 0.0)
             .and(of(MetricName::ImageMean))
             .map(|mean| 255.0 * mean),
-        foreign_tag: None,
+        foreign_tag: process.foreign_tag(),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::{DroneBody, Point};
+    use alight_shared::frames::{DroneBody, Point, Vector};
     use alight_shared::geometry::DeckGeometry;
+    use alight_shared::metrics::Metric;
+    use alight_shared::msg::Seq;
+    use alight_shared::tags::ForeignTag;
     use alight_shared::time::Time;
     use alight_sim::physics::body::RigidState;
     use alight_sim::physics::streams::Streams;
     use alight_sim::sensors::camera::{CameraMount, body_from_camera};
     use alight_sim::sensors::render::{RenderConfig, Renderer, Shot};
+    use alight_uav::camera::GreyImage;
     use nalgebra::Vector3;
 
-    #[test]
-    fn camera_check_of_images() {
-        let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
-        let mut renderer = Renderer::new(&render, &deck, &Streams::new(5));
+    /// Image of a drone at `at` over a deck at the origin, `t_s` after the start, moved by `velocity` during the exposure.
+    fn rendered(renderer: &mut Renderer, at: [f64; 3], velocity: [f64; 3], t_s: f64) -> GreyImage {
         let mount = CameraMount {
             position: Vector3::zeros(),
             attitude: body_from_camera(),
         };
         let drone = RigidState::<DroneBody> {
-            position: Point::new(0.2, 0.1, -4.0),
+            position: Point::from(Vector3::from(at)),
+            velocity: Vector::from(velocity.into()),
             ..Default::default()
         };
         let shot = Shot {
-            t: Time::EPOCH,
-            at: Time::EPOCH,
+            t: Time::from_secs(t_s),
+            at: Time::from_secs(t_s),
             exposure_s: 0.004,
             gain: 1.0,
             view: mount.view(&drone),
             deck: RigidState::default(),
         };
+        renderer.image(&shot).unwrap()
+    }
+
+    #[test]
+    fn nothing_foreign_over_deck_and_sea() {
+        let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
+        let mut renderer = Renderer::new(&render, &deck, &Streams::new(6));
+        let mut finder = ForeignTags::new(&TagSettings::default(), &deck.tags());
+        for (k, height) in [0.3, 1.0, 4.0, 9.0, 16.0, 25.0].into_iter().enumerate() {
+            for (ahead, speed) in [(0.0, 0.0), (0.3 * height, 4.0), (30.0 + height, 0.0)] {
+                let (at, velocity) = ([ahead, 0.2, -height], [speed, 0.0, 0.0]);
+                let image = rendered(&mut renderer, at, velocity, 3.0 * k as f64);
+                assert_eq!(finder.find(&image), None, "{at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn camera_check_of_images() {
+        let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
+        let mut renderer = Renderer::new(&render, &deck, &Streams::new(5));
+        let image = rendered(&mut renderer, [0.2, 0.1, -4.0], [0.0; 3], 0.0);
         let path = std::env::temp_dir().join(format!("alight-look-{}.pgm", std::process::id()));
-        std::fs::write(&path, renderer.image(&shot).unwrap().to_pgm()).unwrap();
+        std::fs::write(&path, image.to_pgm()).unwrap();
         let source = CameraSource {
             source: path.display().to_string(),
             ..CameraSource::default()
@@ -173,17 +204,28 @@ mod tests {
             exposure_s: 0.002,
             gain: 3.0,
         };
-        let view = reported(&metrics);
+        let process = |metrics: &[Metric]| ProcessState {
+            metrics: Seq::filled(metrics.iter().copied()),
+            ..ProcessState::default()
+        };
+        let view = reported(&process(&metrics));
         assert_eq!(
             (view.images, view.exposure, view.tag),
             (900, Some(Ok(setting)), Some([0.5, 0.02]))
         );
-        assert_eq!(reported(&metrics[..1]).exposure, None);
+        assert_eq!(reported(&process(&metrics[..1])).exposure, None);
+        let mirrored = ForeignTag::Mirrored(7);
+        let tag = [MetricName::ForeignTag.with(MetricValue::ForeignTag(Some(mirrored)))];
+        assert_eq!(reported(&process(&tag)).foreign_tag, Some(mirrored));
         let dark = [
             MetricName::ImageMean.fraction(0.02),
             MetricName::TooDark.count(1_u32),
         ];
         assert_eq!(view.dark, None);
-        assert!(reported(&dark).dark.is_some_and(|mean| (mean - 5.1).abs() < 1e-9));
+        assert!(
+            reported(&process(&dark))
+                .dark
+                .is_some_and(|mean| (mean - 5.1).abs() < 1e-9)
+        );
     }
 }

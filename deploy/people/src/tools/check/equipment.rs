@@ -4,7 +4,6 @@ use alight_computer::config::DroneComputerConfig;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::DeckDimensions;
 use alight_shared::tags::are_anybodys;
-use alight_uav::camera::foreign_tags::ForeignTag;
 use alight_uav::camera::layout;
 use alight_uav::mission_config::MissionConfig;
 use alight_uav::settings::DroneSettings;
@@ -329,18 +328,7 @@ pub fn no_tag(topic: FindingTopic, view: &CameraImages, exposure: &str) -> Findi
     let images = view.images;
     match view.foreign_tag {
         None => topic.fine(format!("{images} images{exposure}; no tag in view")),
-        Some(ForeignTag::Number(number)) => topic.warning(
-            format!("{images} images{exposure}; a tag in view has number {number}, which is not on the deck"),
-            "set drone.deck.tags to the numbers that are printed, or print the configured tags (alight tag)",
-        ),
-        Some(ForeignTag::Mirrored(number)) => topic.warning(
-            format!("{images} images{exposure}; a tag in view is mirrored (number {number}): it is never detected"),
-            "switch off the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
-        ),
-        Some(ForeignTag::Family(name)) => topic.warning(
-            format!("{images} images{exposure}; a tag in view is of another family ({name}): 36h11 alone is detected"),
-            "print the deck's tags with `alight tag --pdf`",
-        ),
+        Some(tag) => topic.warning(format!("{images} images{exposure}; {tag}"), tag.remedy()),
     }
 }
 

@@ -8,8 +8,8 @@ use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
 use alight_shared::msg::{Certificate, DeckDimensions, Reason, RelativeState, SourceStatus};
+use alight_shared::tags::ForeignTag;
 use alight_uav::autopilot::receiver::RelativeReport;
-use alight_uav::camera::foreign_tags::ForeignTag;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 
@@ -138,7 +138,7 @@ pub struct CameraImages {
     pub tag: Option<[f64; 2]>,
     /// Mean grey level of an image too dark for detecting tags.
     pub dark: Option<f64>,
-    /// Tag of another deck, if none of this deck's was detected.
+    /// What there is in place of the deck's tags, if none of these was detected.
     pub foreign_tag: Option<ForeignTag>,
 }
 

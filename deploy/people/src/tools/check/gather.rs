@@ -119,10 +119,7 @@ fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraChe
         };
         let view = match (&there, running) {
             (Err(_), _) => None,
-            (Ok(()), Some(snapshot)) => snapshot
-                .processes
-                .get(&kind)
-                .map(|p| Ok(camera::reported(&p.metrics))),
+            (Ok(()), Some(snapshot)) => snapshot.processes.get(&kind).map(|p| Ok(camera::reported(p))),
             (Ok(()), None) if config.is_simulation() || is_pipe(&config.source) => None,
             (Ok(()), None) => Some(camera::look(config, size.map(|s| s as usize), tag)),
         };

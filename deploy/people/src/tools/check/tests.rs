@@ -18,13 +18,13 @@ use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::msg::{Certificate, Reason, ReasonCode};
+use alight_shared::tags::ForeignTag;
 use alight_shared::time::Span;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_transport::radio::TlsConfig;
 use alight_uav::autopilot::message::{CommandLong, command};
-use alight_uav::camera::foreign_tags::ForeignTag;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::SourceConfig;
 
@@ -262,7 +262,7 @@ fn camera_check_with_and_without_a_tag() {
     for (foreign_tag, text) in [
         (ForeignTag::Mirrored(7), "mirrored (number 7)"),
         (ForeignTag::Number(3), "number 3"),
-        (ForeignTag::Family("25h9"), "another family (25h9)"),
+        (ForeignTag::Family25h9, "another family (25h9)"),
     ] {
         let other = found(CameraImages {
             tag: None,
