@@ -117,6 +117,9 @@ mod tests {
             );
             assert!(descends(2.0, 0.1, 0.5, error, |h| if h > 0.7 { h + 0.2 } else { 0.2 }).contradicts());
         }
+        // Centimetres taken for metres, and the reverse.
+        assert!(descends(2.0, 0.0, 0.5, 0.0, |h| 100.0 * h).contradicts());
+        assert!(descends(2.0, 0.0, 0.5, 0.0, |h| 0.01 * h).contradicts());
         // A sensor that detects the water below a wet deck follows the motion; only a comparison of heights reveals it.
         assert!(!descends(2.0, 0.0, 0.5, 0.0, |h| h + 1.5).contradicts());
     }

@@ -33,6 +33,29 @@ const JUMPED_M: f64 = 1.0;
 /// Time constant of the specific force as disarm evidence, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 
+/// Time for which a quantity of the odometry may be the same bit by bit while the drone moves, s: 25 samples at 50 Hz, the
+/// slowest rate. The noise of the inertial sensors changes every estimate.
+const FROZEN_S: f64 = 0.5;
+/// Rotation that changes the accelerometer's reading by gravity alone, rad: 0.2 m/s², ten steps of its slowest message.
+const TURNED_RAD: f64 = 0.02;
+
+/// Time, accelerometer and attitude of a report.
+type Motion = (DroneTime, Vector3<f64>, UnitQuaternion<f64>);
+
+/// First report of a value that has been the same for [`FROZEN_S`].
+fn repeated<const N: usize>(
+    kept: &mut Option<([f64; N], Motion)>,
+    value: [f64; N],
+    now: Motion,
+) -> Option<Motion> {
+    let (before, first) = *kept.get_or_insert((value, now));
+    if before != value {
+        *kept = Some((value, now));
+    }
+    Some(first).filter(|f| before == value && (now.0 - f.0).secs() >= FROZEN_S)
+}
+
+/// Inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
     at: DroneTime,
@@ -53,6 +76,11 @@ pub(crate) struct DroneStateAssembler {
     /// Number of the autopilot's frame; a restart begins a new one.
     pub(crate) frames: u8,
     pub(crate) rejected: u32,
+    place: Option<([f64; 6], Motion)>,
+    turned: Option<([f64; 4], Motion)>,
+    force: Option<([f64; 3], Motion)>,
+    /// Frozen quantity, and the one last reported to the operator.
+    frozen: [Option<&'static str>; 2],
 }
 
 fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
@@ -71,7 +99,8 @@ impl DroneStateAssembler {
     }
     pub(crate) fn imu(&mut self, at: DroneTime, accelerometer: [f64; 3]) {
         let f = Vector3::from(accelerometer);
-        if !(f.norm() < 500.0) {
+        // Zeros stand for a missing sensor: no accelerometer is without noise.
+        if !(f.norm() < 500.0) || f == Vector3::zeros() {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
@@ -106,7 +135,7 @@ impl DroneStateAssembler {
             return None;
         }
         let turned = q * UnitQuaternion::from_scaled_axis(rates * apart.secs());
-        self.state(at, position, velocity, turned, rates, None, c)
+        self.state(at, position, velocity, [q, turned], rates, None, c)
     }
     pub(crate) fn odometry(
         &mut self,
@@ -126,15 +155,24 @@ impl DroneStateAssembler {
             VelocityFrame::Ned => Vector3::from(o.velocity),
             VelocityFrame::Body => q * Vector3::from(o.velocity),
         };
-        self.state(at, o.position, velocity.into(), q, o.rates.into(), o.variances, c)
+        self.state(
+            at,
+            o.position,
+            velocity.into(),
+            [q; 2],
+            o.rates.into(),
+            o.variances,
+            c,
+        )
     }
 
+    /// The state with the attitude as `reported`, and `q`, propagated to `at`.
     fn state(
         &mut self,
         at: DroneTime,
         position: [f64; 3],
         velocity: [f64; 3],
-        q: UnitQuaternion<f64>,
+        [reported, q]: [UnitQuaternion<f64>; 2],
         rates: Vector3<f64>,
         variances: Option<[[f64; 3]; 3]>,
         c: &AutopilotLinkConfig,
@@ -145,16 +183,22 @@ impl DroneStateAssembler {
         // Touchdown detection needs inertial samples, without which the drone is not flown.
         let inertial = self.inertial.as_mut();
         let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
+        let accelerometer = i.newest;
         let force = if i.count > 0 {
             i.sum / f64::from(i.count)
         } else {
             i.newest
         };
         (i.sum, i.count) = (Vector3::zeros(), 0);
+        let ([x, y, z], [vx, vy, vz]) = (position, velocity);
+        self.watch([x, y, z, vx, vy, vz], (at, accelerometer, reported));
+        if self.frozen[0].is_some() {
+            return self.reject();
+        }
         let [p, v, a] = c.odometry_sd;
-        let sd = |reported: Option<[f64; 3]>, default: f64| {
+        let sd = |variances: Option<[f64; 3]>, default: f64| {
             let sqrt = |x: f64| if x > 0.0 && x < 1e6 { x.sqrt() } else { default };
-            reported.map_or([default; 3], |variances| variances.map(sqrt))
+            variances.map_or([default; 3], |variances| variances.map(sqrt))
         };
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
@@ -175,8 +219,36 @@ impl DroneStateAssembler {
         self.last = Some(state);
         Some(state)
     }
+    /// Searches the odometry for a quantity that stands still while the drone moves: it is no measurement.
+    fn watch(&mut self, place: [f64; 6], now: Motion) {
+        let (_, force, q) = now;
+        let moves = |first: Motion| first.1 != force;
+        self.frozen[0] = None;
+        if repeated(&mut self.place, place, now).is_some_and(moves) {
+            self.frozen[0] = Some("position and velocity");
+        }
+        if repeated(&mut self.turned, [q.w, q.i, q.j, q.k], now).is_some_and(moves) {
+            self.frozen[0] = Some("attitude");
+        }
+        if repeated(&mut self.force, force.into(), now).is_some_and(|f| f.2.angle_to(&q) > TURNED_RAD) {
+            self.frozen[0] = Some("accelerometer");
+        }
+    }
+    /// Report of a quantity that has frozen, or changes again.
+    pub(super) fn news(&mut self) -> Option<String> {
+        let [now, reported] = self.frozen;
+        self.frozen[1] = now;
+        let changed = now != reported;
+        changed.then(|| match now {
+            Some(what) => {
+                format!("its {what} stands still bit by bit while the drone moves: odometry rejected")
+            }
+            None => "its odometry changes again, and is used".into(),
+        })
+    }
     pub(crate) fn restart(&mut self) {
         *self = DroneStateAssembler {
+            frozen: self.frozen,
             resets: self.resets,
             frames: self.frames.wrapping_add(u8::from(self.last.is_some())),
             rejected: self.rejected,
@@ -388,6 +460,44 @@ mod tests {
         };
         assert!(f.odometry(t(1.21), &broken, &c).is_none());
         assert_eq!(f.rejected, 3);
+    }
+
+    /// Number of states of a moving drone of which one quantity freezes after 1 s, and the reports.
+    fn states(froze: [bool; 3]) -> (u32, Vec<String>) {
+        let (mut f, mut taken, mut news) = (DroneStateAssembler::default(), 0, Vec::new());
+        for k in 0..200_u32 {
+            let at = |frozen: bool| 0.01 * f64::from(if frozen { k.min(100) } else { k });
+            let q = UnitQuaternion::from_euler_angles(0.1 * at(froze[1]), 0.0, 0.0);
+            let report = OdometryReport {
+                attitude: [q.w, q.i, q.j, q.k],
+                velocity: [at(froze[0]), 0.0, 0.0],
+                ..report([at(froze[0]), 0.0, 0.0], VelocityFrame::Ned, 0)
+            };
+            let now = t(1.0 + 0.01 * f64::from(k));
+            f.imu(now, [0.1 * at(froze[2]), 0.0, -9.8]);
+            taken += u32::from(
+                f.odometry(now, &report, &AutopilotLinkConfig::default())
+                    .is_some(),
+            );
+            news.extend(f.news());
+        }
+        (taken, news)
+    }
+
+    #[test]
+    fn frozen_quantities_of_a_moving_drone() {
+        assert_eq!(states([false; 3]), (200, Vec::new()));
+        // A drone at rest without noise: nothing contradicts that it stands still.
+        assert_eq!(states([true; 3]).0, 200);
+        for (froze, what) in [
+            ([true, false, false], "position and velocity"),
+            ([false, true, false], "attitude"),
+            ([false, false, true], "accelerometer"),
+        ] {
+            let (taken, news) = states(froze);
+            assert_eq!((taken, news.len()), (150, 1), "{what}");
+            assert!(news[0].contains(what), "{news:?}");
+        }
     }
 
     #[test]

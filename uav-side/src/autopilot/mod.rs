@@ -466,6 +466,9 @@ impl Node for AutopilotLink {
         if let Some(text) = peer.as_mut().and_then(|p| p.battery_news(now)) {
             out.alarm(severity::WARNING, text);
         }
+        if let Some((peer, text)) = peer.as_ref().zip(self.estimate.assembler.news()) {
+            out.alarm(severity::WARNING, format!("{}: {text}", peer.firmware.name()));
+        }
         out.checkpoint = self.checkpoint(now);
         out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);
