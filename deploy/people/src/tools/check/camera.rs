@@ -64,12 +64,9 @@ fn show(
     let mut view = CameraImages::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
-        let [width, height] = [frame.image.width(), frame.image.height()];
-        if [width, height] != size {
-            let text = format!(
-                "its images have {width} x {height} px, those of the lens {} x {}",
-                size[0], size[1]
-            );
+        let found = [frame.image.width(), frame.image.height()];
+        if found != size {
+            let text = format!("its images have {found:?} px, those of the lens {size:?}");
             return Err(CliError(text));
         }
         if let Some(detector) = &mut detector {
