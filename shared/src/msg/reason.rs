@@ -44,6 +44,17 @@ impl From<ReasonCode> for Reason {
     }
 }
 
+/// Displays two significant figures from 0.1 on, and whole numbers from 10 on.
+pub struct TwoFigures(pub f64);
+
+impl fmt::Display for TwoFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let size = self.0.abs();
+        let decimals = usize::from(size < 9.95) + usize::from(size < 0.995);
+        write!(f, "{:.decimals$}", self.0)
+    }
+}
+
 /// Text about this value of the autopilot parameter with this number.
 fn parameter(value: f64, number: f64) -> String {
     let unknown = || format!("a parameter of the autopilot is {value}");
@@ -59,8 +70,8 @@ fn parameter_name(number: f64) -> &'static str {
 /// value and `l` its limit.
 macro_rules! reasons {
     (
-        ($v:ident, $l:ident, $v_percent:ident, $l_percent:ident, $v_deg:ident, $l_deg:ident, $left:ident, $likely:ident,
-         $needed:ident)
+        ($v:ident, $l:ident, $v_two:ident, $l_two:ident, $v_percent:ident, $l_percent:ident, $v_deg:ident, $l_deg:ident,
+         $left:ident, $likely:ident, $needed:ident)
         $($(#[$meta:meta])* $code:ident {
             $text:literal $(, $argument:expr)* $(; if $when:expr => $special:literal $(, $special_argument:expr)*)*
         })*
@@ -87,6 +98,7 @@ macro_rules! reasons {
         impl fmt::Display for Reason {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 let ($v, $l) = (self.value, self.limit);
+                let ($v_two, $l_two) = (TwoFigures($v), TwoFigures($l));
                 let ($v_percent, $l_percent) = (100.0 * $v, 100.0 * $l);
                 let ($v_deg, $l_deg) = ($v.to_degrees(), $l.to_degrees());
                 let ($left, $likely, $needed) = (($v - $l).max(0.0), $v_percent.floor(), $l_percent.ceil());
@@ -104,7 +116,7 @@ macro_rules! reasons {
 }
 
 reasons! {
-    (v, l, v_percent, l_percent, v_deg, l_deg, left, likely, needed)
+    (v, l, v_two, l_two, v_percent, l_percent, v_deg, l_deg, left, likely, needed)
     /// No reason.
     #[default]
     None { "" }
@@ -119,31 +131,31 @@ reasons! {
     /// No vessel message received yet.
     NoVessel { "no vessel state received from within 100 km" }
     /// Own odometry too old, s.
-    OdometryStale { "own odometry {v:.2} s old (limit {l:.2})";
+    OdometryStale { "own odometry {v_two} s old (limit {l_two})";
         if v.is_infinite() => "no odometry of the autopilot yet" }
     /// Deck forecast too old, s.
-    ForecastStale { "deck forecast {v:.2} s old (limit {l:.2})";
+    ForecastStale { "deck forecast {v_two} s old (limit {l_two})";
         if v.is_infinite() => "no deck forecast yet: no vessel estimate was received" }
     /// Neither a tag nor a UVDAR marker detected yet.
     NoVision { "deck not detected yet" }
     /// The deck has not been detected for too long, s.
-    VisionLost { "deck not detected for {v:.2} s (limit {l:.2})" }
+    VisionLost { "deck not detected for {v_two} s (limit {l_two})" }
     /// Horizontal distance to the deck is too large, m.
-    TooFar { "{v:.2} m off the deck (limit {l:.2} m)" }
+    TooFar { "{v_two} m off the deck (limit {l_two} m)" }
     /// Relative horizontal speed is too large, m/s.
-    TooFast { "{v:.2} m/s relative to the deck (limit {l:.2})" }
+    TooFast { "{v_two} m/s relative to the deck (limit {l_two})" }
     /// The deck's predicted speed or acceleration exceeds what the drone can follow.
-    Infeasible { "predicted deck motion exceeds limits: {v:.2} (limit {l:.2})" }
+    Infeasible { "predicted deck motion exceeds limits: {v_two} (limit {l_two})" }
     /// The deck's predicted tilt exceeds the limit, rad.
     TooSteep { "deck tilts {v_deg:.1} deg (limit {l_deg:.1})" }
     /// Time of steady flight above the deck so far, s.
-    NotSteady { "steady for {v:.2} s (needs {l:.2})" }
+    NotSteady { "steady for {v_two} s (needs {l_two})" }
     /// Plan too old, or none found by the solver, s.
-    NoPlan { "no fresh plan for {v:.2} s (limit {l:.2})" }
+    NoPlan { "no fresh plan for {v_two} s (limit {l_two})" }
     /// The drone left the cone above the deck, m.
-    Deviated { "{v:.2} m off the deck's centre (limit {l:.2})" }
+    Deviated { "{v_two} m off the deck's centre (limit {l_two})" }
     /// Deck missed: distance of the feet below it without contact, m.
-    Missed { "deck missed: feet {v:.2} m below it (limit {l:.2})" }
+    Missed { "deck missed: feet {v_two} m below it (limit {l_two})" }
     /// Touchdown was detected.
     Touchdown { "touchdown" }
     /// Battery below the reserve and no place to land, fraction.
@@ -153,7 +165,7 @@ reasons! {
     /// Operator command.
     Operator { "operator's command" }
     /// Below the minimum altitude, m.
-    TooLow { "{v:.2} m above the water (minimum {l:.2})" }
+    TooLow { "{v_two} m above the water (minimum {l_two})" }
     /// State lasted longer than its limit, s.
     TooLong { "took {v:.1} s (limit {l:.1})" }
     /// Number of the other drone that has reserved the deck.
@@ -164,19 +176,19 @@ reasons! {
     /// Newest deck grant too old, s.
     DeckGrantStale { "newest deck grant {v:.1} s old (limit {l:.1})" }
     /// Probability of a landing too low, mainly because of the contact speed.
-    LikelyHard { "a landing is {likely:.0} % likely (needs {needed:.0}): the contact may be hard" }
+    LikelyHard { "probability of a landing {likely:.0} % (needs {needed:.0} %): the contact may be hard" }
     /// Probability of a landing too low because of the speed along the deck.
-    LikelyFast { "a landing is {likely:.0} % likely (needs {needed:.0}): it may slip along the deck" }
+    LikelyFast { "probability of a landing {likely:.0} % (needs {needed:.0} %): it may slip along the deck" }
     /// Probability of a landing too low because of the angle between drone and deck.
-    LikelyTilted { "a landing is {likely:.0} % likely (needs {needed:.0}): the deck may tilt too far" }
+    LikelyTilted { "probability of a landing {likely:.0} % (needs {needed:.0} %): the deck may tilt too far" }
     /// Probability of a landing too low because of the touchdown position.
-    LikelyOutside { "a landing is {likely:.0} % likely (needs {needed:.0}): it may miss the deck's middle" }
+    LikelyOutside { "probability of a landing {likely:.0} % (needs {needed:.0} %): it may miss the deck's middle" }
     /// Probability of a landing too low because a landed drone slides in this slope and wind.
-    LikelySlides { "a landing is {likely:.0} % likely (needs {needed:.0}): slope and wind may move it off" }
+    LikelySlides { "probability of a landing {likely:.0} % (needs {needed:.0} %): slope and wind may move it off" }
     /// Touchdown detected with the feet above the deck, m.
-    FalseTouchdown { "no touchdown: feet {v:.2} m above the deck (limit {l:.2})" }
+    FalseTouchdown { "no touchdown: feet {v_two} m above the deck (limit {l_two})" }
     /// Mission restarted in flight near the deck, m above it.
-    Restarted { "mission restarted in flight, feet {v:.2} m above the deck" }
+    Restarted { "mission restarted in flight, feet {v_two} m above the deck" }
     /// Battery below the reserve, fraction, with the deck below: the landing continues within wider limits.
     BatteryDeck { "battery at {v_percent:.0} % (needs {l_percent:.0} %): lands on the deck, within wider limits" }
     /// Tilt beyond the commanded one, rad: the autopilot loses attitude control.
@@ -205,7 +217,7 @@ reasons! {
     /// Time spent following the deck at the lowest clearance without landing, s.
     Matching { "matches the deck for {v:.1} s (needs {l:.0})" }
     /// Closer to the deck than permitted, m.
-    TooNear { "{v:.2} m above the deck (lowest {l:.2})" }
+    TooNear { "{v_two} m above the deck (lowest {l_two})" }
     /// The drone has followed the deck at this clearance, m, for the required time, s.
     Matched { "matched the deck at {v:.1} m for {l:.0} s: climbs" }
     /// The vessel states that it turns or may turn.
@@ -213,7 +225,7 @@ reasons! {
     /// The landing would outlast the stated steady course: duration of the landing and remaining time of the course, s.
     CourseEnds { "a landing takes {v:.0} s, and the vessel keeps her course for {l:.0} s more" }
     /// Probability of a landing too low, mainly because of the vessel's turn.
-    TurnTooFast { "a landing is {likely:.0} % likely (needs {needed:.0}): the vessel turns" }
+    TurnTooFast { "probability of a landing {likely:.0} % (needs {needed:.0} %): the vessel turns" }
     /// Oscillation of the attitude set-point beyond the demand of plan and wind, root mean square, rad.
     Swings { "attitude set-points swing by {v_deg:.0} deg rms (limit {l_deg:.0}): the autopilot's attitude gains do \
         not suit" }
@@ -294,20 +306,20 @@ reasons! {
     ArmingRejected { "the autopilot did not arm within {l:.0} s: its own text has the reason" }
     /// The autopilot reports no turning rotors yet: time since arming, s, and the limit.
     SpinningUp { "the autopilot reports no turning rotors {v:.1} s after arming (limit {l:.1})" }
-    /// Probability of a good take-off too low because the deck tilts or moves sideways.
-    TakeOffTilted { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck tilts or slides away" }
-    /// Probability of a good take-off too low because the deck may rise into the drone.
-    TakeOffHit { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck may hit the drone" }
-    /// A better moment to take off comes within seconds: probability now and then.
-    BetterMoment { "a take-off is {likely:.0} % likely now, {:.0} % within seconds", l_percent.floor() }
-    /// Probability of success of a take-off at this moment.
-    GoodMoment { "a take-off is {likely:.0} % likely now" }
+    /// Probability of a take-off too low because the deck tilts or moves sideways.
+    TakeOffTilted { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck tilts or slides away" }
+    /// Probability of a take-off too low because the deck may rise into the drone.
+    TakeOffHit { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck may hit the drone" }
+    /// A better moment to take off comes soon: probability now and then.
+    BetterMoment { "probability of a take-off {likely:.0} % now, {:.0} % within seconds", l_percent.floor() }
+    /// Probability of a take-off at this moment.
+    GoodMoment { "probability of a take-off {likely:.0} % now" }
     /// No suitable moment to take off: time waited, s, and the limit.
     NoMoment { "no good moment to take off in {v:.0} s (limit {l:.0})" }
     /// Leaving the deck: height gained, m.
     Leaving { "leaves the deck, {v:.1} m above it" }
     /// The feet do not leave the deck: height gained, m, and the minimum by that time.
-    DoesNotRise { "rose by {v:.2} m only (needs {l:.2}): held, too heavy, or a motor that does not follow" }
+    DoesNotRise { "rose by {v_two} m only (needs {l_two}): held, too heavy, or a motor that does not follow" }
     /// The drone tips on the deck, for example because a foot is held: angle to the deck, rad, and its maximum.
     TipsOver { "tips on the deck by {v_deg:.0} deg (limit {l_deg:.0}): is a foot held?" }
     /// Clear of the deck: height gained, m.
@@ -373,17 +385,18 @@ reasons! {
     /// Landing order rejected: the drone is about to take off, or its take-off was just stopped.
     DuringTakeOff { "the drone takes off: abort the take-off, or order again once it is clear of the deck" }
     /// The drone follows set-points again near the deck: height of the feet above it, m.
-    GivenBack { "follows set-points again, feet {v:.2} m above the deck" }
+    GivenBack { "follows set-points again, feet {v_two} m above the deck" }
     /// The autopilot reports no battery.
     BatteryUnknown { "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated \
         power module" }
     /// Fewer than two sources confirm that a drone with turning rotors stands on the deck: it climbs.
     MayFly { "not confirmed on the deck (by rangefinder, height gained and thrust): climbs out" }
     /// The mission was suspended for too long and restarts: height of the feet above the deck, m, and duration, s.
-    StoodStill { "mission suspended for {l:.1} s, feet {v:.2} m above the deck: starts again" }
+    StoodStill { "mission suspended for {l:.1} s, feet {v_two} m above the deck: starts again" }
     /// Probability of an unsafe contact too high.
-    HarmLikely { "an unsafe contact is {v_percent:.1} % likely (limit {l_percent:.1})" }
-    /// Deck dimensions differ: the most different pair, the drone's and (as limit) the vessel's, m.
+    HarmLikely { "probability of an unsafe contact {v_percent:.1} % (limit {l_percent:.1} %)" }
+    /// Deck dimensions in the drone's configuration differ from the vessel's: the pair that differs most, the drone's
+    /// and, as the limit, the vessel's, m.
     DeckDiffers { "a dimension of the deck is {v:.2} m in the drone's configuration and {l:.2} m in the vessel's" }
     /// Battery below the reserve, fraction, and the deck not free: waits down to this charge, fraction; 0: no
     /// other place is in reach.

@@ -53,8 +53,8 @@ mod tests {
         };
         assert_eq!(
             text(&vessel),
-            "bytes sent 1200, age of drone message 250 ms, drone state Tracking, drone battery 80 %, \
-             last peer rejected for an expired certificate, measurement to estimate p50 10.0 ms"
+            "bytes sent 1200, age of drone message 0.25 s, drone state Tracking, drone battery 80 %, \
+             last peer rejected for an expired certificate, measurement to estimate p50 10 ms"
         );
     }
 }

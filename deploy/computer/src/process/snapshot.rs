@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
     AttitudeResponse, AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
-    MissionState, Plan, SourceReport, VesselStatus, WaveModel,
+    MissionState, Plan, SourceReport, TwoFigures, VesselStatus, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -19,12 +19,10 @@ pub fn time(s: f64) -> String {
         "-".into()
     } else if s.abs() < 1e-3 {
         format!("{:.0} us", s * 1e6)
-    } else if s.abs() < 0.1 {
-        format!("{:.1} ms", s * 1e3)
-    } else if s.abs() < 1.0 {
-        format!("{:.0} ms", s * 1e3)
+    } else if s.abs() < 0.0995 {
+        format!("{} ms", TwoFigures(s * 1e3))
     } else {
-        format!("{s:.1} s")
+        format!("{} s", TwoFigures(s))
     }
 }
 
@@ -176,9 +174,9 @@ mod tests {
     #[test]
     fn status_line_width() {
         assert_eq!(time(0.000_042), "42 us");
-        assert_eq!(time(0.0217), "21.7 ms");
-        assert_eq!(time(0.1742), "174 ms");
-        assert_eq!(time(12.34), "12.3 s");
+        assert_eq!(time(0.0217), "22 ms");
+        assert_eq!(time(0.1742), "0.17 s");
+        assert_eq!(time(12.34), "12 s");
         assert_eq!(time(f64::INFINITY), "-");
         let snapshot = Snapshot {
             mission: MissionState::default().into(),
@@ -192,7 +190,7 @@ mod tests {
         };
         let line = snapshot.line(0);
         assert!(
-            line.contains("62.0 ms") && line.contains("2 % lost") && line.chars().count() <= 100,
+            line.contains("62 ms") && line.contains("2 % lost") && line.chars().count() <= 100,
             "{line}"
         );
     }

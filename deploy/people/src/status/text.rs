@@ -27,7 +27,7 @@ impl StatusLine {
 }
 
 impl Figure {
-    fn text(&self) -> Option<String> {
+    pub(super) fn text(&self) -> Option<String> {
         let value = self.value.as_deref().unwrap_or("unknown");
         let text = match (self.note.as_str(), &self.value) {
             ("", None) => return None,
@@ -196,7 +196,7 @@ mod tests {
         Status {
             title: "land".into(),
             headline: "Tracking since 4.2 s: reached".into(),
-            figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
+            figures: vec![Figure::of("link", "62 ms old", "0.4 % lost")],
             ..Status::default()
         }
     }
@@ -205,7 +205,7 @@ mod tests {
     fn status_text_without_alarms() {
         assert_eq!(
             status().text(),
-            "land: Tracking since 4.2 s: reached\nlink       62.0 ms old, 0.4 % lost\nalarms     none"
+            "land: Tracking since 4.2 s: reached\nlink       62 ms old, 0.4 % lost\nalarms     none"
         );
     }
 

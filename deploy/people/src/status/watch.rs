@@ -104,7 +104,7 @@ mod tests {
         let status = Status {
             title: "land".into(),
             headline: "Tracking since 4.2 s: reached".into(),
-            figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
+            figures: vec![Figure::of("link", "62 ms old", "0.4 % lost")],
             findings: vec![FindingTopic("armed").broken(still_armed(14.0), "keep clear")],
             ..Status::default()
         };
