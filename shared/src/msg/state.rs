@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Reason;
+use super::{Reason, ReasonCode};
 
 /// States of the landing mission (Procházka et al., section IV).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
@@ -104,6 +104,17 @@ impl State {
             State::StandDown => "Stand down",
         }
     }
+    /// Name for messages by the reason for entering: an ordered abort and a completed match are no failures.
+    pub const fn named(self, entered: &Reason) -> &'static str {
+        let ended = matches!(self, State::GaveUp);
+        if ended && matches!(entered.code, ReasonCode::Operator | ReasonCode::SwitchAborts) {
+            "Aborted"
+        } else if ended && matches!(entered.code, ReasonCode::Matched) {
+            "Matched"
+        } else {
+            self.name()
+        }
+    }
     /// Activity of the drone in this state, for messages.
     pub const fn does(self) -> &'static str {
         match self {
@@ -192,9 +203,9 @@ impl State {
     pub fn because(self, entered: &Reason) -> String {
         let reason = entered.to_string();
         if reason.is_empty() {
-            self.name().into()
+            self.named(entered).into()
         } else {
-            format!("{}: {reason}", self.name())
+            format!("{}: {reason}", self.named(entered))
         }
     }
 }
