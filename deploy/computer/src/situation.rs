@@ -45,6 +45,8 @@ pub struct ObservedSituation {
     pub snapshot: Snapshot,
     /// Observer's clock, ns: the steady clock for running processes.
     pub now_ns: i64,
+    /// Time until the battery reaches its reserve, s, once this flight has shown the rate.
+    pub battery_left_s: Option<f64>,
 }
 
 impl ObservedSituation {
@@ -58,6 +60,7 @@ impl ObservedSituation {
             known: snapshot.computer.unwrap_or(*configured),
             snapshot: snapshot.clone(),
             now_ns,
+            battery_left_s: None,
         }
     }
     pub fn since_s(&self, at_ns: i64) -> f64 {

@@ -52,13 +52,14 @@ pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     (text, (mps >= STILL_MPS).then_some(course_deg))
 }
 
-/// Direction relative to the bow, deg, from a direction clockwise from north, deg.
-fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
+/// Direction relative to the bow, deg, of a direction clockwise from north, deg.
+pub fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     let turn = wrap_angle((direction_deg - heading_deg).to_radians()).to_degrees();
     (10.0 * turn).round() / 10.0
 }
 
-fn bow_text(from_bow_deg: f64) -> String {
+/// Text of a direction from the bow, deg.
+pub fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };
     if size <= ABOUT_DEG {

@@ -7,7 +7,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, LandedState, LandingMode, MissionState,
-    ReasonCode, ShadowComparison, State, VesselLevel, Wind, still_armed,
+    ReasonCode, ShadowComparison, Solve, State, TwoFigures, VesselLevel, Wind, still_armed,
 };
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Time;
@@ -16,7 +16,7 @@ use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use crate::explain::advice;
 
-use super::finding::{Finding, FindingTopic};
+use super::finding::{Finding, FindingLevel, FindingTopic};
 use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 
@@ -93,8 +93,11 @@ fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     }
     let mut all = Vec::new();
     let entered = format!("the drone is in state {}", m.state.because(&m.entered));
-    if m.state == State::GaveUp {
+    let failed = m.state.named(&m.entered) == State::GaveUp.name();
+    if failed {
         all.push(TOPIC.broken(entered, advice(m.entered.code)));
+    } else if m.state == State::GaveUp && m.entered.code == ReasonCode::Matched {
+        // A completed match is a success.
     } else if m.was_entered_in_trouble() {
         all.push(TOPIC.stopping(entered, advice(m.entered.code)));
     }
@@ -123,6 +126,8 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
         TOPIC.stopping("no vessel received yet", remedy)
     } else if let (true, Some(by)) = (age_s > limit_s, otherwise) {
         TOPIC.warning(format!("{found}: it is located by its {by} alone"), remedy)
+    } else if age_s > limit_s && landing_without_radio(s) {
+        TOPIC.warning(found, remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -145,6 +150,40 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
         TOPIC.broken(found, "switch one off")
     }));
     all
+}
+
+/// Whether the mission continues a landing, or breaks it off, by itself without the radio; after one it needs none.
+fn landing_without_radio(s: &ObservedSituation) -> bool {
+    let mission = s.snapshot.mission.fresh(s.now_ns);
+    mission.is_some_and(|m| m.state == State::Landed || m.state.is_landing() && m.state != State::Hold)
+}
+
+/// Age of the vessel's newest estimate, s, if it is too old for a landing by radio.
+fn radio_lost_s(s: &ObservedSituation) -> Option<f64> {
+    s.link_age_s()
+        .filter(|age_s| *age_s > topics::ESTIMATE.stale_after.secs())
+}
+
+fn sees_deck(s: &ObservedSituation) -> bool {
+    let forecast = s.snapshot.forecast.fresh(s.now_ns);
+    forecast.is_some_and(|f| f.vision_age_s < FRESH_TAGS_S)
+}
+
+/// Source by which a landing goes on, and the one that is lost; None if none is lost.
+fn goes_on(s: &ObservedSituation) -> Option<String> {
+    let lost = |name: &str, age_s: f64| match age_s.is_finite() {
+        true => format!("{name} lost {}", minutes(age_s)),
+        false => format!("no {name}"),
+    };
+    match radio_lost_s(s) {
+        Some(age_s) if sees_deck(s) => Some(format!("goes on by camera; {}", lost("radio", age_s))),
+        Some(age_s) => Some(format!("goes on by the forecast; {}", lost("radio", age_s))),
+        None if sees_deck(s) => None,
+        None => {
+            let age_s = s.snapshot.forecast.map_or(f64::INFINITY, |f| f.vision_age_s);
+            Some(format!("goes on by radio; {}", lost("camera", age_s)))
+        }
+    }
 }
 
 /// Source that locates a vessel without its estimates: its tags or its beacon.
@@ -195,9 +234,30 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
 }
 
 pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
-    let mission = s.snapshot.mission.fresh(s.now_ns);
-    let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
-    Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
+    let Some(m) = s.snapshot.mission.as_ref() else {
+        return Go::of(findings, unknown(s));
+    };
+    let alarm = |f: &&Finding| f.level == FindingLevel::Broken && ["mission", "armed"].contains(&f.topic);
+    let alarm = findings.iter().find(alarm);
+    if go::descends(m.state) {
+        return Go::landing(alarm, goes_on(s).unwrap_or_else(|| "no action needed".into()));
+    }
+    let armed = s.snapshot.autopilot.is_none_or(|a| a.armed);
+    if let Some(ended) = Go::ended(m.state, &m.entered, armed).filter(|_| alarm.is_none()) {
+        return ended;
+    }
+    let barred = go::barred(m.state, &m.entered).filter(|_| !s.snapshot.mission.is_old(s.now_ns));
+    let go = Go::of(findings, unknown(s)).worse(barred.map(Go::barred));
+    // Before a descent a radio that is lost on the way is no reason to abort.
+    if !landing_without_radio(s) || radio_lost_s(s).is_none_or(f64::is_infinite) || go.go == Some(false) {
+        return go;
+    }
+    let how = goes_on(s).unwrap_or_default();
+    if sees_deck(s) {
+        Go { why: how, ..go }
+    } else {
+        Go::unknown(how)
+    }
 }
 
 fn unknown(s: &ObservedSituation) -> Option<&'static str> {
@@ -221,6 +281,7 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
 fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
     match (mission.min_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
+        (VesselLevel::Computer, None) if landing_without_radio(s) && sees_deck(s) => None,
         (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
         (VesselLevel::Computer, Some(wave)) => go::no_forecast(wave.confidence.into()),
     }
@@ -233,18 +294,15 @@ pub fn state(s: &ObservedSituation) -> Option<StateView> {
     } else {
         (m.header.at - m.since).secs() + s.snapshot.mission.age_s(s.now_ns)
     };
+    let code = m.rejected.unwrap_or(m.waiting).code;
+    let waits = go::waits(m.state, code, m.waits());
     Some(StateView {
-        name: m.state.name().into(),
+        name: m.state.named(&m.entered).into(),
         does: m.state.does(),
         since_s,
         entered: m.entered.to_string(),
-        sentence: go::sentence(
-            m.state,
-            &m.entered,
-            m.rejected.unwrap_or(m.waiting).code,
-            m.waits(),
-        ),
-        waiting: m.waits(),
+        sentence: go::sentence(m.state, &m.entered, code, waits.clone()),
+        waiting: waits,
         stages: go::stages(m.state),
         stale: s.snapshot.mission.is_old(s.now_ns),
     })
@@ -282,7 +340,7 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
             .and_then(|m| mode(m, s.snapshot.autopilot.as_ref()))
             .map(|f| f.stale(s.snapshot.mission.is_old(s.now_ns))),
     );
-    all.extend(likelihood(s));
+    all.extend(probability(s));
     all.extend(relative(s));
     let advice = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
     all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
@@ -291,17 +349,26 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     all
 }
 
+/// Distance from the deck's centre below which a bearing is not stated, m.
+const NEAR_M: f64 = 1.0;
+
+/// Drone minus deck by the newest forecast and state: north, east, down, m.
+fn offset(s: &ObservedSituation) -> Option<[f64; 3]> {
+    let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied())?;
+    let drone = (*s.snapshot.drone)?;
+    Some(core::array::from_fn(|k| drone.position[k] - deck.position[k]))
+}
+
+/// Horizontal distance from the deck, with bearing from the bow and height.
 fn distance(s: &ObservedSituation) -> Figure {
     const NAME: &str = "distance";
-    let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied());
-    let (Some(drone), Some(forecast), Some(deck)) = (*s.snapshot.drone, *s.snapshot.forecast, deck) else {
+    let (Some([north, east, down]), Some(forecast)) = (offset(s), *s.snapshot.forecast) else {
         let note = "no forecast of the deck".into();
         return Figure {
             note,
             ..Figure::unknown(NAME)
         };
     };
-    let [north, east, down] = core::array::from_fn(|k| drone.position[k] - deck.position[k]);
     let level = match forecast.vessel_level() {
         VesselLevel::Computer => "",
         VesselLevel::Tag => ", by tags alone",
@@ -316,8 +383,19 @@ fn distance(s: &ObservedSituation) -> Figure {
             "not detected yet".into()
         };
     let old = s.snapshot.forecast.is_old(s.now_ns) || s.snapshot.drone.is_old(s.now_ns);
-    let value = format!("{:.1} m", f64::hypot(north, east));
-    Figure::of(NAME, value, format!("{:.1} m above the deck, {known_by}", -down)).stale(old)
+    let away_m = f64::hypot(north, east);
+    let bearing = (away_m > NEAR_M).then(|| {
+        compass::bow_text(compass::from_bow(
+            east.atan2(north).to_degrees(),
+            forecast.mean_heading.to_degrees(),
+        )) + ", "
+    });
+    let note = format!(
+        "{}{} m above the deck, {known_by}",
+        bearing.unwrap_or_default(),
+        TwoFigures(-down)
+    );
+    Figure::of(NAME, format!("{} m", TwoFigures(away_m)), note).stale(old)
 }
 
 fn link_figure(s: &ObservedSituation) -> Figure {
@@ -357,6 +435,8 @@ fn battery(s: &ObservedSituation) -> Figure {
             .mission
             .and_then(|m| m.turns_in_s)
             .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
+        s.battery_left_s
+            .map(|t| format!("{:.0} min to the reserve", (t / 60.0).floor())),
         (s.snapshot.mission.map(|m| m.sorties))
             .filter(|[_, most]| *most > 0)
             .map(|[begun, most]| format!("sortie {begun} of {most}")),
@@ -438,13 +518,29 @@ fn autopilot(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
 }
 
-fn likelihood(s: &ObservedSituation) -> Option<Figure> {
+/// Probability of a landing from here, while it decides: over the deck, before the flare.
+fn probability(s: &ObservedSituation) -> Option<Figure> {
+    const NAME: &str = "probability";
     let m = (*s.snapshot.mission)?;
-    let value = format!("{:.0} %", (100.0 * m.likelihood?).floor());
-    let note = m
-        .harm
-        .map_or(String::new(), |p| format!("unsafe contact {:.1} %", 100.0 * p));
-    Some(Figure::of("likelihood", value, note).stale(s.snapshot.mission.is_old(s.now_ns)))
+    let decides = matches!(m.state, State::Tracking | State::TrackingStable | State::Descent);
+    let away_m = offset(s).map(|[north, east, _]| f64::hypot(north, east));
+    let reach_m = s.known.deck.map_or(f64::INFINITY, |deck| {
+        let [.., length, width] = deck.all_m();
+        f64::hypot(length, width) / 2.0
+    });
+    let landing = m
+        .likelihood
+        .filter(|_| decides && away_m.is_some_and(|m| m < reach_m));
+    let Some(landing) = landing else {
+        return Some(Figure::unknown(NAME));
+    };
+    let harm = m.harm.map(|p| format!("unsafe contact {:.1} %", 100.0 * p));
+    let figure = Figure::of(
+        NAME,
+        format!("{:.0} %", (100.0 * landing).floor()),
+        harm.unwrap_or_default(),
+    );
+    Some(figure.stale(s.snapshot.mission.is_old(s.now_ns)))
 }
 
 fn relative(s: &ObservedSituation) -> Option<Figure> {
@@ -481,10 +577,14 @@ fn touchdown(s: &ObservedSituation) -> Figure {
             _ if stands => Some("done".into()),
             // The countdown of an old plan is invalid.
             Some(_) if stale => None,
-            Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
+            Some(s) => Some(format!("in {} s", TwoFigures(s.max(0.0)))),
             None => Some("not planned".into()),
         },
-        note: format!("plan {} old, {:?}", time(age_s), p.solve).to_lowercase(),
+        note: match p.solve {
+            _ if stale && !stands => format!("plan {} old", time(age_s)),
+            Solve::Optimal => String::new(),
+            Solve::IterationLimit | Solve::Infeasible => format!("plan {:?}", p.solve).to_lowercase(),
+        },
         stale: stale && !stands,
         ..Figure::unknown(NAME)
     }

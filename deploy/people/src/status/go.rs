@@ -1,6 +1,6 @@
 //! GO or NO-GO for a landing, and the stages of a landing.
 
-use alight_shared::msg::{Reason, ReasonCode, State};
+use alight_shared::msg::{Phase, Reason, ReasonCode, State};
 use serde::Serialize;
 
 use super::finding::{Finding, FindingLevel};
@@ -32,8 +32,16 @@ pub fn barred(state: State, entered: &Reason) -> Option<String> {
     bars.then(|| state.because(entered))
 }
 
-/// Main message of a state: why the landing ended or was set back; otherwise its progress, or `waits: ` with
-/// the condition of the next state (`waits_for`, the text of `code`); otherwise the drone's action.
+/// Text of the condition that a state waits for. A flare does not wait: it names its height or nothing.
+pub fn waits(state: State, code: ReasonCode, text: String) -> String {
+    if state == State::Flare && code != ReasonCode::Flaring {
+        return String::new();
+    }
+    text
+}
+
+/// Most important sentence of a state: the reason why the landing ended or was set back; otherwise its progress, or
+/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise what the drone does.
 pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
     let why = entered.to_string();
     if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
@@ -67,24 +75,61 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
 pub struct Go {
     /// None if unknown.
     pub go: Option<bool>,
-    /// Reason of a NO-GO; further facts for the crew otherwise.
+    /// Verdict for the crew: before a descent GO, NO-GO or unknown; in a descent LANDING, or ACT if the crew has to act;
+    /// then the outcome.
+    pub verdict: &'static str,
+    /// What the drone does or the crew has to do.
     pub why: String,
 }
+
+const UNKNOWN: &str = "unknown";
 
 impl Go {
     pub fn unknown(missing: impl Into<String>) -> Go {
         Go {
             go: None,
+            verdict: UNKNOWN,
             why: missing.into(),
         }
     }
     pub fn barred(why: impl Into<String>) -> Go {
         Go {
             go: Some(false),
+            verdict: "NO-GO",
             why: why.into(),
         }
     }
-    /// The worse of the two, the first if equal: NO-GO before unknown before GO.
+    /// Judgement of a descent, which goes on unless the crew has to act on `alarm`; `how` it goes on.
+    pub fn landing(alarm: Option<&Finding>, how: impl Into<String>) -> Go {
+        let (go, verdict) = if alarm.is_some() {
+            (false, "ACT")
+        } else {
+            (true, "LANDING")
+        };
+        Go {
+            go: Some(go),
+            verdict,
+            why: alarm.map_or_else(|| how.into(), |f| f.remedy.clone()),
+        }
+    }
+    /// Outcome of an attempt that has ended as planned or by order; None if it has not.
+    pub fn ended(state: State, entered: &Reason, armed: bool) -> Option<Go> {
+        let verdict = state.named(entered);
+        let why = if state == State::Landed && entered.code != ReasonCode::HardContact {
+            if armed {
+                "keep clear until it is disarmed"
+            } else {
+                "disarmed: close the deck before anyone goes to it"
+            }
+        } else if state == State::GaveUp && verdict != state.name() {
+            "holds clear of the deck: order a landing, or take over"
+        } else {
+            return None;
+        };
+        let barred = Go::barred(why);
+        Some(Go { verdict, ..barred })
+    }
+    /// The worse of the two, or the first if they are equal: NO-GO before unknown before GO.
     pub fn worse(self, other: Option<Go>) -> Go {
         let rank = |go: &Go| match go.go {
             Some(false) => 2,
@@ -116,7 +161,11 @@ impl Go {
             1 => "one warning, which does not stop a landing".into(),
             n => format!("{n} warnings, which do not stop a landing"),
         };
-        Go { go: Some(true), why }
+        Go {
+            go: Some(true),
+            verdict: "GO",
+            why,
+        }
     }
 }
 
@@ -132,6 +181,11 @@ pub enum StageProgress {
     Done,
     Now,
     Ahead,
+}
+
+/// Whether the drone descends: the question is no longer whether it may begin.
+pub fn descends(state: State) -> bool {
+    state.phase() == Phase::Landing
 }
 
 pub fn stages(state: State) -> Vec<Stage> {
@@ -205,7 +259,7 @@ mod tests {
         let why = |state, code: ReasonCode| barred(state, &code.into());
         assert_eq!(
             why(State::GaveUp, ReasonCode::Operator).as_deref(),
-            Some("Gave up: operator's command")
+            Some("Aborted: operator's command")
         );
         let bars = |state| why(state, ReasonCode::None).is_some();
         assert!([State::Landed, State::Preparing, State::TakeOff, State::StandDown].map(bars) == [true; 4]);

@@ -6,7 +6,7 @@ use alight_computer::vessel::{deck_inputs, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
-    EstimatorStatus, State, VesselReport, VesselStatus, Wind, still_armed,
+    EstimatorStatus, State, TwoFigures, VesselReport, VesselStatus, Wind, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -269,8 +269,22 @@ pub fn own_go(findings: &[Finding], status: &VesselStatus) -> Go {
     Go::of(&own, no_waves(status))
 }
 
-/// Worse of the vessel's own judgement and that of the foremost drone.
+/// Judgement of a descent or of its end by the foremost drone's report; before, the worse of the vessel's own
+/// judgement and that of the drone.
 pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
+    let foremost = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S);
+    if let Some(d) = foremost.map(|d| d.status) {
+        let acts = |f: &&Finding| f.stops && ["course", DRONES].contains(&f.topic);
+        let alarm = findings.iter().find(acts);
+        let number = d.header.drone;
+        if go::descends(d.state) {
+            return Go::landing(alarm, format!("drone {number} descends: keep course and speed"));
+        }
+        if let Some(ended) = Go::ended(d.state, &d.entered, d.armed).filter(|_| alarm.is_none()) {
+            let why = format!("drone {number}: {}", ended.why);
+            return Go { why, ..ended };
+        }
+    }
     Go::of(findings, no_waves(status)).worse(foremost_go(status))
 }
 
@@ -305,18 +319,16 @@ pub fn wind(status: &VesselStatus) -> Option<Wind> {
 
 pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
+    let code = d.status.rejected.unwrap_or(d.status.waiting).code;
+    let waits = go::waits(d.status.state, code, d.status.waits());
+    let name = d.status.state.named(&d.status.entered);
     Some(StateView {
-        name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
+        name: format!("Drone {}: {name}", d.status.header.drone),
         does: d.status.state.does(),
         since_s: 0.0,
         entered: d.status.entered.to_string(),
-        sentence: go::sentence(
-            d.status.state,
-            &d.status.entered,
-            d.status.rejected.unwrap_or(d.status.waiting).code,
-            d.status.waits(),
-        ),
-        waiting: d.status.waits(),
+        sentence: go::sentence(d.status.state, &d.status.entered, code, waits.clone()),
+        waiting: waits,
         stages: go::stages(d.status.state),
         stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
     })
@@ -372,9 +384,17 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
 fn contact(d: &DroneContact) -> Figure {
     let status = &d.status;
     let armed = if status.armed { "armed" } else { "disarmed" };
-    let value = format!("drone {}: {}", status.header.drone, status.state.name());
+    let value = format!(
+        "drone {}: {}",
+        status.header.drone,
+        status.state.named(&status.entered)
+    );
+    let away = status
+        .deck_distance_m
+        .map(|m| format!("{} m from the deck, ", TwoFigures(m.into())));
     let note = format!(
-        "{armed}, battery {}, {} ago",
+        "{}{armed}, battery {}, {} ago",
+        away.unwrap_or_default(),
         Charge(status.battery),
         time(d.age_s)
     );

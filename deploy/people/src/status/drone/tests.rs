@@ -5,11 +5,12 @@ use alight_computer::process::snapshot::Newest;
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::autopilot_parameters::of_px4;
 use alight_shared::msg::{
-    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DroneState, Header, LinkState, MissionSettings,
-    Reason, RelativeState, Seq, WaveModel,
+    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DeckStage, DroneState, Header, LinkState,
+    MissionSettings, Reason, RelativeState, Seq, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessState;
+use alight_shared::time::DroneClock;
 use alight_uav::computer::PROCESSES;
 
 const NOW_NS: i64 = 100_000_000_000;
@@ -63,6 +64,32 @@ fn flying() -> Snapshot {
         ..Snapshot::default()
     }
 }
+fn wave(confidence: f32) -> WaveModel<DroneClock> {
+    WaveModel {
+        header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
+        significant_height_m: 0.9,
+        confidence,
+        modes: Seq::new(),
+        slopes: Seq::new(),
+        advice: None,
+    }
+}
+/// A drone that holds, ready to land.
+fn ready() -> Snapshot {
+    let mut snapshot = flying();
+    snapshot.autopilot = came(AutopilotState::default());
+    snapshot.mission = came(MissionState {
+        entered: ReasonCode::Operator.into(),
+        ..mission(State::Hold, ReasonCode::NotCommanded)
+    });
+    snapshot.drone = came(DroneState {
+        wind: Some([3.0, 1.0]),
+        ..DroneState::default()
+    });
+    snapshot.forecast = came(DeckForecast::default());
+    snapshot.wave = came(wave(0.8));
+    snapshot
+}
 fn texts(snapshot: &Snapshot) -> Vec<String> {
     let text = status(snapshot, NOW_NS).text();
     text.lines().map(str::to_owned).collect()
@@ -75,7 +102,7 @@ fn status_page_of_a_flying_drone() {
     for (label, part) in [
         ("mission", "deck tilts 17.8 deg (limit 11.5)"),
         ("distance", "no forecast"),
-        ("link", "60.0 ms old"),
+        ("link", "60 ms old"),
         ("battery", "80 %, needs 34 %"),
         ("autopilot", "armed"),
         ("processes", "8 run, bridge"),
@@ -280,29 +307,6 @@ fn relative_place_of_a_forecast() {
 
 #[test]
 fn go_of_a_drone_by_what_is_known() {
-    let wave = |confidence| WaveModel {
-        header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
-        significant_height_m: 0.9,
-        confidence,
-        modes: Seq::new(),
-        slopes: Seq::new(),
-        advice: None,
-    };
-    let ready = || {
-        let mut snapshot = flying();
-        snapshot.autopilot = came(AutopilotState::default());
-        snapshot.mission = came(MissionState {
-            entered: ReasonCode::Operator.into(),
-            ..mission(State::Hold, ReasonCode::NotCommanded)
-        });
-        snapshot.drone = came(DroneState {
-            wind: Some([3.0, 1.0]),
-            ..DroneState::default()
-        });
-        snapshot.forecast = came(DeckForecast::default());
-        snapshot.wave = came(wave(0.8));
-        snapshot
-    };
     let go = |snapshot: &Snapshot| {
         let go = status(snapshot, NOW_NS).go;
         (go.go, go.why)
@@ -318,8 +322,14 @@ fn go_of_a_drone_by_what_is_known() {
         entered: ReasonCode::Touchdown.into(),
         ..mission(State::Landed, ReasonCode::NotCommanded)
     });
-    assert_eq!(go(&landed), (Some(false), "Landed: touchdown".into()));
-    // The forecast's quality matters unless the drone can land without the vessel's computer.
+    assert_eq!(
+        go(&landed),
+        (
+            Some(false),
+            "disarmed: close the deck before anyone goes to it".into()
+        )
+    );
+    // The quality of the forecast matters unless the drone can land without the vessel's computer.
     let mut snapshot = ready();
     snapshot.wave = came(wave(0.001));
     let (shown, why) = go(&snapshot);
@@ -361,4 +371,100 @@ fn deck_of_other_dimensions_by_the_vessel() {
             .any(|f| f.found.contains("1.70 m") && f.found.contains("1.90 m"))
     };
     assert!(names_both(1.9) && !names_both(1.7));
+}
+
+/// Rows of the table in `deploy/docs/view.md`: state, reason for entering it, ages of radio, camera and mission (s),
+/// alarm, and what the page says.
+#[test]
+fn page_in_each_state_with_each_loss() {
+    let rows = [
+        "Hold Operator 0 0 0 - GO: ready to land",
+        "Hold ForecastStale 9 9 0 alarm NO-GO: link: the vessel's newest estimate is 9.0 s old",
+        "Approach Commanded 9 99 0 - unknown: goes on by the forecast; radio lost 9 s",
+        "Tracking InSight 9 0 0 - GO: goes on by camera; radio lost 9 s",
+        "Descent Permitted 0 0 0 - LANDING: no action needed",
+        "Flare FlareHeight 9 0 0 - LANDING: goes on by camera; radio lost 9 s",
+        "Descent Permitted 0 2 0 - LANDING: goes on by radio; camera lost 2 s",
+        "Descent Permitted 0 0 3 alarm ACT: it restarts by itself; otherwise take manual control",
+        "Landed Touchdown 0 0 0 - Landed: keep clear until it is disarmed",
+        "Landed HardContact 0 0 0 - NO-GO: the drone is in state Landed: hard contact",
+        "GaveUp Operator 0 0 0 - Aborted: holds clear of the deck: order a landing, or take over",
+        "GaveUp Matched 0 0 0 - Matched: holds clear of the deck: order a landing, or take over",
+        "GaveUp OutOfRetries 0 0 0 alarm NO-GO: Gave up: attempts used",
+    ];
+    for row in rows {
+        let parts: Vec<&str> = row.splitn(7, ' ').collect();
+        let [radio_s, camera_s, mission_s] = [2, 3, 4].map(|k: usize| parts[k].parse::<f64>().unwrap());
+        let mut s = ready();
+        let state = MissionState {
+            header: Header::new(0, 1, 1, 1, Time::from_secs(12.1)),
+            entered: serde_json::from_value::<ReasonCode>(parts[1].into())
+                .unwrap()
+                .into(),
+            state: serde_json::from_value(parts[0].into()).unwrap(),
+            ..mission(State::Idle, ReasonCode::NotCommanded)
+        };
+        s.mission.set(NOW_NS - (1e9 * mission_s) as i64, Some(state));
+        s.autopilot = flying().autopilot;
+        s.link = came(LinkState {
+            age_s: radio_s,
+            ..LinkState::default()
+        });
+        s.forecast = came(DeckForecast {
+            vision_age_s: camera_s,
+            ..DeckForecast::default()
+        });
+        if radio_s > 1.0 {
+            s.wave = Newest::default();
+        }
+        let status = status(&s, NOW_NS);
+        let says = format!("{}: {}", status.go.verdict, status.go.why);
+        assert!(says.starts_with(parts[6]), "{row}: {says}");
+        assert_eq!(status.worst == FindingLevel::Broken, parts[5] == "alarm", "{row}");
+    }
+}
+
+/// A probability is shown where it decides: over the deck and before the flare, which has no condition to wait for.
+#[test]
+fn probability_and_waiting_by_state() {
+    let shown = |state, north_m| {
+        let mut s = flying();
+        s.mission = came(MissionState {
+            likelihood: Some(0.93),
+            harm: Some(0.004),
+            ..mission(state, ReasonCode::LikelyHard)
+        });
+        s.drone = came(DroneState {
+            position: [north_m, 0.0, -5.0],
+            ..DroneState::default()
+        });
+        s.forecast = came(DeckForecast {
+            stages: Seq::filled([DeckStage::default()]),
+            ..DeckForecast::default()
+        });
+        let size = [2.5, 1.7];
+        s.computer = came(ComputerReport {
+            deck: Some(DeckDimensions {
+                size,
+                ..DeckDimensions::default()
+            }),
+            ..reported()
+        });
+        let status = status(&s, NOW_NS);
+        let waits = status.state.is_some_and(|s| !s.waiting.is_empty());
+        let text = |name| status.figures.iter().find(|f| f.name == name).unwrap().text();
+        (text("probability"), text("distance").unwrap(), waits)
+    };
+    let (over, near, waits) = shown(State::Descent, 0.4);
+    assert_eq!(over.as_deref(), Some("93 %, unsafe contact 0.4 %"));
+    assert!(near.starts_with("0.40 m, 5.0 m above the deck") && waits);
+    let (abeam, away, _) = shown(State::Tracking, 38.2);
+    assert!(
+        abeam.is_none() && away.starts_with("38 m, ahead, 5.0 m above"),
+        "{away}"
+    );
+    assert_eq!(
+        (shown(State::Flare, 0.1).0, shown(State::Flare, 0.1).2),
+        (None, false)
+    );
 }

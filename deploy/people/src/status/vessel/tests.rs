@@ -285,7 +285,7 @@ fn vessel_text_with_each_fault() {
         text.lines().map(str::to_owned).collect()
     };
     let fine = lines(&vessel());
-    assert_eq!(fine[0], "vessel 1: works, up 100.0 s");
+    assert_eq!(fine[0], "vessel 1: works, up 100 s");
     for part in [
         "deck       reserved for drone 1",
         "drones     drone 1: Descent",
@@ -364,6 +364,7 @@ fn go_of_a_vessel_and_of_its_drone() {
     let go = |change: Change<'_>| {
         let mut w = vessel();
         w.status.drones[0].status.wind = Some([3.0, 1.0]);
+        w.status.drones[0].status.state = State::Tracking;
         change(&mut w);
         let s = status(&w, 100);
         let own = own_go(&s.findings, &w.status);
@@ -372,7 +373,21 @@ fn go_of_a_vessel_and_of_its_drone() {
     let (fine, nothing) = (Some(true), "ready to land");
     assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
     let (no, unknown) = (Some(false), None);
-    let cases: [(Change<'_>, [Option<bool>; 2], &str); 8] = [
+    let cases: [(Change<'_>, [Option<bool>; 2], &str); 10] = [
+        (
+            &|w| w.status.drones[0].status.state = State::Descent,
+            [fine; 2],
+            "drone 1 descends: keep course and speed",
+        ),
+        (
+            &|w| {
+                w.status.drones[0].status.state = State::Descent;
+                w.status.deck.wants_steady = true;
+                w.status.deck.course = Course::Turning;
+            },
+            [no; 2],
+            "keep course and speed, and confirm",
+        ),
         (
             &|w| w.status.estimator.waves = Some([0.9, 0.0]),
             [unknown; 2],
@@ -393,7 +408,7 @@ fn go_of_a_vessel_and_of_its_drone() {
         (
             &|w| w.status.drones[0].status.state = State::Landed,
             [fine, no],
-            "drone 1: Landed",
+            "drone 1: keep clear until it is disarmed",
         ),
         (
             &|w| w.status.drones[0].status.state = State::GaveUp,
