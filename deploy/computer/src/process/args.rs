@@ -35,18 +35,24 @@ pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     Err("recordings are MCAP: choose a name that ends in .mcap".into())
 }
 
+/// Parses the address of a viewer's server.
+pub fn page_address(text: &str) -> Result<SocketAddr, String> {
+    let why = "an address and a port, such as 127.0.0.1:7450; a file comes before the flag";
+    text.parse().map_err(|_| why.into())
+}
+
 /// Addresses at which viewers are served, if any.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ViewArgs {
     /// Serve a page for a browser [at 127.0.0.1:7450]
     ///
-    /// The configuration may name another address; ADDRESS:PORT comes before both.
-    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
+    /// The configuration may name another address; ADDR:PORT comes before both.
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, value_parser = page_address)]
     pub view: Option<Option<SocketAddr>>,
     /// Serve Foxglove, too [at 127.0.0.1:8765]
     ///
     /// It receives the topics of a recording.
-    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true, requires = "view")]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, value_parser = page_address, requires = "view")]
     pub foxglove: Option<Option<SocketAddr>>,
 }
 

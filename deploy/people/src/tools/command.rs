@@ -29,7 +29,7 @@ use serde_json::json;
 
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-const STEADY_S: u32 = 60;
+pub(super) const STEADY_S: u32 = 60;
 
 const MAX_LASTING_S: u32 = 3600;
 

@@ -8,6 +8,7 @@ use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::playback::{Bodies, Viewer};
+use alight_computer::process::args::page_address;
 use alight_computer::process::facts::Facts;
 use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
 use alight_computer::process::local_command::give;
@@ -49,7 +50,7 @@ pub struct ViewCommand {
     #[arg(long, value_name = "ADDR:PORT")]
     pub listen: Option<SocketAddr>,
     /// Serve the topics of a recording to Foxglove [default: view.foxglove; without a value: 127.0.0.1:8765]
-    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, value_parser = page_address)]
     pub foxglove: Option<Option<SocketAddr>>,
     /// End when standard input closes
     #[arg(long, hide = true)]
@@ -132,7 +133,7 @@ fn vessel(
     let mut look = view_vessel::VesselObserver::new(computer, view.abort)?;
     while !ends() {
         server.show(look.picture(steady_ns()));
-        look.close_deck(server.order());
+        look.carry_out(server.order());
         pause(PAGE_PERIOD);
     }
     Ok(Exit::Success)
@@ -188,6 +189,10 @@ fn drone(
         if !ports.memory.wait(wait) {
             break;
         }
+    }
+    if observer.board.is_simulated() {
+        observer.end("the simulation has ended");
+        pause(ABSENT_PAUSE);
     }
     Ok(Exit::Success)
 }
@@ -248,6 +253,7 @@ impl Ports {
         let now = Time::from_nanos(steady_ns());
         if let Some(order) = given {
             match self.abort {
+                _ if !order.name.is_empty() => drop(order.reply.send(Err("this page only aborts".into()))),
                 None => self.abort = Some((give(computer, CommandKind::Abort, now), order)),
                 Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
             }
@@ -256,7 +262,7 @@ impl Ports {
         self.commands.send_any(command.due(now).as_ref());
         let taken = mission.filter(|m| command.answered(m) == Some(true));
         let answer = match taken {
-            Some(m) => Ok(format!("abort taken: {}", m.state.name())),
+            Some(m) => Ok(format!("abort taken: {}", m.state.named(&m.entered))),
             None if command.is_over(now) => {
                 Err("ABORT NOT TAKEN: the mission does not confirm it; take manual control".to_owned())
             }
@@ -287,6 +293,13 @@ mod tests {
             header: Header::new(1, 1, 7, 1, at),
             state,
             ..MissionState::default()
+        }
+    }
+
+    fn page_order(reply: tokio::sync::oneshot::Sender<Result<String, String>>) -> PageOrder {
+        PageOrder {
+            name: String::new(),
+            reply,
         }
     }
 
@@ -325,13 +338,13 @@ mod tests {
         assert_eq!(shown.as_deref(), Some("Descent"));
 
         let (reply, mut answer) = tokio::sync::oneshot::channel();
-        let given = joined.order(&computer, Some(PageOrder { reply }), descends.as_ref());
+        let given = joined.order(&computer, Some(page_order(reply)), descends.as_ref());
         assert_eq!(given, None);
         let sent = commands.newest(0).unwrap();
         assert_eq!(sent.kind, CommandKind::Abort);
         assert!(answer.try_recv().is_err(), "answered before the mission did");
         let (reply, mut second) = tokio::sync::oneshot::channel();
-        assert_eq!(joined.order(&computer, Some(PageOrder { reply }), None), None);
+        assert_eq!(joined.order(&computer, Some(page_order(reply)), None), None);
         assert!(second.try_recv().unwrap().is_err(), "two at a time");
         let echo = Some([sent.header.boot, sent.header.sequence]);
         let (gave_up, _) = show(&mut joined, State::GaveUp, echo);

@@ -14,6 +14,7 @@ use alight_shared::process::ProcessKind;
 use alight_shared::time::{Time, TrueTime};
 
 use crate::status::Status;
+use crate::tools::command::STEADY_S;
 use crate::tools::flights;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
@@ -21,6 +22,20 @@ use crate::view::server::PageOrder;
 
 const LOG_LINES: usize = 12;
 const DRONES: usize = 32;
+const NOT_TAKEN: &str = "NOT TAKEN";
+/// Orders about the course, of which the first lasts for [`STEADY_S`].
+const COURSE: [&str; 2] = ["steady", "turning"];
+
+/// Order of this name; None for another name.
+fn named(name: &str) -> Option<DeckOrder> {
+    let [steady, turning] = COURSE;
+    match name {
+        "" => Some(DeckOrder::Closed),
+        _ if name == steady => Some(DeckOrder::Steady(STEADY_S)),
+        _ if name == turning => Some(DeckOrder::Turning),
+        _ => None,
+    }
+}
 
 pub struct VesselObserver<'a> {
     computer: &'a VesselComputerConfig,
@@ -53,31 +68,38 @@ impl<'a> VesselObserver<'a> {
             result: None,
             order: OrderView {
                 label: may_order.then_some("CLOSE THE DECK"),
+                others: if may_order { &COURSE } else { &[] },
                 answer: String::new(),
             },
             given: None,
         })
     }
-    /// Gives the crew's order for the deck, like `alight command deck closed`.
-    pub fn close_deck(&mut self, order: Option<PageOrder>) {
+    /// Carries out the crew's order, as `alight command` does. Orders after which rotors may turn are not among them:
+    /// the page has no password.
+    pub fn carry_out(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {
             let memory = self.aboard.poll().map(|(memory, _)| memory);
-            let given = match memory.filter(|_| self.given.is_none()) {
-                Some(m) => {
-                    OrderOnItsWay::give(m, self.computer, DeckOrder::Closed).map_err(|e| e.to_string())
+            let given = match (memory.filter(|_| self.given.is_none()), named(&order.name)) {
+                (_, None) => Err(format!("{} is no order of this page", order.name)),
+                (Some(m), Some(o)) => OrderOnItsWay::give(m, self.computer, o).map_err(|e| e.to_string()),
+                (None, Some(_)) => {
+                    Err("the vessel's process does not run, or an order is under way".to_owned())
                 }
-                None => Err("the vessel's process does not run, or an order is under way".to_owned()),
             };
             match given {
                 Ok(given) => self.given = Some((given, order)),
-                Err(e) => self.answer(order, Err(format!("THE DECK IS NOT CLOSED: {e}"))),
+                Err(e) => self.answer(order, Err(format!("{NOT_TAKEN}: {e}"))),
             }
         }
-        let Some((given, _)) = &mut self.given else { return };
+        let Some((given, order)) = &mut self.given else {
+            return;
+        };
+        let is_close = order.name.is_empty();
         let answer = match given.poll() {
-            Some(status) if status.deck.closed.is_some() => Ok("the deck is closed".to_owned()),
+            Some(status) if is_close && status.deck.closed.is_some() => Ok("the deck is closed".to_owned()),
+            Some(_) if !is_close => Ok(format!("stated: {}", order.name)),
             None if !given.is_over() => return,
-            Some(_) | None => Err("THE DECK IS NOT CLOSED: the vessel's process has not taken it".to_owned()),
+            Some(_) | None => Err(format!("{NOT_TAKEN}: the vessel's process does not confirm it")),
         };
         if let Some((_, order)) = self.given.take() {
             self.answer(order, answer);
@@ -112,6 +134,8 @@ impl<'a> VesselObserver<'a> {
             result: self.result(now_ns),
             flights: self.earlier.clone(),
             order: self.order.clone(),
+            over: None,
+            begins_in_s: None,
         }
     }
 
@@ -150,8 +174,9 @@ impl<'a> VesselObserver<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                // A view that began with the drone on the deck has not observed its flight.
-                if let (Some(ended), Some(_)) = (state.ending(), before) {
+                // A view that began when the drone was already on the deck has observed no flight.
+                if let (Some(_), Some(_)) = (state.ending(), before) {
+                    let ended = state.named(&drone.status.entered);
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
                 }
                 let entered = drone.status.state.because(&drone.status.entered);
@@ -161,5 +186,21 @@ impl<'a> VesselObserver<'a> {
         while self.log.len() > LOG_LINES {
             self.log.pop_front();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No order of the page opens the deck or clears a take-off.
+    #[test]
+    fn orders_of_the_vessels_page() {
+        assert_eq!(named(""), Some(DeckOrder::Closed));
+        assert_eq!(
+            COURSE.map(named),
+            [Some(DeckOrder::Steady(60)), Some(DeckOrder::Turning)]
+        );
+        assert_eq!(["open", "takeoff", "clear"].map(named), [None; 3]);
     }
 }

@@ -5,8 +5,9 @@ use std::collections::VecDeque;
 use alight_computer::process::snapshot::minutes;
 use alight_computer::record::messages::Message;
 use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State};
-use alight_shared::process::ProcessState;
+use alight_shared::metrics::MetricName;
+use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, TwoFigures};
+use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
 
@@ -14,7 +15,7 @@ use crate::status::Status;
 use crate::view::camera_image::ShownImage;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView};
-use crate::view::scene::scene;
+use crate::view::scene::{drone, scene};
 use crate::view::track::GroundTrack;
 
 const LOG_LINES: usize = 12;
@@ -66,7 +67,17 @@ pub struct Board {
     pub heights_m: Option<[f64; 2]>,
     /// Clearance of the feet at which the flare begins, m, after the mission has reported it.
     flare_m: Option<f64>,
+    /// Closing speed at the contact of a flare, m/s; None if it was not observed.
+    closing_mps: Option<f64>,
+    /// Time and battery charge at the start of this flight.
+    charged: Option<(Time<TrueTime>, f64)>,
 }
+
+/// Clearances at which the closing speed is that of the contact, m: above, the drone still brakes; below, errors of
+/// odometry and forecast hide a contact.
+const CONTACT_M: core::ops::Range<f64> = 0.02..0.08;
+/// Fall of the battery's charge from which its rate is known: gauges show whole per cent.
+const KNOWN_FALL: f64 = 0.03;
 
 impl Board {
     pub fn new(known: ComputerReport) -> Board {
@@ -89,6 +100,8 @@ impl Board {
             camera: None,
             heights_m: None,
             flare_m: None,
+            closing_mps: None,
+            charged: None,
         }
     }
     /// Clears everything except the ended flights; observes again from `t` on.
@@ -129,12 +142,17 @@ impl Board {
                 let deck = deck.map(|s| ground(s.position));
                 self.track
                     .add(t, drone.frames, Some(ground(drone.position)), deck);
+                self.closes(ns);
             }
             Message::Autopilot(a) => {
                 let was_armed = snapshot.autopilot.map(|a| a.armed);
                 snapshot.autopilot.set(ns, Some(*a));
                 if was_armed == Some(false) && a.armed {
                     self.flight_begins();
+                }
+                let more = |(_, start): &(_, f64)| a.battery.is_none_or(|b| b > *start);
+                if !a.armed || self.charged.as_ref().is_none_or(more) {
+                    self.charged = a.battery.filter(|_| a.armed).map(|b| (t, b));
                 }
             }
             Message::Mission(m) => {
@@ -185,7 +203,37 @@ impl Board {
         self.motion.add(t, sample);
     }
 
+    /// Notes the closing speed of a flare, until the contact.
+    fn closes(&mut self, ns: i64) {
+        if self.shown != Some(State::Flare) {
+            return;
+        }
+        let feet_m = self.heights_m.map_or(0.0, |[feet, _]| feet);
+        let drone = drone(&self.situation.snapshot, ns);
+        let close = drone.filter(|d| CONTACT_M.contains(&(d.at[2] - feet_m)));
+        self.closing_mps = close.map(|d| d.closing_mps).or(self.closing_mps);
+    }
+    /// Place and speed of a landing by the drone's own estimate.
+    fn contact(&self, ns: i64) -> Option<String> {
+        let [forward, right, _] = drone(&self.situation.snapshot, ns)?.at;
+        let off = TwoFigures(f64::hypot(forward, right));
+        let speed = self.closing_mps.map(|v| format!(" at {} m/s", TwoFigures(v)));
+        Some(format!(
+            "{off} m off the deck's centre{}",
+            speed.unwrap_or_default()
+        ))
+    }
+    /// Time until the battery reaches its reserve, s, at the mean rate of this flight.
+    fn battery_left_s(&self, t: Time<TrueTime>) -> Option<f64> {
+        let (at, start) = self.charged?;
+        let snapshot = &self.situation.snapshot;
+        let left = (*snapshot.autopilot)?.battery?;
+        let fallen = Some(start - left).filter(|fallen| *fallen >= KNOWN_FALL)?;
+        let above = (left - (*snapshot.mission)?.battery_reserve).max(0.0);
+        Some(above * (t - at).secs() / fallen)
+    }
     fn flight_begins(&mut self) {
+        self.closing_mps = None;
         self.order.answer.clear();
     }
     /// Logs a change of state, and the flight that it ends.
@@ -201,12 +249,15 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // A view that began with the drone on the deck has not observed its flight.
-        if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
+        // A view that began when the drone was already on the deck has observed no flight.
+        if let (Some(_), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
             let plural = if m.attempts == 1 { "" } else { "s" };
-            let text = format!("{}; {} descent{plural}{took}", m.entered, m.attempts);
+            let contact = self.contact(t.nanos()).filter(|_| m.state == State::Landed);
+            let how = contact.unwrap_or_else(|| m.entered.to_string());
+            let text = format!("{how}; {} descent{plural}{took}", m.attempts);
+            let outcome = m.state.named(&m.entered);
             keep(&mut self.flights, Ended { at: t, outcome, text }, FLIGHTS);
         }
         if !m.state.is_landing() {
@@ -217,6 +268,7 @@ impl Board {
     pub fn picture(&self, t: Time<TrueTime>) -> Picture {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();
+        situation.battery_left_s = self.battery_left_s(t);
         Picture {
             clock_s: 0.0,
             status: Status::of(situation),
@@ -243,7 +295,18 @@ impl Board {
                 .take(FLIGHTS)
                 .collect(),
             order: self.order.clone(),
+            over: None,
+            begins_in_s: self.begins_in_s(),
         }
+    }
+    /// Time until a simulated landing is ordered, s, as the world's process reports it.
+    fn begins_in_s(&self) -> Option<f64> {
+        let world = self.situation.process(ProcessKind::World)?;
+        Some(-world.seconds(MetricName::TimeSinceStart)).filter(|s| *s > 0.0)
+    }
+    /// The data are those of a live simulation.
+    pub fn is_simulated(&self) -> bool {
+        self.situation.process(ProcessKind::World).is_some()
     }
 
     fn scene(&self, t: Time<TrueTime>) -> Option<SceneView> {

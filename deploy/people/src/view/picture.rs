@@ -104,6 +104,8 @@ pub struct CameraView {
 pub struct OrderView {
     /// Text of the button; None if the page may not give the order.
     pub label: Option<&'static str>,
+    /// Names of further orders, each with a button of its own.
+    pub others: &'static [&'static str],
     /// Result of the newest order; empty without one.
     pub answer: String,
 }
@@ -127,4 +129,8 @@ pub struct Picture {
     /// Newest flight that ended while the server was running.
     pub result: Option<ResultView>,
     pub order: OrderView,
+    /// Text of the end of a simulation or recording, after which no data come.
+    pub over: Option<&'static str>,
+    /// Time until a simulated landing is ordered, s.
+    pub begins_in_s: Option<f64>,
 }

@@ -19,16 +19,7 @@ pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
     let now = forecast.header.at + Span::from_secs(known.forecast.age_s(now_ns));
     let deck = deck_at(forecast, now)?;
     let heading = forecast.mean_heading;
-    let drone = known.drone.and_then(|d| {
-        let below = deck_at(forecast, d.header.at)?;
-        let e = d.euler();
-        Some(DroneView {
-            at: place(d.position, below.position, heading),
-            closing_mps: hundredth(d.velocity[2] - below.velocity[2]),
-            euler_deg: degrees([e.x, e.y, wrap_angle(e.z - heading)]),
-            stale: known.drone.is_old(now_ns),
-        })
-    });
+    let drone = drone(known, now_ns);
     let plan = known.plan.filter(|_| known.plan.age_s(now_ns) < FORGOTTEN_S);
     let plan_stale = known.plan.is_old(now_ns);
     let [roll, pitch, yaw] = deck.euler;
@@ -44,6 +35,19 @@ pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
         plan_stale,
         drone,
         ..SceneView::default()
+    })
+}
+
+/// Drone relative to the deck at the time of its newest state.
+pub fn drone(known: &Snapshot, now_ns: i64) -> Option<DroneView> {
+    let (forecast, d) = (known.forecast.as_ref()?, (*known.drone)?);
+    let (below, heading) = (deck_at(forecast, d.header.at)?, forecast.mean_heading);
+    let e = d.euler();
+    Some(DroneView {
+        at: place(d.position, below.position, heading),
+        closing_mps: hundredth(d.velocity[2] - below.velocity[2]),
+        euler_deg: degrees([e.x, e.y, wrap_angle(e.z - heading)]),
+        stale: known.drone.is_old(now_ns),
     })
 }
 

@@ -42,6 +42,9 @@ pub struct Served {
 
 /// Order that the page gives; the answer is a text with the result.
 pub struct PageOrder {
+    /// Name of the order; empty for that of the large button.
+    pub name: String,
+    /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
 }
 
@@ -328,7 +331,7 @@ async fn camera(State(shared): State<Shared>) -> Response {
 }
 
 /// Takes the crew's order, from the server's own page only.
-async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
+async fn order(State(shared): State<Shared>, given: HeaderMap, name: String) -> Response {
     if let Err(why) = of_own_page(&given) {
         return (StatusCode::FORBIDDEN, why).into_response();
     }
@@ -337,7 +340,7 @@ async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
         return (StatusCode::FORBIDDEN, why).into_response();
     }
     let (reply, answer) = oneshot::channel();
-    match shared.orders.try_send(PageOrder { reply }) {
+    match shared.orders.try_send(PageOrder { name, reply }) {
         Ok(()) => {}
         Err(TrySendError::Full(_)) => {
             return (StatusCode::TOO_MANY_REQUESTS, "one is under way").into_response();

@@ -106,6 +106,14 @@ impl ViewObserver {
             ..Picture::default()
         });
     }
+    /// Shows the last picture, which says what has ended.
+    pub fn end(&self, over: &'static str) {
+        self.server.show(Picture {
+            over: Some(over),
+            ..self.board.picture(self.newest - self.offset)
+        });
+    }
+    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
         if let Message::Drone(_) = message {
@@ -133,8 +141,7 @@ impl Viewer for ViewObserver {
     fn linger(&self) {
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
-            // A page that receives nothing for a second shows no data, and no result.
-            self.server.show(self.board.picture(self.newest - self.offset));
+            self.end("the flight has ended");
             pause(4 * MAX_PAUSE);
         }
     }

@@ -261,7 +261,7 @@ fn board_of_ended_flights() {
     let newest = &picture.flights[0];
     assert_eq!(
         (newest.outcome.as_str(), newest.when.as_str()),
-        ("gave up", "59 s ago")
+        ("Gave up", "59 s ago")
     );
     assert!(newest.text.contains("1 descent, after 40 s"), "{newest:?}");
     board.reset(at(2000.0));
@@ -330,4 +330,42 @@ fn recorded_situations_of_the_page() {
             );
         }
     }
+}
+
+/// A landing's result has its place and speed, and the battery's fall so far gives the time to the reserve.
+#[test]
+fn board_of_a_contact_and_a_battery() {
+    let mut board = Board::new(ComputerReport::default());
+    board.heights_m = Some([0.3, 1.0]);
+    show(&mut board, 1.0, &[Message::Autopilot(&autopilot(0.8))]);
+    let fall = |board: &mut Board, t_s: f64, state, feet_m: f64, mps: f64| {
+        let drone = DroneState {
+            header: header(t_s),
+            position: [10.0, 20.3, -1.3 - feet_m],
+            velocity: [0.0, 0.0, mps],
+            ..DroneState::default()
+        };
+        let messages = [
+            Message::Mission(&mission(t_s, state, Reason::default())),
+            Message::Forecast(&forecast(t_s)),
+            Message::Drone(&drone),
+        ];
+        show(board, t_s, &messages);
+    };
+    fall(&mut board, 60.0, State::Flare, 0.5, 0.4);
+    fall(&mut board, 60.9, State::Flare, 0.05, 0.35);
+    fall(&mut board, 61.0, State::Flare, 0.01, 0.02);
+    fall(&mut board, 61.2, State::Landed, 0.0, 0.0);
+    show(&mut board, 61.0, &[Message::Autopilot(&autopilot(0.7))]);
+    let picture = board.picture(at(61.2));
+    let result = picture.result.clone().unwrap();
+    assert_eq!(result.outcome, "Landed");
+    assert!(
+        result
+            .text
+            .starts_with("0.30 m off the deck's centre at 0.35 m/s; 1 descent"),
+        "{result:?}"
+    );
+    // 40 % above the reserve at 10 % a minute.
+    assert!(named(&picture, "battery").note.contains("4 min to the reserve"));
 }

@@ -44,27 +44,28 @@ function speak(id, content) {
   $(id).textContent = content;
 }
 
-const WORDS = { true: "GO", false: "NO-GO", null: "unknown" };
-const CLASSES = { true: "yes", false: "no", null: "unknown" };
+const CLASSES = { GO: "yes", LANDING: "yes", Landed: "yes", Matched: "yes", "NO-GO": "no", ACT: "no" };
 function showGo(go, state) {
-  $("go").className = CLASSES[go.go];
-  text("verdict", WORDS[go.go]);
+  $("go").className = CLASSES[go.verdict] || "unknown";
+  text("verdict", go.verdict);
   text("why", go.why);
   const stages = state ? state.stages : [];
-  $("stages").hidden = !stages.length;
   rebuild("stages", stages.map((s) => `${s.is} ${s.name}`).join(), () => stages.map((s) => {
     const item = element("li", s.is, s.name);
     if (s.is === "now") item.setAttribute("aria-current", "step");
     return item;
   }));
-  speak("spoken", [WORDS[go.go], state ? `${state.name}: ${state.sentence}` : ""].filter(Boolean).join(". "));
+  speak("spoken", [go.verdict, state ? `${state.name}: ${state.sentence}` : ""].filter(Boolean).join(". "));
 }
 
 // The result stays until the next landing begins, even without data, and always on the second screen.
 let result = null;
+const ends = (state) => !!result && !!state && state.name.endsWith(result.outcome);
 function showResult() {
-  const stages = (picture && picture.state && picture.state.stages) || [];
-  $("result").hidden = !result || stages.slice(0, -1).some((s) => s.is === "now");
+  const state = picture && picture.state;
+  const flies = !!state && state.stages.slice(0, -1).some((s) => s.is === "now");
+  document.body.classList.toggle("ended", ends(state));
+  $("result").hidden = !result || flies || ends(state);
   if ($("result").hidden) return;
   text("outcome", result.outcome);
   text("how", result.text);
@@ -76,11 +77,14 @@ function showResult() {
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
-  text("sentence", state ? state.sentence : "");
-  $("sentence").className = state && state.sentence.length > 60 ? "long" : "";
-  const more = !state ? [] : [
+  const sentence = ends(state) ? result.text : state ? state.sentence : "";
+  text("sentence", sentence);
+  $("sentence").className = sentence.length > 60 ? "long" : "";
+  const begins = picture.begins_in_s === null ? "" : `the simulated landing is ordered in ${Math.ceil(picture.begins_in_s)} s`;
+  const more = !state ? [begins] : [
+    begins,
     state.sentence === state.does ? "" : state.does,
-    state.waiting && !state.sentence.endsWith(state.waiting) ? `waits: ${state.waiting}` : "",
+    state.waiting && !sentence.endsWith(state.waiting) ? `waits: ${state.waiting}` : "",
     state.since_s > 0 ? `for ${ago(state.since_s)}` : "",
   ];
   text("aside", more.filter(Boolean).join("; "));
@@ -95,13 +99,16 @@ const short = (f, parts) => ({ ...f, note: f.note.split(", ").slice(0, parts).jo
 function droneTiles() {
   const battery = figure("battery");
   const notes = battery.note.split(", ");
+  const distance = short(figure("distance"), 1); // with the bearing unless it is near
+  const lasts = notes.find((n) => n.startsWith("turns back")) || notes.find((n) => n.endsWith("reserve")) || notes[0];
   return [
-    { ...battery, note: notes.find((n) => n.startsWith("turns back")) || notes[0], is: "keep" },
+    { ...distance, note: /bow|ahead|astern/.test(distance.note) ? distance.note.replace(" of the bow", "") : "", is: "keep" },
+    { ...battery, note: lasts, is: "keep" },
     short(figure("link"), 1),
-    figure("likelihood"),
+    figure("probability"),
     short(figure("touchdown"), 1),
     figure("deck"),
-    short(figure("wind"), 1),
+    { ...figure("wind"), note: "", is: "more" },
   ];
 }
 
@@ -138,8 +145,8 @@ function showFigures() {
     if (f.note) made.append(element("dd", "note", f.note));
     return made;
   };
-  const tiles = picture.vessel ? vesselTiles(picture.vessel) : picture.scene || picture.state ? droneTiles() : picture.figures;
-  $("figures").className = tiles.length > 6 ? "many" : "";
+  const tiles = picture.vessel ? vesselTiles(picture.vessel) : picture.figures.length ? droneTiles() : [];
+  $("figures").className = picture.vessel ? "many" : "";
   rebuild("figures", JSON.stringify(tiles), () => tiles.map(tile));
 }
 
@@ -159,16 +166,19 @@ function groups(alarms) {
 const times = (n) => (n > 1 ? ` \u00d7 ${n}` : "");
 function showAlarms(alarms) {
   const causes = groups(alarms);
-  $("strip").hidden = !causes.length;
-  rebuild("strip", JSON.stringify(alarms), () => {
-    if (!causes.length) return [];
+  $("strip").disabled = !causes.length;
+  const above = [picture.go.why, picture.state ? picture.state.sentence : ""].filter(Boolean);
+  rebuild("strip", JSON.stringify([alarms, above]), () => {
+    $("strip").className = "";
+    if (!causes.length) return [element("span", "", "no warnings")];
     const [[first, ...alike], ...others] = causes;
     $("strip").className = first.level;
     const rest = others.map((c) => c[0].topic + times(c.length)).join(", ");
     const worst = element("b", "first", first.topic + times(alike.length + 1));
-    // A phone has no room to repeat the reason of a NO-GO.
-    const again = picture.go.why === `${first.topic}: ${first.found}` ? "again" : "";
-    worst.append(element("span", again, `: ${first.found}`));
+    // The strip does not repeat the boxes above.
+    const repeated = above.some((s) => s.includes(first.found) || first.found.endsWith(s));
+    const more = repeated ? (above.includes(first.remedy) ? "" : first.remedy) : first.found;
+    worst.append(element("span", "", more ? `: ${more}` : ""));
     return [
       worst,
       ...(rest ? [element("span", "", `and ${others.length} more: ${rest}`)] : []),
@@ -213,6 +223,7 @@ function turn() {
   text("screen", second ? "back" : "details");
   $("screen").href = second ? "#" : "#details";
   $(second ? "details" : "fly").append($("order"));
+  $(second ? "large" : "eye").prepend($("camera-image"));
   draw();
 }
 addEventListener("hashchange", turn);
@@ -268,11 +279,11 @@ const choices = ["auto", "day", "night"];
 const next = () => choices[(choices.indexOf(chosen) + 1) % choices.length];
 let chosen = new URLSearchParams(location.search).get("colours") || stored() || "auto";
 
-function stored() {
+function stored(value) {
   try {
-    return localStorage.getItem("colours");
+    return value ? localStorage.setItem("colours", value) : localStorage.getItem("colours");
   } catch {
-    return null; // storage may be forbidden
+    return null; // storage may be forbidden: the choice lasts for this visit
   }
 }
 
@@ -286,11 +297,7 @@ function paint() {
 
 $("colours").addEventListener("click", () => {
   chosen = next();
-  try {
-    localStorage.setItem("colours", chosen);
-  } catch {
-    // the choice lasts for this visit
-  }
+  stored(chosen);
   paint();
 });
 dark.addEventListener("change", paint);
@@ -323,10 +330,28 @@ function say(pen, content, x, y, name, align) {
 const STEPS = [2, 3, 5, 8, 12, 20, 30, 50, 80, 120, 200, 300, 500, 800, 1200, 2000];
 const nice = (x) => STEPS.find((s) => s >= x) || 10 ** Math.ceil(Math.log10(x));
 
-function path(pen, points, name, old, width) {
-  if (points.length < 2) return;
+function circle(pen, centre, radius) {
+  pen.beginPath();
+  pen.arc(...centre, radius, 0, 7);
+}
+
+function outline(pen, points) {
   pen.beginPath();
   points.forEach(([x, y], k) => (k ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+}
+
+// Draws with the origin at this point, turned clockwise.
+function turned(pen, [x, y], degrees, draw) {
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(degrees * RAD);
+  draw();
+  pen.restore();
+}
+
+function path(pen, points, name, old, width) {
+  if (points.length < 2) return;
+  outline(pen, points);
   pen.strokeStyle = colour(name);
   pen.lineWidth = width;
   pen.setLineDash(old ? [4, 6] : []);
@@ -349,54 +374,44 @@ function label(pen, content, x, y, name, wide, tall) {
   say(pen, content, Math.min(Math.max(x, half), wide - half), Math.min(Math.max(y, 16), tall - 6), name, "center");
 }
 
-function last(values) {
-  return values.length ? values[values.length - 1] : null;
-}
+const last = (values) => (values.length ? values[values.length - 1] : null);
 
-const signed = (x, digits) => `${x < 0 ? "\u2212" : ""}${Math.abs(x).toFixed(digits)}`;
+const signed = (x, digits) => x.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "\u2212");
 
 function water(pen, width, height, level) {
+  pen.globalAlpha = 0.75;
   pen.fillStyle = colour("water");
   pen.beginPath();
   pen.moveTo(0, height);
   for (let x = 0; x <= width + 12; x += 12) pen.lineTo(x, level + 2 * Math.sin(x / 17));
   pen.lineTo(width + 12, height);
   pen.fill();
+  pen.globalAlpha = 1;
 }
 
 // Hull under a deck of this half length, px, tilted by `angle` about the deck's centre (positive: right end up); its
 // right end reaches `bow` times as far.
-function hull(pen, [x, y], half, depth, angle, bow, old) {
-  pen.save();
-  pen.translate(x, y);
-  pen.rotate(-angle * RAD);
-  pen.beginPath();
-  pen.moveTo(-half, 0);
-  pen.lineTo(bow * half, 0);
-  pen.lineTo(0.9 * half, depth);
-  pen.lineTo(-0.9 * half, depth);
-  pen.closePath();
-  pen.fillStyle = colour("card");
-  pen.fill();
-  pen.strokeStyle = colour("deck");
-  pen.lineWidth = 1.5;
-  pen.stroke();
-  path(pen, [[-half, 0], [half, 0]], "deck", old, 6);
-  pen.restore();
+function hull(pen, centre, half, depth, angle, bow, old) {
+  const corners = [[-half, 0], [bow * half, 0], [0.9 * half, depth], [-0.9 * half, depth], [-half, 0]];
+  turned(pen, centre, -angle, () => {
+    outline(pen, corners);
+    pen.fillStyle = colour("card");
+    pen.fill();
+    path(pen, corners, "deck", false, 1.5);
+    path(pen, [[-half, 0], [half, 0]], "deck", old, 6);
+  });
 }
 
 // Drone with its feet at this position.
-function drone(pen, [x, y], arm, feet, angle, old) {
-  pen.save();
-  pen.translate(x, y);
-  pen.rotate(-angle * RAD);
-  path(pen, [[-arm, -feet - 3], [arm, -feet - 3]], "drone", old, 5);
-  [-1, 1].forEach((side) => {
-    path(pen, [[side * arm, -feet - 3], [side * arm, -feet - 10]], "drone", false, 2);
-    path(pen, [[side * arm - 0.45 * arm, -feet - 10], [side * arm + 0.45 * arm, -feet - 10]], "drone", false, 3);
-    path(pen, [[side * 0.45 * arm, 0], [side * 0.25 * arm, -feet]], "drone", false, 3);
+function drone(pen, at, arm, feet, angle, old) {
+  turned(pen, at, -angle, () => {
+    path(pen, [[-arm, -feet - 3], [arm, -feet - 3]], "drone", old, 5);
+    [-1, 1].forEach((side) => {
+      path(pen, [[side * arm, -feet - 3], [side * arm, -feet - 10]], "drone", false, 2);
+      path(pen, [[side * arm - 0.45 * arm, -feet - 10], [side * arm + 0.45 * arm, -feet - 10]], "drone", false, 3);
+      path(pen, [[side * 0.45 * arm, 0], [side * 0.25 * arm, -feet]], "drone", false, 3);
+    });
   });
-  pen.restore();
 }
 
 // Height of the feet above the deck, on the scale of the drawing, with the flare's height and the closing speed.
@@ -416,12 +431,7 @@ function tape(pen, left, width, y, high, scene) {
   const up = scene.drone.at[2] - (scene.feet_m || 0);
   const at = Math.min(Math.max(y(up), 26), y(0) - 8);
   pen.fillStyle = colour(scene.drone.stale ? "soft" : "drone");
-  pen.beginPath();
-  pen.moveTo(left, y(up));
-  pen.lineTo(left + 9, at - 22);
-  pen.lineTo(left + width, at - 22);
-  pen.lineTo(left + width, at + 24);
-  pen.lineTo(left + 9, at + 24);
+  outline(pen, [[left, y(up)], [left + 9, at - 22], [left + width, at - 22], [left + width, at + 24], [left + 9, at + 24]]);
   pen.fill();
   font(pen, width > 90 ? 26 : 21, "bold");
   say(pen, `${signed(up, up < 9.95 ? 1 : 0)} m`, left + width - 6, at + 1, "card", "right");
@@ -442,8 +452,7 @@ function drawSide(scene) {
   const made = canvas("side");
   if (!made) return;
   const { pen, width, height } = made;
-  if (!scene && picture.vessel) return drawRocking(pen, width, height);
-  if (!scene) return label(pen, "deck and drone are not known", width / 2, height / 2, "soft", width, height);
+  if (!scene) return drawRocking(pen, width, height);
   const length = scene.size_m ? scene.size_m[0] : 2;
   const feet = scene.feet_m || 0;
   const at = scene.drone ? scene.drone.at : [0, 0, feet];
@@ -456,13 +465,12 @@ function drawSide(scene) {
   const centre = [room / 2 - (scale * (low + far)) / 2, bottom];
   const to = ([forward, , up]) => [centre[0] + scale * forward, centre[1] - scale * (up - feet)];
   const y = (up) => centre[1] - scale * up;
-  const heave = last(picture.motion.heave_m) || 0;
-  const below = Math.max(scale * ((scene.freeboard_m || 0.5) + heave), 12);
+  const heave = last(picture.motion.heave_m);
+  // The hull floats in the water around it, not at the mean level, which is above the deck in a trough.
+  const below = scene.freeboard_m === null ? 40 : Math.max(scale * scene.freeboard_m, 12);
   const half = Math.max((scale * length) / 2, 12);
   hull(pen, centre, half, Math.max(1.4 * below, 16), scene.euler_deg[1], 1.25, scene.forecast_stale);
-  pen.globalAlpha = 0.75;
-  water(pen, width, height, Math.min(centre[1] + below, height - 24));
-  pen.globalAlpha = 1;
+  if (scene.freeboard_m !== null) water(pen, width, height, Math.min(centre[1] + below, height - 24));
   if (scene.contact && scene.contact.tilt_deg) {
     const tilt = scene.contact.tilt_deg[1] * RAD;
     const ends = [-1.2, 1.2].map((s) => [centre[0] + s * half * Math.cos(tilt), centre[1] - s * half * Math.sin(tilt)]);
@@ -472,11 +480,17 @@ function drawSide(scene) {
   path(pen, way, "plan", scene.plan_stale, 4);
   drawn.side = { deck: centre, half, plan: way, drone: to(at) };
   const arm = Math.max(0.4 * scale, 15);
-  if (way.length) {
-    font(pen, 15);
-    say(pen, "\u25ac plan", room - 8, scene.contact ? 24 : 44, "plan", "right");
+  font(pen, 15);
+  if (way.length) say(pen, "\u25ac plan", room - 8, scene.contact ? 24 : 44, "plan", "right");
+  const abeam = Math.abs(at[1]) > (scene.size_m ? scene.size_m[1] : 2) / 2;
+  if (scene.drone) {
+    pen.globalAlpha = abeam ? 0.45 : 1;
+    drone(pen, to(at), arm, Math.max(scale * feet, 10), scene.drone.euler_deg[1], abeam || scene.drone.stale);
+    pen.globalAlpha = 1;
+    font(pen, 15, "bold");
+    const where = `${Math.abs(at[1]).toFixed(Math.abs(at[1]) < 10 ? 1 : 0)} m to ${at[1] < 0 ? "port" : "starboard"}`;
+    if (abeam) label(pen, where, to(at)[0], to(at)[1] + 18, "drone", room, height);
   }
-  if (scene.drone) drone(pen, to(at), arm, Math.max(scale * feet, 10), scene.drone.euler_deg[1], scene.drone.stale);
   tape(pen, room, aside, y, Math.floor(centre[1] / scale * 10) / 10, scene);
   const [when, then] = contactTexts(scene.contact);
   font(pen, 19, "bold");
@@ -484,29 +498,30 @@ function drawSide(scene) {
   font(pen, width < 500 ? 14 : 15);
   say(pen, then, 10, 44, "forecast");
   const [roll, pitch] = scene.euler_deg;
-  say(pen, `deck: roll ${signed(roll, 1)}\u00b0, pitch ${signed(pitch, 1)}\u00b0`, 10, height - 9, "ink");
+  const moved = heave === null || width < 500 ? "" : `, heave ${signed(heave, 1)} m`;
+  say(pen, `deck: roll ${signed(roll, 1)}\u00b0, pitch ${signed(pitch, 1)}\u00b0${moved}`, 10, height - 9, "ink");
   say(pen, "bow \u25b8", room - 8, height - 9, "ink", "right");
 }
 
-// The vessel's page: roll from astern, pitch from starboard.
+// Without a place of the drone, and on the vessel's page: roll from astern, pitch from starboard.
 function drawRocking(pen, width, height) {
   const { roll_deg: rolls, pitch_deg: pitches, heave_m: heaves } = picture.motion;
   const heave = last(heaves);
-  const middle = 0.5 * height - 40 * (heave || 0);
+  font(pen, 15);
+  if (!picture.vessel) label(pen, "the drone's place is not known yet", width / 2, 16, "soft", width, height);
+  if (heave === null && !picture.vessel) return;
   // A roll to starboard lowers the right side as seen from astern.
   [["roll, from astern", rolls, -1, 1], ["pitch, bow right", pitches, 1, 1.25]].forEach(([name, values, sense, bow], k) => {
     const angle = last(values);
-    const centre = [(0.25 + 0.5 * k) * width, Math.min(Math.max(middle, 0.35 * height), 0.65 * height)];
+    const centre = [(0.25 + 0.5 * k) * width, 0.5 * height];
     if (angle !== null) hull(pen, centre, 0.17 * width, 0.22 * height, sense * angle, bow, false);
     font(pen, 26, "bold");
     const value = angle === null ? "unknown" : `${signed(angle, 1)}\u00b0`;
-    label(pen, value, centre[0], 40, angle === null ? "soft" : "ink", width, height);
+    label(pen, value, centre[0], 50, angle === null ? "soft" : "ink", width, height);
     font(pen, 15);
-    label(pen, name, centre[0], 62, "soft", width, height);
+    label(pen, name, centre[0], 70, "soft", width, height);
   });
-  pen.globalAlpha = 0.75;
-  water(pen, width, height, 0.5 * height + 0.14 * height);
-  pen.globalAlpha = 1;
+  water(pen, width, height, 0.64 * height);
   const moved = heave === null ? "heave unknown" : `heave ${signed(heave, 2)} m`;
   label(pen, moved, width / 2, height - 12, "ink", width, height);
 }
@@ -550,8 +565,7 @@ function rings(pen, centre, scale, reach) {
   pen.strokeStyle = colour("line");
   pen.lineWidth = 1;
   [0.5, 1].forEach((part) => {
-    pen.beginPath();
-    pen.arc(...centre, part * reach * scale, 0, 7);
+    circle(pen, centre, part * reach * scale);
     pen.stroke();
   });
 }
@@ -559,22 +573,23 @@ function rings(pen, centre, scale, reach) {
 function deckAbove(pen, centre, scene, scale) {
   const size = scene.size_m || [2, 2];
   const [w, l] = [Math.max(scale * size[1], 8), Math.max(scale * size[0], 12)];
-  pen.save();
-  pen.translate(...centre);
-  pen.rotate(scene.euler_deg[2] * RAD);
-  pen.fillStyle = colour("water");
-  pen.fillRect(-w / 2, -l / 2, w, l);
   const corners = [[-w / 2, -l / 2], [0, -l / 2 - Math.max(8, 0.25 * w)], [w / 2, -l / 2], [w / 2, l / 2], [-w / 2, l / 2], [-w / 2, -l / 2], [w / 2, -l / 2]];
-  path(pen, corners, "deck", !scene.size_m || scene.forecast_stale, 2.5);
-  pen.restore();
+  turned(pen, centre, scene.euler_deg[2], () => {
+    pen.fillStyle = colour("water");
+    pen.fillRect(-w / 2, -l / 2, w, l);
+    path(pen, corners, "deck", !scene.size_m || scene.forecast_stale, 2.5);
+  });
   return [w / 2, l / 2];
 }
 
 function drawAbove(scene, compass) {
-  $("fly").classList.toggle("blank", !scene && !compass);
   const made = canvas("above");
-  if (!made || (!scene && !compass)) return;
+  if (!made) return;
   const { pen, width, height } = made;
+  if (!scene && !compass) {
+    font(pen, 15);
+    return label(pen, "heading not known yet", width / 2, height / 2, "soft", width, height);
+  }
   const narrow = width < 300;
   const centre = [width / 2, height / 2 - 4];
   const radius = 0.5 * Math.min(width - (narrow ? 0 : 40), height - 20) - 24;
@@ -601,31 +616,22 @@ function drawAbove(scene, compass) {
   const way = scene.plan.map(to);
   path(pen, way, "plan", scene.plan_stale, 4);
   drawn.above = { deck: centre, halves, plan: way, drone: to(at) };
-  if (scene.drone) drawDrone(pen, to(at), scene.drone, scale, scene.drone.euler_deg[2]);
+  if (scene.drone) drawDrone(pen, to(at), scene.drone, scale);
 }
 
-function drawDrone(pen, [x, y], drone, scale, turned) {
+function drawDrone(pen, at, drone, scale) {
   const arm = Math.max(0.35 * scale, 10);
-  pen.save();
-  pen.translate(x, y);
-  pen.rotate(turned * RAD);
-  pen.globalAlpha = drone.stale ? 0.4 : 1;
-  pen.strokeStyle = pen.fillStyle = colour("drone");
-  pen.lineWidth = 3;
-  pen.setLineDash(drone.stale ? [3, 4] : []);
-  [[1, 1], [1, -1], [-1, 1], [-1, -1]].forEach(([i, j]) => {
-    pen.beginPath();
-    pen.moveTo(0, 0);
-    pen.lineTo(0.7 * i * arm, 0.7 * j * arm);
-    pen.arc(0.7 * i * arm, 0.7 * j * arm, 0.3 * arm, 0, 7);
-    pen.stroke();
+  turned(pen, at, drone.euler_deg[2], () => {
+    pen.globalAlpha = drone.stale ? 0.4 : 1;
+    [[1, 1], [1, -1], [-1, 1], [-1, -1]].forEach(([i, j]) => {
+      path(pen, [[0, 0], [0.7 * i * arm, 0.7 * j * arm]], "drone", drone.stale, 3);
+      circle(pen, [0.7 * i * arm, 0.7 * j * arm], 0.3 * arm);
+      pen.stroke();
+    });
+    outline(pen, [[0, -1.3 * arm], [0.3 * arm, -0.7 * arm], [-0.3 * arm, -0.7 * arm]]);
+    pen.fillStyle = colour("drone");
+    pen.fill();
   });
-  pen.beginPath();
-  pen.moveTo(0, -1.3 * arm);
-  pen.lineTo(0.3 * arm, -0.7 * arm);
-  pen.lineTo(-0.3 * arm, -0.7 * arm);
-  pen.fill();
-  pen.restore();
 }
 
 // Unknown values interrupt the line.
@@ -682,8 +688,7 @@ function drawTrack(track) {
     const newest = last(last(way));
     if (!newest) return;
     pen.fillStyle = colour(name);
-    pen.beginPath();
-    pen.arc(...newest, 6, 0, 7);
+    circle(pen, newest, 6);
     pen.fill();
   });
 }
@@ -699,39 +704,39 @@ function showCameraAge() {
   const age = shown && picture ? picture.clock_s - shown.at_s : 0;
   const old = age > CAMERA_OLD_S || age < 0;
   $("camera").classList.toggle("stale", old);
+  $("eye").classList.toggle("stale", old);
+  text("eye-age", old ? "camera OLD" : "camera");
   text("camera-age", old ? `OLD: ${age < 0 ? "from before the server's start" : `${ago(age)} ago`}` : "");
   text("camera-text", shown ? shown.text : "no image yet");
 }
 
+const pause = (ms) => new Promise((over) => setTimeout(over, ms));
+
 // A new image replaces the visible one once it is loaded.
-function loadImage(camera) {
+async function loadImage(camera) {
   const its = { number: camera.number, text: camera.text, at_s: picture.clock_s - camera.age_s };
   const image = new Image();
-  const givenUp = setTimeout(() => {
-    image.onload = image.onerror = null;
-    image.removeAttribute("src"); // ends the request
-    loading = false;
-  }, CAMERA_WAIT_MS);
-  image.onload = () => {
-    clearTimeout(givenUp);
-    loading = false;
+  loading = true;
+  image.src = `/camera.jpg?${camera.number}`;
+  try {
+    await Promise.race([image.decode(), pause(CAMERA_WAIT_MS).then(() => Promise.reject(new Error("late")))]);
     shown = its;
     image.id = "camera-image";
     image.alt = `Down from the drone: ${its.text}`;
     $("camera-image").replaceWith(image);
     showCameraAge();
-  };
-  image.onerror = () => {
-    clearTimeout(givenUp);
-    setTimeout(() => { loading = false; }, CAMERA_PAUSE_MS);
-  };
-  loading = true;
-  image.src = `/camera.jpg?${camera.number}`;
+  } catch {
+    image.removeAttribute("src"); // ends the request
+    await pause(CAMERA_PAUSE_MS);
+  }
+  loading = false;
 }
 
 // Images are requested one at a time, and only in a visible tab.
 function showCamera(camera) {
   $("camera").hidden = !camera;
+  $("eye").hidden = !camera || !shown;
+  $("over").classList.toggle("both", !$("eye").hidden);
   if (!camera) return;
   showCameraAge();
   if (document.hidden || loading || (shown && shown.number === camera.number)) return;
@@ -742,9 +747,8 @@ function draw() {
   if (!picture) return;
   drawSide(picture.scene);
   drawAbove(picture.scene, picture.compass);
-  if ($("details").hidden) return;
-  showDetails();
   showCamera(picture.camera);
+  if (!$("details").hidden) showDetails();
 }
 new ResizeObserver(draw).observe($("hero"));
 
@@ -755,31 +759,40 @@ let answered = "";
 function showOrder(order) {
   $("order").hidden = order.label === null;
   if (order.label !== null) text("ask", order.label);
+  rebuild("others", order.others.join(), () => order.others.map((name) => {
+    const made = element("button", "", name);
+    made.type = "button";
+    made.addEventListener("click", () => give(name));
+    return made;
+  }));
   if (order.answer !== answered && !$("answer").dataset.own) {
     answered = order.answer;
     text("answer", answered);
   }
 }
 
-$("ask").addEventListener("click", async () => {
+$("ask").addEventListener("click", () => give(""));
+
+async function give(name) {
   if ($("answer").dataset.own) return; // an order is under way
   $("answer").dataset.own = "yes";
   text("answer", "sent, waiting for the answer ...");
   try {
-    const answer = await fetch("/order", { method: "POST" });
+    const answer = await fetch("/order", { method: "POST", body: name });
     text("answer", await answer.text());
   } catch {
     text("answer", "NO ANSWER: whether it was taken is not known; give it by another way");
   }
   delete $("answer").dataset.own;
-});
+}
 
 // ---- pictures ----
 
 function connection() {
   showResult();
   const silence = seconds() - receivedAt;
-  const dead = silence > DEAD_S;
+  const over = picture && picture.over;
+  const dead = silence > DEAD_S && !over;
   document.body.classList.toggle("dead", dead);
   document.body.classList.toggle("late", !dead && late > LATE_S);
   if (!Number.isFinite(silence)) {
@@ -790,7 +803,7 @@ function connection() {
     sound(["NO DATA"]);
     speak("alert", "NO DATA: what the page shows is old");
   } else {
-    text("connection", late > LATE_S ? `${ago(late)} LATE: the connection is slow` : "live");
+    text("connection", over || (late > LATE_S ? `${ago(late)} LATE: the connection is slow` : "live"));
   }
 }
 

@@ -229,7 +229,9 @@ fn viewers_order_next_to_120_slow_connections() {
         alight_computer::process::supervisor::pause(Duration::from_millis(5));
         server.order()
     });
-    order.unwrap().reply.send(Ok("abort taken".into())).unwrap();
+    let order = order.unwrap();
+    assert_eq!(order.name, "");
+    order.reply.send(Ok("abort taken".into())).unwrap();
     let answer = given.join().unwrap();
     assert!(
         answer.starts_with("HTTP/1.1 200") && answer.ends_with("abort taken"),
