@@ -401,7 +401,7 @@ impl FromStr for Shard {
 /// Study to fly.
 #[derive(Args, Debug)]
 pub struct StudyArgs {
-    /// Study by name, or a study file (docs/commands.md)
+    /// Study by name, or a study file (alight help commands)
     #[arg(value_name = "STUDY|FILE.toml",
           value_parser = offering(StringValueParser::new(), definition::offered()))]
     pub name: Option<String>,

@@ -72,11 +72,11 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
     ]
 }
 
-/// Outcome of one trial; with `mode = "match"` the reason of a successful match, which is not a landing.
-pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
+/// Outcome of one trial with at most `rows` metrics; with `mode = "match"` the reason of a successful match, which is not a landing.
+pub fn outcome(o: &Outcome, matched: Option<&str>, rows: usize) -> String {
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
     // A landing that did not begin has few of these metrics.
-    for (name, value, digits, meaning) in metrics(o).into_iter().filter(|row| row.1.is_some()) {
+    for (name, value, digits, meaning) in metrics(o).into_iter().filter(|row| row.1.is_some()).take(rows) {
         table.row(cells![name, Cell::number(value, digits), meaning]);
     }
     let broken_off = matches!(o.outcome, Ending::GaveUp | Ending::Timeout) && o.unsafe_contacts == 0;

@@ -38,7 +38,7 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
     if !args.form.print(&outcome, &[&outcome])? {
         terminal::line(format_args!(
             "\n{}",
-            outcome_table::outcome(&outcome, matched.as_deref())
+            outcome_table::outcome(&outcome, matched.as_deref(), usize::MAX)
         ));
         if let Some(path) = &args.plot {
             terminal::line(format_args!("plot: {}", path.display()));

@@ -56,7 +56,7 @@ pub struct LandArgs {
     /// Several may run at the same time.
     #[arg(long, value_name = "NAME", default_value = SIMULATED)]
     pub instance: String,
-    /// Let the firmware fly (docs/firmware.md)
+    /// Let the firmware fly (alight help firmware)
     ///
     /// It is that of --autopilot. The pilot starts it, and flies it from the pad.
     #[arg(long, requires = "autopilot")]
@@ -101,6 +101,9 @@ pub struct LandArgs {
     pub faults: Option<PathBuf>,
     #[command(flatten)]
     pub view: ViewArgs,
+    /// Print every metric, delays and the processes' load
+    #[arg(short, long)]
+    pub verbose: bool,
     /// Output format.
     #[command(flatten)]
     pub form: Form,

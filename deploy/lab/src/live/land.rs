@@ -46,11 +46,19 @@ const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 const SILENCE_TIMEOUT_S: f64 = 5.0;
 /// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
-/// Maximum number of recorded entries of mission states.
+/// Rows of the outcome without --verbose.
+const BRIEF_ROWS: usize = 5;
+/// Period of the status line, ns: a line can be read.
+const STATUS_PERIOD_NS: i64 = 500_000_000;
+/// Maximum number of entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
+/// Time for which a viewed landing goes on after its end, s: an abort's climb and hold, or the drone on the deck.
+const VIEWED_S: f64 = 20.0;
+
+/// Scene of the flags, with the flags of the live system applied.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
@@ -59,6 +67,9 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
+    }
+    if args.view.view.is_some() && args.scene.stay.is_none() {
+        scene.scenario.stay_s = VIEWED_S;
     }
     // An external firmware and simulated devices need a position on Earth.
     let among = &mut scene.scenario.place.among;
@@ -159,7 +170,11 @@ struct Ending {
 
 impl Ending {
     fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
-        let report = format!("{}{}", self.usage, self.report.text());
+        let report = if args.verbose {
+            format!("{}{}", self.usage, self.report.text())
+        } else {
+            self.report.faults()
+        };
         let landed = match self.result {
             WorldReport::Landed(landed) => landed,
             WorldReport::TooSlow(too_slow) => {
@@ -181,8 +196,9 @@ impl Ending {
             let landed = LiveOutcome { outcome, live };
             args.form.print(&landed, &[&landed])?;
         } else {
-            let table = outcome_table::outcome(&outcome, self.report.matched());
-            terminal::line(format_args!("\n{table}\n{report}"));
+            let rows = if args.verbose { usize::MAX } else { BRIEF_ROWS };
+            let table = outcome_table::outcome(&outcome, self.report.matched(), rows);
+            terminal::line(format!("\n{table}\n{report}").trim_end());
             if let Some(path) = &args.plot {
                 terminal::line(format_args!("plot: {}", path.display()));
             }
@@ -209,6 +225,8 @@ struct Landing<'a> {
     /// The mission has left its idle state for the landing.
     begun: bool,
     state: State,
+    /// Time of the newest status line, steady clock, ns.
+    shown_ns: i64,
     phases: Vec<PhaseEntry>,
     faults: Vec<LiveFault>,
     contact: bool,
@@ -263,6 +281,7 @@ impl<'a> Landing<'a> {
             commanded_s: f64::NEG_INFINITY,
             begun: false,
             state: State::Idle,
+            shown_ns: 0,
             phases: Vec::new(),
             contact: false,
             stop_requested: end_with_supervisor(args.supervised),
@@ -391,16 +410,19 @@ impl<'a> Landing<'a> {
 
     /// Records the mission's phase, and shows it with a status line.
     fn phase(&mut self, t_s: f64, shown: bool) {
-        if shown {
-            eprint!("\r\x1b[K");
-        }
+        let clear = || {
+            if shown {
+                eprint!("\r\x1b[K");
+            }
+        };
         if let Some(m) = *self.observer.snapshot.mission
             && m.state != self.state
         {
             self.state = m.state;
+            clear();
             note(
                 self.args.form.alone(),
-                format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
+                format!("{t_s:>7.2} s  {:<16} {}", m.state.named(&m.entered), m.entered),
             );
             if self.phases.len() < MAX_PHASES {
                 self.phases.push(PhaseEntry {
@@ -410,8 +432,10 @@ impl<'a> Landing<'a> {
                 });
             }
         }
-        if shown {
-            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line(steady_ns()));
+        if shown && steady_ns() - self.shown_ns > STATUS_PERIOD_NS {
+            self.shown_ns = steady_ns();
+            clear();
+            eprint!("{t_s:>7.1} s  {}", self.observer.snapshot.line(steady_ns()));
             let _ignored = std::io::stderr().flush();
         }
     }

@@ -120,17 +120,17 @@ impl LiveReport {
     pub fn text(&self) -> String {
         let [a, b] = self.vessel_to_set_point_s.map(time);
         let [c, d] = self.odometry_to_set_point_s.map(time);
-        let mut out = format!(
+        let out = format!(
             "  measurement on the vessel to set-point: {a} (p50), {b} (p99); odometry to set-point: {c}, {d}\n  \
              the world's worst tick was {} late, {} ticks more than one period; {} restarts\n",
             time(self.world_late_s),
             self.world_late_ticks,
             self.restarts
         );
-        out.push_str(&self.radio.text());
-        for f in &self.faults {
-            out.push_str(&format!("  fault {}: {f}\n", f.fault));
-        }
-        out
+        out + &self.radio.text() + &self.faults()
+    }
+    pub fn faults(&self) -> String {
+        let line = |f: &FaultReport| format!("  fault {}: {f}\n", f.fault);
+        self.faults.iter().map(line).collect()
     }
 }

@@ -41,7 +41,7 @@ pub struct RehearseArgs {
     /// With --autopilot-at it is the firmware that flies.
     #[arg(long, value_name = "NAME", value_enum)]
     pub autopilot: Option<AutopilotArg>,
-    /// MAVLink of a maker's firmware, such as udpin://127.0.0.1:14540 (docs/firmware.md)
+    /// MAVLink of a maker's firmware, such as udpin://127.0.0.1:14540 (alight help firmware)
     ///
     /// The firmware flies; the pilot starts it.
     #[arg(long, value_name = "URL")]
