@@ -50,7 +50,10 @@ alight trial --sea rough --plot landing.svg\n  \
 alight trial --trials 100   a success rate, its interval\n  \
 alight land                 one landing of all processes\n  \
 alight rehearse             what the packages install\n  \
-alight explain MESSAGE      what to do about a message\n\n\
+alight explain MESSAGE      what to do about a message\n  \
+alight help install         a page: start install sensors\n  \
+camera radio autopilots envelope crew operate view.md\n  \
+ground-station commands examples firmware recordings\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
 pub struct Cli {
     #[command(subcommand)]
@@ -92,6 +95,28 @@ const FEATURES: [(&str, &str); 7] = [
     ("study", "lab"),
     ("trial", "lab"),
 ];
+
+macro_rules! pages {
+    ($($name:literal)*) => {
+        /// Pages of the documentation by topic, for installations without its files.
+        const PAGES: &[(&str, &str)] = &[$(($name, include_str!(concat!("../docs/", $name, ".md")))),*];
+    };
+}
+pages! {
+    "start" "install" "autopilots" "sensors" "camera" "radio" "envelope" "crew" "operate" "view" "ground-station"
+    "commands" "examples" "firmware" "recordings"
+}
+
+/// Page of the topic in `alight help TOPIC`; `view.md` is the page, `view` the command.
+fn page(typed: &[OsString]) -> Option<&'static str> {
+    let [_, help, topic] = typed else { return None };
+    let topic = topic.to_str().filter(|_| help == "help")?;
+    let topic = topic.trim_start_matches("docs/").trim_end_matches(".md");
+    PAGES
+        .iter()
+        .find(|(name, _)| *name == topic)
+        .map(|(_, text)| *text)
+}
 
 /// Line below the help of each command with the flags of a scene.
 const SCENE: &str = "Scene (--sea, --wind, --hull, --vessel and more): alight help scene";
@@ -208,6 +233,10 @@ impl Cli {
     fn reject(mut e: clap::Error, command: &Clap, typed: &[OsString]) -> ! {
         if let Some(help) = command::help(command, typed).filter(|_| e.kind() == ErrorKind::DisplayHelp) {
             terminal::line(help.trim_end());
+            std::process::exit(0);
+        }
+        if let Some(page) = page(typed).filter(|_| e.kind() == ErrorKind::InvalidSubcommand) {
+            terminal::line(page.trim_end());
             std::process::exit(0);
         }
         if let Some(ContextValue::String(typed)) = e.get(ContextKind::InvalidArg)

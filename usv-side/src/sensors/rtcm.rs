@@ -240,7 +240,7 @@ impl RtcmTraffic {
         if !missing.is_empty() {
             all.push(Remark::fault(
                 format!("RTCM lacks {}: it is no moving base", missing.join(" and ")),
-                "switch them on at this port of the vessel's receiver, 1 Hz or more (docs/sensors.md, Moving base)",
+                "switch them on at this port of the vessel's receiver, 1 Hz or more (alight help sensors, Moving base)",
             ));
         }
         all.extend(self.contradictions());

@@ -53,7 +53,8 @@ config! {
     }
     former &[(
         "vessel.helm",
-        "the computer no longer steers the boat: the skipper steers by its advice (docs/operate.md); move heading_change_deg, \
+        "the computer no longer steers the boat: the skipper steers by its advice (alight help operate); \
+         move heading_change_deg, \
          speed_mps and keep_out_deg to [vessel.advice] and remove the rest",
     )];
 }

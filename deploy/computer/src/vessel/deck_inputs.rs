@@ -15,7 +15,8 @@ use crate::process::supervisor::pause;
 const PERIOD: Duration = Duration::from_millis(500);
 /// Duration of a reading after which it is reported, ns: four periods, as for the arbiter.
 const MAX_READING_NS: i64 = 2_000_000_000;
-pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file (docs/operate.md), or clear the key in \
+pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file \
+                          (alight help operate), or clear the key in \
                           vessel.toml";
 /// Key and path of each possible input; an empty path means no input.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {

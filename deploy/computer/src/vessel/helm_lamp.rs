@@ -14,7 +14,7 @@ use crate::io::digital_line::DigitalLine;
 
 const PERIOD: Duration = Duration::from_millis(500);
 pub const REMEDY: &str = "it cannot signal the helm: give the user alight write access to the line or file \
-                          (docs/operate.md), or clear deck.helm_lamp in vessel.toml";
+                          (alight help operate), or clear deck.helm_lamp in vessel.toml";
 
 pub struct HelmLamp {
     levels: Option<SyncSender<bool>>,

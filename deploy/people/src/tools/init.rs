@@ -486,10 +486,10 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
         worst = worst.max(check::print(path, None));
     }
     terminal::line(format_args!(
-        "\nNext: alight keys init, alight keys vessel {}, alight keys drone {} (docs/radio.md);\n\
+        "\nNext: alight keys init, alight keys vessel {}, alight keys drone {} (alight help radio);\n\
          copy each file to /etc/alight of its computer, its keys to /etc/alight/keys, and there:\n\
          sudo -u alight alight check\n\
-         drone.toml has mode = \"shadow\": the pilot flies and nothing is commanded (docs/install.md).",
+         drone.toml has mode = \"shadow\": the pilot flies and nothing is commanded (alight help install).",
         vessel.vessel_id, drone.bridge.drone_id
     ));
     Ok(worst.exit())

@@ -15,7 +15,7 @@ const INDENT: usize = 4;
 #[derive(Args, Debug)]
 #[command(
     after_help = "Topics of the radio are keys of Zenoh, alight/vessel-1/estimate; a query on\n\
-alight/vessel-1/@schema/estimate answers with the schema. Topics of memory\nare services of iceoryx2. How to read both: docs/radio.md"
+alight/vessel-1/@schema/estimate answers with the schema. Topics of memory\nare services of iceoryx2. How to read both: alight help radio"
 )]
 pub struct SchemaArgs {
     /// Topic whose fields are shown [default: a list of all topics]

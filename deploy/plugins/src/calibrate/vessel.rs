@@ -49,7 +49,7 @@ Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
 pub struct VesselArgs {
     /// Recording: an MCAP file, a flight of the vessel's recorder, or Alight's CSV: t_s and any of roll_deg, pitch_deg,
-    /// heading_deg, heave_m, surge_m, sway_m (docs/sensors.md)
+    /// heading_deg, heave_m, surge_m, sway_m (alight help sensors)
     #[arg(value_name = "FILE|FLIGHT")]
     pub recording: PathBuf,
     /// Configuration of the vessel's computer (TOML) [default: the recording's, otherwise the program's defaults]

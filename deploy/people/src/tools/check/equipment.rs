@@ -172,11 +172,11 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
         )),
         Err(Gap::Missing(missing)) => TOPIC.broken(
             format!("the sources gave {missing}: the vessel's estimator does not start"),
-            "add a source that measures it, or set this one to send it (docs/envelope.md)",
+            "add a source that measures it, or set this one to send it (alight help envelope)",
         ),
         Err(Gap::TooSlow(what, rate_hz, needed)) => TOPIC.broken(
             format!("{what} at {rate_hz:.1} Hz: too slow for a rocking deck ({needed})"),
-            "raise the rate of the sensor and of its gateway, or add an inertial sensor (docs/envelope.md)",
+            "raise the rate of the sensor and of its gateway, or add an inertial sensor (alight help envelope)",
         ),
         Err(Gap::Unmeasured(class, worse)) => TOPIC.warning(
             format!(
@@ -184,7 +184,7 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
                 class.name(),
                 worse.join(", ")
             ),
-            "set the sensor to the values in brackets, or add an inertial sensor (docs/envelope.md)",
+            "set the sensor to the values in brackets, or add an inertial sensor (alight help envelope)",
         ),
     })
 }
@@ -319,7 +319,7 @@ fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) 
                 100.0 * off
             ),
             "set width_px and height_px to the size of the images that were calibrated with, or calibrate again \
-             (docs/camera.md)",
+             (alight help camera)",
         )
     })
 }

@@ -48,7 +48,7 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         Some(path) => path.clone(),
         None => Computer::shipped().ok_or_else(|| {
             CliError(format!(
-                "neither {} nor {} can be read; name --config FILE",
+                "neither {} nor {} can be read: name --config FILE, or write both with alight init",
                 SHIPPED[0], SHIPPED[1]
             ))
         })?,

@@ -90,7 +90,7 @@ pub fn judge(found: &ReceiverCheck) -> Finding {
         )),
         ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
             "no RTCM from the vessel: its receiver is not the moving base of the drone's",
-            "is it in radio reach, and does its receiver send RTCM 3? (docs/autopilots.md, moving base)",
+            "is it in radio reach, and does its receiver send RTCM 3? (alight help autopilots, moving base)",
         ),
         ReceiverReport::Held { rtcm, state: None } => TOPIC.warning(
             format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, no relative position used"),

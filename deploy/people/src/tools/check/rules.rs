@@ -414,7 +414,7 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
         Ok(()) if !found.calibrated => FindingTopic(key).warning(
             format!("{source} is there, its lens is the simulated camera's"),
             format!(
-                "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/camera.md)",
+                "calibrate it and write focal_px, centre_px and distortion into [{}] (alight help camera)",
                 found.lens
             ),
         ),
@@ -460,7 +460,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
     if let Some(mean) = view.dark {
         return Some(topic.warning(
             format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
-            "light the deck, or lay tags that are lit (docs/camera.md); by day, take the cap off the lens",
+            "light the deck, or lay tags that are lit (alight help camera); by day, take the cap off the lens",
         ));
     }
     let Some([contrast, saturation]) = view.tag else {
@@ -518,7 +518,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 fn no_sensor() -> Finding {
     FindingTopic("sensors").warning(
         "no sensor is configured: there is no estimate",
-        "add a table [[sensor.sources]] for each sensor to vessel.toml (docs/sensors.md)",
+        "add a table [[sensor.sources]] for each sensor to vessel.toml (alight help sensors)",
     )
 }
 

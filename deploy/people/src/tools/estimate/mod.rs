@@ -27,8 +27,8 @@ const MAX_BYTES: u64 = 512 << 20;
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
     /// Recording: NMEA 0183, NMEA 2000, Signal K, UBX or MAVLink as it was received, Alight's CSV (columns t_s and any
-    /// of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), Alight's
-    /// MCAP, or a flight of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
+    /// of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, gyro_x_radps, ..., see alight help sensors),
+    /// Alight's MCAP, or a flight of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// Vessel's configuration, as for `alight vessel` [default: that of the recording, otherwise the program's]
