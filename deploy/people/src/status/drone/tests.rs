@@ -390,7 +390,7 @@ fn page_in_each_state_with_each_loss() {
         "Landed HardContact 0 0 0 - NO-GO: the drone is in state Landed: hard contact",
         "GaveUp Operator 0 0 0 - Aborted: holds clear of the deck: order a landing, or take over",
         "GaveUp Matched 0 0 0 - Matched: holds clear of the deck: order a landing, or take over",
-        "GaveUp OutOfRetries 0 0 0 alarm NO-GO: Gave up: attempts used",
+        "GaveUp OutOfRetries 0 0 0 alarm NO-GO: the drone is in state Gave up: attempts used",
     ];
     for row in rows {
         let parts: Vec<&str> = row.splitn(7, ' ').collect();
