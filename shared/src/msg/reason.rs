@@ -44,10 +44,10 @@ impl From<ReasonCode> for Reason {
     }
 }
 
-/// Displays two significant figures from 0.1 on, and whole numbers from 10 on.
-pub struct TwoFigures(pub f64);
+/// Displays two significant digits from 0.1 on, and whole numbers from 10 on.
+pub struct TwoDigits(pub f64);
 
-impl fmt::Display for TwoFigures {
+impl fmt::Display for TwoDigits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let size = self.0.abs();
         let decimals = usize::from(size < 9.95) + usize::from(size < 0.995);
@@ -98,7 +98,7 @@ macro_rules! reasons {
         impl fmt::Display for Reason {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 let ($v, $l) = (self.value, self.limit);
-                let ($v_two, $l_two) = (TwoFigures($v), TwoFigures($l));
+                let ($v_two, $l_two) = (TwoDigits($v), TwoDigits($l));
                 let ($v_percent, $l_percent) = (100.0 * $v, 100.0 * $l);
                 let ($v_deg, $l_deg) = ($v.to_degrees(), $l.to_degrees());
                 let ($left, $likely, $needed) = (($v - $l).max(0.0), $v_percent.floor(), $l_percent.ceil());

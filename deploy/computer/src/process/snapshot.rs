@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
     AttitudeResponse, AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
-    MissionState, Plan, SourceReport, TwoFigures, VesselStatus, WaveModel,
+    MissionState, Plan, SourceReport, TwoDigits, VesselStatus, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -20,9 +20,9 @@ pub fn time(s: f64) -> String {
     } else if s.abs() < 1e-3 {
         format!("{:.0} us", s * 1e6)
     } else if s.abs() < 0.0995 {
-        format!("{} ms", TwoFigures(s * 1e3))
+        format!("{} ms", TwoDigits(s * 1e3))
     } else {
-        format!("{} s", TwoFigures(s))
+        format!("{} s", TwoDigits(s))
     }
 }
 

@@ -7,7 +7,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, LandedState, LandingMode, MissionState,
-    ReasonCode, ShadowComparison, Solve, State, TwoFigures, VesselLevel, Wind, still_armed,
+    ReasonCode, ShadowComparison, Solve, State, TwoDigits, VesselLevel, Wind, still_armed,
 };
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Time;
@@ -393,9 +393,9 @@ fn distance(s: &ObservedSituation) -> Figure {
     let note = format!(
         "{}{} m above the deck, {known_by}",
         bearing.unwrap_or_default(),
-        TwoFigures(-down)
+        TwoDigits(-down)
     );
-    Figure::of(NAME, format!("{} m", TwoFigures(away_m)), note).stale(old)
+    Figure::of(NAME, format!("{} m", TwoDigits(away_m)), note).stale(old)
 }
 
 fn link_figure(s: &ObservedSituation) -> Figure {
@@ -577,7 +577,7 @@ fn touchdown(s: &ObservedSituation) -> Figure {
             _ if stands => Some("done".into()),
             // The countdown of an old plan is invalid.
             Some(_) if stale => None,
-            Some(s) => Some(format!("in {} s", TwoFigures(s.max(0.0)))),
+            Some(s) => Some(format!("in {} s", TwoDigits(s.max(0.0)))),
             None => Some("not planned".into()),
         },
         note: match p.solve {

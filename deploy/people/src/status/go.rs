@@ -78,7 +78,7 @@ pub struct Go {
     /// Verdict for the crew: before a descent GO, NO-GO or unknown; in a descent LANDING, or ACT if the crew has to act;
     /// then the outcome.
     pub verdict: &'static str,
-    /// What the drone does or the crew has to do.
+    /// Activity of the drone, or action of the crew.
     pub why: String,
 }
 

@@ -6,7 +6,7 @@ use alight_computer::vessel::{deck_inputs, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
-    EstimatorStatus, State, TwoFigures, VesselReport, VesselStatus, Wind, still_armed,
+    EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, Wind, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -391,7 +391,7 @@ fn contact(d: &DroneContact) -> Figure {
     );
     let away = status
         .deck_distance_m
-        .map(|m| format!("{} m from the deck, ", TwoFigures(m.into())));
+        .map(|m| format!("{} m from the deck, ", TwoDigits(m.into())));
     let note = format!(
         "{}{armed}, battery {}, {} ago",
         away.unwrap_or_default(),

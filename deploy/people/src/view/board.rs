@@ -6,7 +6,7 @@ use alight_computer::process::snapshot::minutes;
 use alight_computer::record::messages::Message;
 use alight_computer::situation::ObservedSituation;
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, TwoFigures};
+use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, TwoDigits};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
@@ -216,8 +216,8 @@ impl Board {
     /// Place and speed of a landing by the drone's own estimate.
     fn contact(&self, ns: i64) -> Option<String> {
         let [forward, right, _] = drone(&self.situation.snapshot, ns)?.at;
-        let off = TwoFigures(f64::hypot(forward, right));
-        let speed = self.closing_mps.map(|v| format!(" at {} m/s", TwoFigures(v)));
+        let off = TwoDigits(f64::hypot(forward, right));
+        let speed = self.closing_mps.map(|v| format!(" at {} m/s", TwoDigits(v)));
         Some(format!(
             "{off} m off the deck's centre{}",
             speed.unwrap_or_default()

@@ -106,7 +106,7 @@ impl ViewObserver {
             ..Picture::default()
         });
     }
-    /// Shows the last picture, which says what has ended.
+    /// Shows the last picture, with a text of what has ended.
     pub fn end(&self, over: &'static str) {
         self.server.show(Picture {
             over: Some(over),

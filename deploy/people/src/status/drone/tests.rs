@@ -374,7 +374,7 @@ fn deck_of_other_dimensions_by_the_vessel() {
 }
 
 /// Rows of the table in `deploy/docs/view.md`: state, reason for entering it, ages of radio, camera and mission (s),
-/// alarm, and what the page says.
+/// alarm, and the text of the page.
 #[test]
 fn page_in_each_state_with_each_loss() {
     let rows = [
@@ -418,8 +418,8 @@ fn page_in_each_state_with_each_loss() {
             s.wave = Newest::default();
         }
         let status = status(&s, NOW_NS);
-        let says = format!("{}: {}", status.go.verdict, status.go.why);
-        assert!(says.starts_with(parts[6]), "{row}: {says}");
+        let shown = format!("{}: {}", status.go.verdict, status.go.why);
+        assert!(shown.starts_with(parts[6]), "{row}: {shown}");
         assert_eq!(status.worst == FindingLevel::Broken, parts[5] == "alarm", "{row}");
     }
 }
