@@ -132,7 +132,7 @@ pub enum MetricValue {
     AccessRejection(Option<AccessRejection>),
     /// State of the mission, if known.
     State(Option<State>),
-    /// What an image had in place of the deck's tags; None once one of these was detected.
+    /// Content of an image in place of the deck's tags; None once a tag was detected.
     ForeignTag(Option<ForeignTag>),
 }
 

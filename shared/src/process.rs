@@ -151,7 +151,7 @@ impl ProcessState {
             Some(_) | None => f64::NAN,
         }
     }
-    /// What the camera's image has in place of the deck's tags, if that is known.
+    /// Content of the camera's image in place of the deck's tags, if it is known.
     pub fn foreign_tag(&self) -> Option<ForeignTag> {
         match self.metric(MetricName::ForeignTag) {
             Some(MetricValue::ForeignTag(tag)) => tag,

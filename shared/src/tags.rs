@@ -31,7 +31,7 @@ config! {
 /// Tags of a deck.
 pub type Tags = Seq<DeckTag, MAX_TAGS>;
 
-/// What an image without a tag of the deck has in its place.
+/// Content of an image in place of the deck's tags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C, u8)]
 pub enum ForeignTag {
@@ -52,7 +52,7 @@ pub enum ForeignTag {
 }
 
 impl ForeignTag {
-    /// How the tags become detectable.
+    /// Remedy that makes the tags detectable.
     pub fn remedy(self) -> &'static str {
         match self {
             Self::Number(_) => {

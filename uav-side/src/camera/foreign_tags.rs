@@ -111,7 +111,7 @@ const SAMPLES: usize = 16;
 /// Fraction of a square's edge that is black, and of the margin around it that is white.
 const CLEAR: f64 = 0.9;
 /// Minimum fraction of the pattern that is white, and that is black: a tag has a quarter of its cells or more.
-const MIN_SHARE: f64 = 0.15;
+const MIN_FRACTION: f64 = 0.15;
 /// Minimum fraction of the pattern that is nearer to black or white than to their mean; of evenly spread levels half is.
 const BIMODAL: f64 = 0.75;
 
@@ -148,11 +148,11 @@ fn is_marker(image: &GreyImage, corners: &[[f64; 2]; 4], min_margin: f64) -> boo
     let pattern: Vec<f64> = (0..SAMPLES * SAMPLES)
         .filter_map(|k| level(inside(k / SAMPLES), inside(k % SAMPLES)))
         .collect();
-    let share = fraction(&pattern, &is_white);
+    let white = fraction(&pattern, &is_white);
     white - black >= 2.0 * min_margin
         && fraction(&edge, &is_white) <= 1.0 - CLEAR
         && fraction(&margin, &is_white) >= CLEAR
-        && (MIN_SHARE..=1.0 - MIN_SHARE).contains(&share)
+        && (MIN_FRACTION..=1.0 - MIN_FRACTION).contains(&white)
         && fraction(&pattern, &|l| (l - middle).abs() >= 0.25 * (white - black)) >= BIMODAL
 }
 
@@ -166,8 +166,8 @@ fn median(levels: &[f64]) -> Option<f64> {
 const ROW_STRIDE: usize = 61;
 
 /// Length of the rows, bytes, if it is another one than the image's width, and the image with such rows. The rows of a
-/// scene resemble their neighbours: bytes a row apart differ least. Of rows of two widths or more one byte per pixel is
-/// kept.
+/// scene resemble their neighbours: the difference of bytes a row apart is smallest. Rows of two widths or more
+/// are reduced to one byte per pixel.
 fn with_other_rows(image: &GreyImage) -> Option<(u16, Image)> {
     let (pixels, width) = (image.pixels(), image.width());
     let differ = |lag: usize| {
@@ -203,7 +203,7 @@ mod tests {
         }]);
         ForeignTags::new(&TagSettings::default(), &tags)
     }
-    /// White image with cells of 10 px from row and column 20, black where `black` says.
+    /// White image with cells of 10 px from row and column 20, black where `black` is true.
     fn drawn(size: [usize; 2], black: impl Fn(usize, usize) -> bool) -> GreyImage {
         let pixels = (0..size[0] * size[1]).map(|k| {
             let (row, column) = (k / size[0], k % size[0]);

@@ -138,7 +138,7 @@ pub struct CameraImages {
     pub tag: Option<[f64; 2]>,
     /// Mean grey level of an image too dark for detecting tags.
     pub dark: Option<f64>,
-    /// What there is in place of the deck's tags, if none of these was detected.
+    /// Content of the image in place of the deck's tags, if no tag was detected.
     pub foreign_tag: Option<ForeignTag>,
 }
 
