@@ -148,11 +148,11 @@ fn is_marker(image: &GreyImage, corners: &[[f64; 2]; 4], min_margin: f64) -> boo
     let pattern: Vec<f64> = (0..SAMPLES * SAMPLES)
         .filter_map(|k| level(inside(k / SAMPLES), inside(k % SAMPLES)))
         .collect();
-    let white = fraction(&pattern, &is_white);
+    let white_fraction = fraction(&pattern, &is_white);
     white - black >= 2.0 * min_margin
         && fraction(&edge, &is_white) <= 1.0 - CLEAR
         && fraction(&margin, &is_white) >= CLEAR
-        && (MIN_FRACTION..=1.0 - MIN_FRACTION).contains(&white)
+        && (MIN_FRACTION..=1.0 - MIN_FRACTION).contains(&white_fraction)
         && fraction(&pattern, &|l| (l - middle).abs() >= 0.25 * (white - black)) >= BIMODAL
 }
 

@@ -151,10 +151,11 @@ impl VesselConfig {
         };
         self.power_for(most * self.speed_mps);
     }
-    /// Sets the engines' thrust for this speed (m/s), at least 1.5 m/s: quadratic drag plus a reserve.
+    /// Raises the engines' thrust to what this speed needs (m/s): quadratic drag, with a reserve by the default engines,
+    /// which are for 1.5 m/s.
     pub fn power_for(&mut self, speed_mps: f64) {
-        let more = (speed_mps / 1.5).powi(2).max(1.0);
-        self.thrust_forward_n *= more;
-        self.thrust_reverse_n *= more;
+        let (more, default) = ((speed_mps / 1.5).powi(2), VesselConfig::default());
+        self.thrust_forward_n = self.thrust_forward_n.max(more * default.thrust_forward_n);
+        self.thrust_reverse_n = self.thrust_reverse_n.max(more * default.thrust_reverse_n);
     }
 }
