@@ -67,11 +67,8 @@ config! {
         /// begins sooner and waits less for the calm between two wave groups.
         /// Chosen: a battery that lasts ten minutes above the deck.
         pub waiting_cost_per_min: f64 = alight_shared::landing::WAITING_COST_PER_MIN, in 0.0..=10.0;
-        /// Maximum horizontal speed of a predicted deck to land on, m/s.
-        /// Source: The fastest vessel in the paper moved at 7 m/s; the drone flies at 8 m/s.
-        pub deck_speed_mps: f64 = 7.5, in 0.01..=50.0;
-        /// Maximum vertical speed of a predicted deck to land on, m/s.
-        /// Source: The planner's limit of 4 m/s minus the descent speed.
+        /// Vertical speed up to which the predicted deck is feasible, m/s.
+        /// Source: The planner's limit of 4 m/s less the speed of descent.
         pub deck_heave_mps: f64 = 3.5, in 0.01..=20.0;
         /// Maximum tilt of a predicted deck to land on, rad.
         pub deck_tilt_rad: f64 = 0.45, in 0.01..=1.5;

@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | onto the deck, m/s | `sqrt(v² + 2 a_b h_f)` | the pilot's, `1.3 u_z` |
 //! | along it, m/s | `v_t + v_l` | the pilot's, `u_xy`, gusts, `t_a m`, half of the turn's `v_t` |
+//! | horizontal thrust, m/s² | that against the wind | a tenth of its limit |
 //! | angle, rad | half of the bank against a strong wind | the pilot's, `sd(tilt)`, gusts, `k_a w_s / g` |
 //! | place, m | the present offset that remains | the pilot's, the forecast's, drift without vision, gusts |
 //!
@@ -45,6 +46,10 @@ const UNFINISHED: f64 = 0.25;
 /// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle at first
 /// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; landings of [`BANK_LEFT`].
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
+/// Horizontal thrust per mass at the pilot's largest tilt (0.61 rad), m/s²: a vessel and a wind that need more leave the
+/// drone behind. Its relative standard deviation, by mass and drag.
+const MAX_THRUST_MPS2: f64 = 6.8;
+const THRUST_SD: f64 = 0.1;
 /// Drift of the odometry without vision of the deck, m/s.
 const DRIFT_MPS: f64 = 0.05;
 /// Time without vision before the contact, s.
@@ -113,10 +118,11 @@ impl Contact {
         ]);
         // The drone banks against the wind that would move an aligned drone too fast.
         let bank = BANK_LEFT * (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
+        let follows = below((MAX_THRUST_MPS2 - wind.norm()) / (THRUST_SD * MAX_THRUST_MPS2));
         let speed = (self.speed_mps.powi(2) + FIRST_FOOT_M * strong).sqrt();
         Odds {
             hard: below((MAX_MPS - speed) / norm(&[CONTACT_SD_MPS, CHANGES * vertical])),
-            fast: inside(self.turn_mps + self.left_mps, along_sd, MAX_MPS),
+            fast: follows * inside(self.turn_mps + self.left_mps, along_sd, MAX_MPS),
             tilted: inside(bank, tilt_sd, MAX_TILT_RAD),
             outside: self.inside_edges(margins, PLACE_PER_GUST_S2 * gust),
             slides: self.stays,
@@ -168,6 +174,8 @@ mod tests {
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
         // A foot in contact while the drone brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
+        // 12 m/s is within the thrust of the largest tilt; 15 m/s, or 7 m/s against 8 m/s, is at its limit.
+        assert!(gale.fast > 0.9 && odds_in_wind(6.8).fast < 0.5);
     }
 
     #[test]

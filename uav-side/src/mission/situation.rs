@@ -113,9 +113,7 @@ pub struct Deck {
     pub relative_age_s: f64,
     /// Closing speed of drone and deck along its normal, m/s.
     pub sinking_mps: f64,
-    /// Maximum horizontal speed in the forecast, m/s.
-    pub speed_mps: f64,
-    /// Maximum vertical speed in the forecast, m/s.
+    /// Maximum predicted vertical speed over the horizon, m/s.
     pub heave_mps: f64,
     /// Maximum tilt in the forecast, rad.
     pub tilt_rad: f64,
@@ -175,7 +173,7 @@ impl Deck {
         let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
         let clearance_m = here.height_of(&own.position) - drone.feet_below_m;
-        let [speed_mps, heave_mps, tilt_rad] = max_motion(forecast, start);
+        let [heave_mps, tilt_rad] = max_motion(forecast, start);
         let horizontal = |s: &DeckStage| Vector2::new(s.velocity[0], s.velocity[1]);
         let course: Vector2<f64> = forecast.stages.iter().map(horizontal).sum();
         let turn_radps = forecast.mean_heading_rate.abs();
@@ -200,7 +198,6 @@ impl Deck {
             },
             relative_age_s: relative_age_s(forecast),
             sinking_mps: -here.speed_away(&own.velocity),
-            speed_mps,
             heave_mps,
             tilt_rad,
             turn_radps,
@@ -235,7 +232,6 @@ impl Deck {
     /// Reason if drone and planner cannot follow the deck's motion or tilt. `slack` widens the limits.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
         first_beyond([
-            (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
             (ReasonCode::Infeasible, self.heave_mps, c.deck_heave_mps * slack),
             (ReasonCode::Infeasible, self.turn_radps, MAX_TURN_RADPS * slack),
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
@@ -249,21 +245,17 @@ impl Deck {
     }
 }
 
-/// Maximum horizontal and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
-fn max_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3] {
+/// Maximum vertical speed, m/s, and tilt, rad, of the deck from `start` on.
+fn max_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 2] {
     let step = forecast.step.secs();
     let since = (start - forecast.header.at).secs();
-    let mut largest = [0.0_f64; 3];
+    let mut largest = [0.0_f64; 2];
     for (i, s) in forecast.stages.iter().enumerate() {
         let lead = i as f64 * step - since;
         if lead < -step || lead > FEASIBLE_S {
             continue;
         }
-        let motion = [
-            s.velocity[0].hypot(s.velocity[1]),
-            s.velocity[2].abs(),
-            angle_from_vertical(s.euler[0], s.euler[1]),
-        ];
+        let motion = [s.velocity[2].abs(), angle_from_vertical(s.euler[0], s.euler[1])];
         for (most, value) in largest.iter_mut().zip(motion) {
             *most = larger(*most, value);
         }
