@@ -85,7 +85,7 @@ pub use mission::{
     BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,
 };
-pub use reason::{Reason, ReasonCode, TwoDigits};
+pub use reason::{Reason, ReasonCode, TwoDigits, WaitingTimes};
 pub use rtcm::{CarrierSolution, RelativePlace, RelativeState, RtcmFrames};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

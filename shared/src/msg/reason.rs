@@ -55,6 +55,25 @@ impl fmt::Display for TwoDigits {
     }
 }
 
+/// Time for which each reason has kept a mission from its next state.
+#[derive(Clone, Debug, Default)]
+pub struct WaitingTimes(Vec<(Reason, f64)>);
+
+impl WaitingTimes {
+    /// Adds `dt` (s) to the time of a reason's code.
+    pub fn add(&mut self, why: Reason, dt: f64) {
+        match self.0.iter_mut().find(|(known, _)| known.code == why.code) {
+            Some(entry) => *entry = (why, entry.1 + dt),
+            None if why.code != ReasonCode::None => self.0.push((why, dt)),
+            None => {}
+        }
+    }
+    /// Reason with the longest time, with its newest values, and that time, s.
+    pub fn longest(&self) -> Option<(Reason, f64)> {
+        self.0.iter().copied().max_by(|(_, a), (_, b)| a.total_cmp(b))
+    }
+}
+
 /// Text about this value of the autopilot parameter with this number.
 fn parameter(value: f64, number: f64) -> String {
     let unknown = || format!("a parameter of the autopilot is {value}");
@@ -405,4 +424,6 @@ reasons! {
             needs" }
     /// Charge above the reserve again, fraction.
     BatteryRecovered { "battery at {v_percent:.0} % (needs {l_percent:.0} %): continues" }
+    /// No landing within the time limit: longest time for which one reason was in its way, s, and that limit.
+    WaitedTooLong { "no landing within {l:.0} s, for {v:.0} s of them for one reason" }
 }

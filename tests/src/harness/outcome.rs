@@ -8,7 +8,7 @@
 #[cfg(test)]
 mod tests;
 
-use alight_shared::msg::Reason;
+use alight_shared::msg::{Reason, WaitingTimes};
 use serde::{Deserialize, Serialize};
 
 /// Maximum normal or tangential speed at any contact, m/s.
@@ -229,6 +229,9 @@ pub struct Judge {
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
+    /// Times of the mission's reasons to wait, and the time of the newest observation, s.
+    waited: WaitingTimes,
+    newest_s: f64,
 }
 
 /// Distance from the deck centre to the feet's centroid, m.
@@ -241,6 +244,8 @@ impl Judge {
     /// Judges one tick; true when the trial is over. `half_deck`: half the deck's length and width, m.
     pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
+        self.waited.add(o.waiting, o.t_s - self.newest_s);
+        self.newest_s = o.t_s;
         if o.descending {
             self.descent_began.get_or_insert(o.t_s);
         }
@@ -299,10 +304,10 @@ impl Judge {
             self.ended = true;
         }
         if o.t_s >= TIME_LIMIT_S {
-            let waiting = match o.waiting.to_string() {
-                empty if empty.is_empty() => empty,
-                reason => format!(", mission waiting: {reason}"),
-            };
+            let longest = self.waited.longest();
+            let waiting = longest.map_or_else(String::new, |(why, s)| {
+                format!(", for {s:.0} s of them mission waiting: {why}")
+            });
             let reason = format!("{NOT_AT_REST} after {TIME_LIMIT_S} s{waiting}");
             self.fail(Ending::Timeout, reason);
             self.ended = true;

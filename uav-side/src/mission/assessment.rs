@@ -58,7 +58,8 @@ impl MissionNode {
         s.odds = outlook.odds(now);
     }
 
-    pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
+    /// Follows the way to the deck; returns the time since the last step, s.
+    pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) -> f64 {
         let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.stepped = Some(now);
         let approaches = self.phase.state() == State::Approach;
@@ -67,6 +68,7 @@ impl MissionNode {
             let closing_mps = approaches.then_some(d.closing_mps);
             self.battery.approach(dt, d.distance_m, closing_mps, assumed_mps);
         }
+        dt
     }
 
     pub(super) fn wind(&self) -> WindPush {

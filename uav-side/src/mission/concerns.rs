@@ -111,8 +111,8 @@ pub(super) fn interrupt(
     })
 }
 
-/// Whether the drone is on its way to a landing.
-fn is_under_way(phase: MissionPhase) -> bool {
+/// Whether the drone is on its way to a landing, before the descent.
+pub(super) fn is_under_way(phase: MissionPhase) -> bool {
     let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
     phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
 }

@@ -81,7 +81,7 @@ use alight_shared::landing::{Odds, Staying};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, DeckForecast, DeckGrant, DroneState, Header, LastVessel,
     MissionCheckpoint, MissionSettings, MissionState, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, State, VesselLevel,
+    SettingsOrder, State, VesselLevel, WaitingTimes,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -90,11 +90,12 @@ use serde::{Deserialize, Serialize};
 
 use battery::BatteryMonitor;
 use checkpoint::MissionStartUp;
+use concerns::is_under_way;
 use height::{HeightWitnesses, Surface};
 use leaving::LeavingMonitor;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 pub use phase::MAX_VESSEL_DISTANCE_M;
-use phase::{Decision, MissionPhase, MissionProgress, gave_up};
+use phase::{Decision, MissionPhase, MissionProgress, RejectedOrder, gave_up};
 use place::Waypoint;
 use situation::{ControlState, Situation};
 use states::{RADIO_BLIND_S, blind_limit};
@@ -188,6 +189,8 @@ pub struct MissionNode {
     /// Target of the feet from the deck's centre, NED, m; fixed before the descent.
     meets: [f64; 2],
     leaving: LeavingMonitor,
+    /// Times of the reasons against the ordered landing.
+    waited: WaitingTimes,
 
     /// Delay of a forced descent after the drone is first steady, and resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
@@ -371,7 +374,28 @@ impl MissionNode {
         }
     }
 
-    /// Permitted speed of descent, m/s; zero without deck, vision or control.
+    /// Adds `dt` (s) to the reason that keeps the drone from its landing. A crew whose landing took too long is shown
+    /// the reason that was in the way for longest.
+    fn account(&mut self, dt: f64, mut decision: Decision, s: &Situation) -> Decision {
+        if decision.progress.started != self.progress.started {
+            self.waited = WaitingTimes::default();
+        }
+        if is_under_way(self.phase) {
+            self.waited.add(decision.waiting, dt);
+        }
+        let gives_up = matches!(decision.phase, MissionPhase::GaveUp { .. });
+        if let Some(took) = decision
+            .entered
+            .filter(|why| why.code == ReasonCode::TooLong && gives_up)
+            && let Some((why, longest_s)) = self.waited.longest()
+        {
+            decision.entered = Some(Reason::new(ReasonCode::WaitedTooLong, longest_s, took.limit));
+            decision.progress.rejected = Some(RejectedOrder { at: s.now, why });
+        }
+        decision
+    }
+
+    /// Permitted speed of descent, m/s: zero unless deck, vision and control are available now.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
         let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
@@ -501,7 +525,7 @@ impl Node for MissionNode {
         if begins || input.settings.is_some() {
             s = self.situation(now);
         }
-        self.watch_way(now, &s);
+        let dt = self.watch_way(now, &s);
         self.judge(now, &mut s);
         self.judge_take_off(now, &mut s);
         self.judge_sortie(now, &mut s);
@@ -516,6 +540,7 @@ impl Node for MissionNode {
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));
         let decision = self.limit_duration(decision, now, &s);
+        let decision = self.account(dt, decision, &s);
         self.adopt(now, &decision, &s);
         let changed = decision.entered.is_some();
         if now < self.due && !changed {

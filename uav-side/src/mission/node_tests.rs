@@ -104,7 +104,28 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
     assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
 }
 
-/// By radio the deck is 31 m too low; by mean sea level the drone stays 15 m above its real height.
+/// The crew of a landing that took too long is shown the reason that lasted longest, and its time.
+#[test]
+fn reason_that_cost_a_landing_its_time() {
+    let mut m = node();
+    m.config.mission_timeout_s = 10.0;
+    let gives_up = (0..2000_u32).find_map(|k| {
+        let t = at(1.0 + f64::from(k) * 0.01);
+        let mut input = fresh_input(k, t, [0.0, 0.0, -16.3]);
+        if k == 0 {
+            input.commands = vec![command(header(1, t), CommandKind::Land)];
+        }
+        m.step(t, &input).state.filter(|s| s.state == State::GaveUp)
+    });
+    let s = gives_up.unwrap();
+    assert_eq!(s.entered.code, ReasonCode::WaitedTooLong);
+    assert!(s.entered.value > 5.0 && s.entered.limit == 10.0, "{}", s.entered);
+    // This drone does not leave the height of its approach.
+    assert_eq!(s.rejected.map(|why| why.code), Some(ReasonCode::OffHeight));
+}
+
+/// By radio the deck is 31 m too low, and no camera detects it: by mean sea level the drone stays 15 m above its real
+/// height.
 #[test]
 fn heights_of_two_receivers_that_disagree() {
     let mut m = node();
