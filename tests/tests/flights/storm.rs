@@ -218,7 +218,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             let thrust = f64::from(id::ATTITUDE_TARGET);
             let faults = vec![
                 fault(FaultKind::StreamStops, Descent, 0.1, thrust, 60.0),
-                killed(FaultKind::LinkKilled, Flare, 0.9, 4.0),
+                killed(FaultKind::LinkKilled, Flare, 1.05, 4.0),
             ];
             let under_way = Storm {
                 autopilot: Firmware::ArduCopter,
