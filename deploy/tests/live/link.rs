@@ -38,7 +38,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 fn landing_over_the_emulated_storm() {
     let name = format!("storm-{}", std::process::id());
     let child = started(format!(
-        "land --json --sea calm --warm-up 20 --link storm --emulate always --instance {name}"
+        "land --json --sea calm --warm-up 20 --link storm --emulate always --verbose --instance {name}"
     ));
     let out = child.wait_with_output().expect("ends");
     let (output, errors) = (printed(&out), errors(&out));
