@@ -69,3 +69,39 @@ unsafe impl Plain for ProcessState {
         self.at_ns
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::mem::offset_of;
+    use core::ptr::from_ref;
+
+    use crate::msg::{Reason, ReasonCode, RelativeState};
+
+    fn byte<T>(value: &T, offset: usize) -> u8 {
+        assert!(offset < size_of::<T>());
+        // SAFETY: the byte is inside the value; the callers name bytes of tags and enumerations, which every value has.
+        unsafe { *from_ref(value).cast::<u8>().add(offset) }
+    }
+    /// Size of an optional value, and offset of the value in it.
+    fn layout<T>(value: T) -> [usize; 2] {
+        let some = Some(value);
+        let inside = from_ref(some.as_ref().unwrap()).addr();
+        [size_of::<Option<T>>(), inside - from_ref(&some).addr()]
+    }
+
+    /// The rules of deploy/docs/radio.md, by which other programs read shared memory.
+    #[test]
+    fn optional_values_in_memory() {
+        // A tag as wide as the alignment, and then the value.
+        assert_eq!((layout(1.0_f64), layout([1_u32; 2])), ([16, 8], [12, 4]));
+        assert_eq!([0, 7].map(|k| byte(&Some(1.0_f64), k)), [1, 0]);
+        assert_eq!([0, 7].map(|k| byte(&None::<f64>, k)), [0, 0]);
+        // No tag: an invalid number in the widest gap of the value's numbers.
+        assert_eq!(layout(Reason::default()), [size_of::<Reason>(), 0]);
+        let code = byte(&None::<Reason>, offset_of!(Reason, code));
+        assert_eq!(usize::from(code), ReasonCode::ALL.len());
+        assert_eq!(layout(RelativeState::default()), [size_of::<RelativeState>(), 0]);
+        let tag = offset_of!(RelativeState, contradicted_m);
+        assert_eq!(byte(&None::<RelativeState>, tag), 2);
+    }
+}
