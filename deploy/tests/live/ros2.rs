@@ -159,6 +159,10 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     assert!((norm - 1.0).abs() < 1e-6 && covariance[0][0] > 0.0, "{pose:?}");
     let deck: Odometry = message(&topic("deck/odometry"), |_| true);
     assert_eq!(deck.1, "deck");
+    let key = "7/tf_static/tf2_msgs::msg::dds_::TFMessage_/*";
+    let fixed: Vec<(Header, String, [f64; 7])> = message(&received(client, key), |_| true);
+    let children: Vec<&str> = fixed.iter().map(|t| t.1.as_str()).collect();
+    assert_eq!(children, ["camera_optical", "vessel"]);
 
     let key = "7/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
     let summary = |(_, all): &Diagnostics| all[0].1 == "drone_1: summary" && all[0].2.contains("Idle");
@@ -213,9 +217,9 @@ fn ros2_node_of_a_landing() {
     let landing = land(&instance, &flags);
 
     let client = session("client", "connect/endpoints", port);
-    let all = tokens(&client, 8);
+    let all = tokens(&client, 10);
     let of = |letters: &str| all.iter().filter(|t| t.contains(letters)).count();
-    assert_eq!([of("/NN/"), of("/MP/"), of("/SS/")], [1, 5, 2], "{all:#?}");
+    assert_eq!([of("/NN/"), of("/MP/"), of("/SS/")], [1, 7, 2], "{all:#?}");
     let name = "7/alight/drone_1";
     assert_published(&client, name);
     assert_orders(&client, name, &instance);

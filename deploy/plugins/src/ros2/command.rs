@@ -17,7 +17,10 @@ use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 
 use crate::ros2::diagnostics::Diagnostics;
-use crate::ros2::messages::{DiagnosticArray, PoseWithCovarianceStamped, RosOdometry, RosTime, TfMessage};
+use crate::ros2::fixed;
+use crate::ros2::messages::{
+    DiagnosticArray, Marker, PoseWithCovarianceStamped, RosOdometry, RosTime, TfMessage,
+};
 use crate::ros2::names::{Distro, MAX_DOMAIN, RosNode};
 use crate::ros2::orders::{Caller, Orders, is_late};
 use crate::ros2::poses::Poses;
@@ -68,6 +71,8 @@ const PERIOD: Duration = Duration::from_millis(50);
 /// Period at which an unreadable configuration is read again, ns.
 const READ_AGAIN_NS: i64 = 1_000_000_000;
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
+/// Period of the fixed frames and the deck's shape, after which a late joiner has received them.
+const FIXED_NS: i64 = DIAGNOSTICS_NS;
 /// History depth of a topic of poses, as with ROS's own publishers, and of `/tf`.
 const DEPTH: u32 = 10;
 const TF_DEPTH: u32 = 100;
@@ -232,6 +237,12 @@ struct Drone {
     deck_odometry: RosTopic<RosOdometry>,
     deck_pose: RosTopic<PoseWithCovarianceStamped>,
     transforms: RosTopic<TfMessage>,
+    frame_prefix: String,
+    /// Fixed frames.
+    fixed: RosTopic<TfMessage>,
+    marker: RosTopic<Marker>,
+    /// Time at which they were published, ns.
+    fixed_ns: i64,
 }
 
 impl Drone {
@@ -247,6 +258,10 @@ impl Drone {
             deck_odometry: session.topic(node.private("deck/odometry"), DEPTH),
             deck_pose: session.topic(node.private("deck/pose"), DEPTH),
             transforms: session.topic("/tf".into(), TF_DEPTH),
+            frame_prefix: args.frame_prefix.clone(),
+            fixed: session.topic("/tf_static".into(), TF_DEPTH),
+            marker: session.topic(node.private("deck/marker"), DEPTH),
+            fixed_ns: i64::MIN,
         }
     }
     /// Rejects every order because there is no mission.
@@ -286,6 +301,15 @@ impl Drone {
         }
         if let Some(transforms) = new.transforms() {
             session.publish(&self.transforms, &transforms);
+        }
+        // Without the configuration the shapes are not those of this drone and deck.
+        if ports.is_known && steady_ns().saturating_sub(self.fixed_ns) >= FIXED_NS {
+            self.fixed_ns = steady_ns();
+            let (prefix, body) = (&self.frame_prefix, &computer.drone);
+            let stamp = RosTime::from_nanos(wall_ns());
+            let frames = fixed::transforms(prefix, stamp, &body.airframe, &body.deck);
+            session.publish(&self.fixed, &frames);
+            session.publish(&self.marker, &fixed::marker(prefix, &body.deck));
         }
     }
 }

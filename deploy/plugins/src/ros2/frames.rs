@@ -26,7 +26,7 @@ pub fn enu([north, east, down]: [f64; 3]) -> RosVector {
 }
 
 /// FRD to FLU.
-fn flu(v: &Vector3<f64>) -> RosVector {
+pub fn flu(v: &Vector3<f64>) -> RosVector {
     RosVector {
         x: v.x,
         y: -v.y,
@@ -34,15 +34,29 @@ fn flu(v: &Vector3<f64>) -> RosVector {
     }
 }
 
-/// Rotation from FLU to ENU, for a rotation from FRD to NED.
-pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
-    let q = enu_from_ned() * ned_from_frd * frd_from_flu();
+fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     Quaternion {
         x: q.i,
         y: q.j,
         z: q.k,
         w: q.w,
     }
+}
+
+/// Rotation from FLU to ENU, for a rotation from FRD to NED.
+pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
+    quaternion(&(enu_from_ned() * ned_from_frd * frd_from_flu()))
+}
+
+pub fn still() -> Quaternion {
+    quaternion(&UnitQuaternion::identity())
+}
+
+/// Rotation to FLU from a camera's optical frame (right, down, forward in the image), for a camera that looks down
+/// with the top of its image forward.
+pub fn of_camera() -> Quaternion {
+    let frd_from_camera = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), core::f64::consts::FRAC_PI_2);
+    quaternion(&(frd_from_flu().inverse() * frd_from_camera))
 }
 
 /// Rotation from FRD to NED for roll, pitch, yaw (ZYX), rad.
@@ -136,6 +150,9 @@ mod tests {
         assert!(is_near(turned(&north, Vector3::x()), [0.0, 1.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::y()), [-1.0, 0.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::z()), [0.0, 0.0, 1.0]));
+        // An image's right is the drone's right, its lower edge aft.
+        assert!(is_near(turned(&of_camera(), Vector3::x()), [0.0, -1.0, 0.0]));
+        assert!(is_near(turned(&of_camera(), Vector3::y()), [-1.0, 0.0, 0.0]));
         // A heading of east is the identity in ROS.
         let east = attitude(&of_euler([0.0, 0.0, FRAC_PI_2]));
         assert!(is_near(turned(&east, Vector3::x()), [1.0, 0.0, 0.0]));

@@ -3,7 +3,8 @@
 //! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source:
 //! `share/*/*.json` of the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and
 //! ros-std-srvs 5.5.1 (Kilted). The hash of `TFMessage`, which has no package, was computed by REP 2016 from
-//! the same files; ros2_pyterfaces 0.3.0, on which pyzeros 0.1.0 is built, computes the same.
+//! the same files; ros2_pyterfaces 0.3.0, on which pyzeros 0.1.0 is built, computes the same. That of `Marker` is
+//! rosbags 0.11.9's for Humble, Jazzy and Kilted, which computes the others, too.
 
 use serde::Serialize;
 
@@ -144,6 +145,43 @@ pub struct TfMessage {
     pub transforms: Vec<TransformStamped>,
 }
 
+/// `visualization_msgs/msg/Marker` of a solid shape.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Marker {
+    pub header: RosHeader,
+    pub ns: String,
+    pub id: i32,
+    /// 1: a cube.
+    pub kind: i32,
+    /// 0: add or change.
+    pub action: i32,
+    /// Centre of the shape in the header's frame.
+    pub pose: RosPose,
+    /// Size along each axis, m.
+    pub scale: Vector3,
+    /// Red, green, blue, opacity, 0 to 1.
+    pub color: [f32; 4],
+    /// Seconds, and fraction in ns, after which a viewer removes it.
+    pub lifetime: (i32, u32),
+    /// The shape moves with its frame between messages.
+    pub frame_locked: bool,
+    pub unused: MarkerContent,
+}
+
+/// Points, texture, text and mesh of a marker.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MarkerContent {
+    points: Vec<Vector3>,
+    colors: Vec<[f32; 4]>,
+    texture_resource: String,
+    texture: (RosHeader, String, Vec<u8>),
+    uv_coordinates: Vec<[f32; 2]>,
+    text: String,
+    mesh_resource: String,
+    mesh_file: (String, Vec<u8>),
+    mesh_use_embedded_materials: bool,
+}
+
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyValue {
@@ -202,6 +240,8 @@ messages! {
         "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e";
     TfMessage = "tf2_msgs::msg::dds_::TFMessage_",
         "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+    Marker = "visualization_msgs::msg::dds_::Marker_",
+        "45b13ccf791f225962bf74e746f9644518855d783a6f42ba0cc14fde2b4f3ce0";
     DiagnosticArray = "diagnostic_msgs::msg::dds_::DiagnosticArray_",
         "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e";
 }

@@ -2,9 +2,9 @@
 //! rmw_zenoh, and offers two services that forward orders.
 //!
 //! From the inside out: [`messages`] and [`cdr`] are ROS types and their encoding, [`frames`] converts NED and FRD to
-//! ENU and FLU, [`names`] makes keys and liveliness tokens; [`poses`] and [`diagnostics`] fill the messages; [`orders`]
-//! forwards the services' orders; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. No
-//! flight waits for the node.
+//! ENU and FLU, [`names`] makes keys and liveliness tokens; [`poses`], [`fixed`] and [`diagnostics`] fill the messages;
+//! [`orders`] forwards the services' orders; [`session`] is the Zenoh session of all of them, and [`command`] is
+//! `alight ros2`. No flight waits for the node.
 //!
 //! hiroz 0.2, by Zenoh's makers, is not used. It is experimental by its own description, turns on Zenoh's
 //! shared memory and brings `zenoh-ext` with bincode 1; the dependencies of both have advisories. Whether its
@@ -14,6 +14,7 @@
 pub mod cdr;
 pub mod command;
 pub mod diagnostics;
+pub mod fixed;
 pub mod frames;
 pub mod messages;
 pub mod names;
