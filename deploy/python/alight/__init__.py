@@ -1,4 +1,4 @@
-"""Flies simulated landings with the program `alight`, and reads its recordings.
+"""Flies simulated landings with the program `alight`, and reads its recordings and live data.
 
     import alight
 
@@ -17,6 +17,7 @@ axes are forward, starboard, down.
 
 from . import convert, plots
 from ._folders import Envelope, Study, Trials, envelope, study, trials
+from ._live import live
 from ._program import AlightError, program
 from ._reading import read, trial
 from ._relative import relative
@@ -30,6 +31,7 @@ __all__ = [
     "Trials",
     "convert",
     "envelope",
+    "live",
     "plots",
     "program",
     "read",

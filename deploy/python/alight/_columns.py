@@ -31,7 +31,7 @@ class Columns:
     def add(self, time_ns: int, message) -> None:
         """A message at its time in the file, ns."""
         self.times.append(time_ns / 1e9)
-        for name, value in _fields(message, ""):
+        for name, value in fields(message):
             self.values.setdefault(name, []).append(value)
 
     def arrays(self) -> Dict[str, Any]:
@@ -40,13 +40,20 @@ class Columns:
         return {"time_s": np.array(self.times, dtype=float), **columns}
 
 
+def parts(topic: str, message) -> Iterator[Tuple[str, Any]]:
+    """Series of a message: itself, or of transforms one for each frame."""
+    if topic != "/tf":
+        return iter([(topic, message)])
+    return ((f"/tf/{transform.child_frame_id}", transform) for transform in message.transforms)
+
+
 def _is_repeated(field) -> bool:
     # protobuf 7 has no `label`, those before 6.31 no `is_repeated`.
     repeated = getattr(field, "is_repeated", None)
     return field.label == field.LABEL_REPEATED if repeated is None else repeated
 
 
-def _fields(message, prefix: str) -> Iterator[Tuple[str, Any]]:
+def fields(message, prefix: str = "") -> Iterator[Tuple[str, Any]]:
     """Name and value of each field. One without a value is NaN, or an empty text."""
     for field in message.DESCRIPTOR.fields:
         if field.name in LEFT_OUT:
@@ -66,7 +73,7 @@ def _fields(message, prefix: str) -> Iterator[Tuple[str, Any]]:
         elif kind == "Quaternion":
             yield name, _quaternion(value) if message.HasField(field.name) else (NAN,) * 4
         elif kind:
-            yield from _fields(value, path + ".")
+            yield from fields(value, path + ".")
         elif field.has_presence and not message.HasField(field.name):
             yield name, "" if isinstance(value, str) else NAN
         elif not isinstance(value, bytes):

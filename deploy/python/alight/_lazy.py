@@ -6,8 +6,8 @@ import importlib
 
 WHY = {
     "numpy": "the series are its arrays",
-    "mcap": "recordings are read by it",
-    "mcap_protobuf": "recordings are read by it",
+    "mcap": "recordings and live data are read by it",
+    "mcap_protobuf": "recordings and live data are read by it",
     "pandas": "tables are its frames",
     "matplotlib": "figures are drawn by it",
     "pymavlink": "logs of MAVLink and DataFlash are read by it",
@@ -55,6 +55,7 @@ class Lazy:
 numpy = Lazy("numpy")
 pandas = Lazy("pandas")
 mcap_reader = Lazy("mcap.reader")
+mcap_records = Lazy("mcap.records")
 mcap_decoder = Lazy("mcap_protobuf.decoder")
 dfreader = Lazy("pymavlink.DFReader")
 mavutil = Lazy("pymavlink.mavutil")

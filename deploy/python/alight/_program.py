@@ -96,10 +96,10 @@ class Answer:
     message: str
 
 
-def run(words: Sequence[Any], flags: dict, timeout_s: float) -> Answer:
+def run(words: Sequence[Any], flags: dict, timeout_s: float, codes: Sequence[int] = (0, 1)) -> Answer:
     """Runs `alight WORDS FLAGS --json` for at most `timeout_s`.
 
-    Exit code 1 with an answer is an answer: a landing that failed has an outcome, too.
+    Exit code 1 with an answer is an answer: a landing that failed has an outcome, too. So are other `codes`.
     """
     command = [program(), *(str(word) for word in words), *arguments(flags), "--json"]
     shown = " ".join(["alight", *command[1:]])
@@ -119,7 +119,7 @@ def run(words: Sequence[Any], flags: dict, timeout_s: float) -> Answer:
         value = json.loads(lines[-1]) if lines else None
     except ValueError:
         value = None
-    if value is None or done.returncode not in (0, 1):
+    if value is None or done.returncode not in codes:
         raise AlightError(message or f"{shown}: ended with exit code {done.returncode}, without a word", done.returncode)
     return Answer(done.returncode, value, message)
 

@@ -9,7 +9,7 @@ import tempfile
 from typing import Any, Dict, Iterable, Optional
 
 from . import _program
-from ._columns import Columns
+from ._columns import Columns, parts
 from ._folders import Envelope, Study
 from ._lazy import mcap_decoder, mcap_reader
 from ._program import AlightError
@@ -147,12 +147,8 @@ def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
                 f"{path} has more than {max_messages} messages; read a part by topics, start_s and end_s, or raise "
                 "max_messages"
             )
-        if channel.topic == "/tf":
-            for transform in decoded.transforms:
-                name = f"/tf/{transform.child_frame_id}"
-                found.setdefault(name, Columns()).add(message.log_time, transform)
-        else:
-            found.setdefault(channel.topic, Columns()).add(message.log_time, decoded)
+        for name, part in parts(channel.topic, decoded):
+            found.setdefault(name, Columns()).add(message.log_time, part)
     outcome: Dict[str, Any] = {}
     for record in reader.iter_metadata():
         if record.name in ("recording", "outcome"):
