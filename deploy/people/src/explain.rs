@@ -1,4 +1,4 @@
-//! `alight explain`: advice on the messages of the mission, by code or text.
+//! `alight explain`: advice on the messages of mission, page and status, by code or text.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -126,7 +126,8 @@ fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// Message with the code `query`, or the messages that have most terms in common with it, shortest first.
+/// Message with the code `query`, or the messages that have most terms in common with it, shortest first. A line of the
+/// page may hold a whole message among others.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();
@@ -134,10 +135,16 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
         return by_code;
     }
     let wanted = content(query);
-    let common = |e: &Explained| content(&e.text).intersection(&wanted).count();
+    let common = |e: &Explained| {
+        let own = content(&e.text);
+        let common = own.intersection(&wanted).count();
+        let is_whole = common > 1 && common == own.len();
+        // A match of fewer than two thirds of the terms is a coincidence.
+        let counts = is_whole || 3 * common >= 2 * wanted.len();
+        if counts { common } else { 0 }
+    };
     let most = all.iter().map(common).max().unwrap_or_default();
-    // A match of fewer than two thirds of the terms is a coincidence.
-    if most == 0 || 3 * most < 2 * wanted.len() {
+    if most == 0 {
         return Vec::new();
     }
     let mut best: Vec<&Explained> = all.iter().filter(|e| common(e) == most).collect();
@@ -164,6 +171,8 @@ fn lines(explained: &Explained) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
+    use std::path::Path;
 
     #[test]
     fn advice_on_every_reason() {
@@ -200,6 +209,70 @@ mod tests {
             assert_eq!(found(unknown), None, "{unknown}");
         }
         assert_eq!(found("not at rest on the deck after 180 s"), Some(String::new()));
+        // A message within a line of the page.
+        let held = "mission: the drone is in state Hold: deck not detected for 1.20 s (limit 1.00)";
+        assert_eq!(found(held), Some("VisionLost".into()));
+    }
+
+    #[test]
+    fn advice_on_every_text_of_page_and_status() {
+        const STATUS: &str = "certificate drone findings mod sources vessel";
+        const FOUND: &str = ".warning(~.broken(~.stopping(~found =~FOUND: &str =~Some(~begins =~counts =~unknown(~\
+                             =>~(|| {~unit)|~|id|~in [";
+        const SENSORS: &str = "bus bus/devices bus/network heights signalk/mod nmea/account rtcm ubx";
+        const STYLES: &str = "font prefers element( aria camera-image track-scale turns wide title padStart";
+        let read = |name: &str| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name);
+            let code = fs::read_to_string(path).unwrap().replace("\\\"", "'");
+            let code = code.split("\n#[cfg(test)]").next().unwrap();
+            let code = code.split("\npub fn state(").next().unwrap();
+            let lines = code.lines().map(|line| line.split("// ").next().unwrap());
+            lines.collect::<Vec<_>>().join("\n")
+        };
+        let mut texts = BTreeSet::new();
+        for (folder, names, begins) in [
+            ("deploy/people/src/status", STATUS, FOUND),
+            ("deploy/people/src/status", "go", "{~=>~(~="),
+            ("deploy/computer/src/process", "lateness", "Some("),
+            ("deploy/computer/src/process", "sealed", "let message = || {"),
+            ("deploy/computer/src/vessel", "deck_inputs", "Some("),
+            ("deploy/computer/src/vessel", "helm_lamp", "failed.map(|e|"),
+            ("deploy/people/src/tools", "view view_vessel", "Err("),
+            ("deploy/people/src/view", "server", "return Err(~let why ="),
+            ("shared/src/msg", "aboard", "f,"),
+            ("shared/src/msg", "mission", "(for_s: f32) -> String {"),
+            ("shared/src/msg", "state", "=>"),
+            ("shared/src", "tags", "f,~write_str("),
+            (
+                "shared/src/mavlink",
+                "signing",
+                "other_key,~old,~unsigned,~unchecked,",
+            ),
+            ("usv-side/src/sensors", SENSORS, "::fault("),
+        ] {
+            for begin in begins.split('~') {
+                let code = names.split(' ').map(|name| read(&format!("{folder}/{name}.rs")));
+                let code: String = code.collect();
+                let found = code.split(begin).skip(1).filter_map(|rest| rest.split_once('"'));
+                let found = found.filter(|(before, _)| ["", "format!("].contains(&before.trim()));
+                let found: Vec<&str> = found.filter_map(|(_, text)| text.split('"').next()).collect();
+                assert!(!found.is_empty(), "no text after {begin} in {names}");
+                texts.extend(found.into_iter().map(pattern));
+            }
+        }
+        let script = read("deploy/people/src/view/page/view.js").replace('`', "\"");
+        let lines = script
+            .lines()
+            .filter(|line| !STYLES.split(' ').any(|style| line.contains(style)));
+        texts.extend(lines.flat_map(|line| line.split('"').skip(1).step_by(2).map(pattern)));
+        texts.retain(|text| text.contains(' ') && content(text).len() > 1);
+        let all = all();
+        for text in &texts {
+            let mut like = matching(&all, text).into_iter();
+            let known = like.any(|e| content(&e.text).is_superset(&content(text)));
+            assert!(known, "explain.toml lacks: {text}");
+        }
+        assert!(texts.len() > 140, "{}", texts.len());
     }
 
     #[test]
