@@ -89,9 +89,9 @@ fn book_relative_links() {
         }
     }
     // Pages named by the program and its configurations exist, too.
-    let named = ["src", "computer/src", "people/src", "lab/src", "vessel", "drone"]
-        .map(|d| root().join("deploy").join(d));
-    for source in named.iter().flat_map(|d| files(d, &[".rs", ".toml"])) {
+    let named = "src computer/src people/src lab/src vessel drone scripts".split(' ');
+    let named = named.map(|d| root().join("deploy").join(d));
+    for source in named.flat_map(|d| files(&d, &[".rs", ".toml", ".json"])) {
         for rest in read(&source).split("docs/").skip(1) {
             let end = rest.find(|c: char| !(c.is_alphanumeric() || ".-_/".contains(c)));
             let name = rest[..end.unwrap_or(rest.len())].trim_end_matches('.');
