@@ -140,7 +140,7 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
         .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()));
     written.doing(format_args!(
-        "writing {} (a file that is there is never replaced)",
+        "writing {} (what is there is never replaced: use it, or move it away for a new one)",
         path.display()
     ))
 }

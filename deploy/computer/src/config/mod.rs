@@ -28,6 +28,9 @@ use crate::config::recorder::RecorderConfig;
 use crate::config::supervision::Supervision;
 use crate::config::view::ViewConfig;
 
+const OF_DRONE: &str = "this is a drone's file: name the vessel's here, and this one as --drone-config or by alight drone --config";
+const OF_VESSEL: &str = "this is a vessel's file: name the drone's here, and this one as --vessel-config or by alight vessel --config";
+
 config! {
     /// Configuration of the vessel's computer.
     pub struct VesselComputerConfig {
@@ -51,12 +54,16 @@ config! {
         /// Nodes of the vessel.
         pub vessel: VesselNodeConfig;
     }
-    former &[(
-        "vessel.helm",
-        "the computer no longer steers the boat: the skipper steers by its advice (alight help operate); \
-         move heading_change_deg, \
-         speed_mps and keep_out_deg to [vessel.advice] and remove the rest",
-    )];
+    former &[
+        (
+            "vessel.helm",
+            "the computer no longer steers the boat: the skipper steers by its advice (alight help operate); \
+             move heading_change_deg, \
+             speed_mps and keep_out_deg to [vessel.advice] and remove the rest",
+        ),
+        ("autopilot", OF_DRONE),
+        ("bridge", OF_DRONE),
+    ];
 }
 
 impl VesselComputerConfig {
@@ -121,6 +128,7 @@ config! {
         /// Other nodes.
         pub drone: DroneSettings;
     }
+    former &[("sensor", OF_VESSEL), ("deck", OF_VESSEL), ("vessel", OF_VESSEL)];
     check |this, at| {
         if this.supervision.autopilot && let Err(why) = LinkUrl::of_autopilot(&this.autopilot.connect) {
             at.table("autopilot").require(false, "connect", &this.autopilot.connect, &why)?;
@@ -219,6 +227,14 @@ mod tests {
                 .iter()
                 .all(|focal| check(0.004, *focal).is_ok())
         );
+    }
+
+    #[test]
+    fn file_of_the_other_side() {
+        let vessel = config::parse::<VesselComputerConfig>("[bridge]", "").unwrap_err();
+        assert!(vessel.to_string().ends_with(OF_DRONE), "{vessel}");
+        let drone = config::parse::<DroneComputerConfig>("[sensor]", "").unwrap_err();
+        assert!(drone.to_string().ends_with(OF_VESSEL), "{drone}");
     }
 
     #[test]

@@ -18,6 +18,7 @@ use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
 use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
+const OF_FLIGHTS: &str = "alight flights lists the recorded ones";
 /// Maximum size of a file, and of all its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
 /// Maximum size of a file's beginning, configurations included, bytes.
@@ -70,7 +71,7 @@ pub struct LogBeginning {
 
 impl LogBeginning {
     pub fn read(path: &Path) -> Result<LogBeginning, CliError> {
-        let doing = format_args!("reading {}", path.display());
+        let doing = format_args!("reading {} ({OF_FLIGHTS})", path.display());
         let mut bytes = Vec::new();
         let file = File::open(path).doing(doing)?;
         let mut beginning = file.take(MAX_BEGINNING_BYTES);
@@ -186,7 +187,8 @@ pub struct LogFile {
 
 impl LogFile {
     pub fn open(path: &Path) -> Result<LogFile, CliError> {
-        let (doing, origin) = (format_args!("reading {}", path.display()), path.display());
+        let origin = path.display();
+        let doing = format_args!("reading {origin} ({OF_FLIGHTS})");
         let mut bytes = Vec::new();
         let file = File::open(path).doing(doing)?;
         file.take(MAX_FILE_BYTES + 1)
@@ -334,7 +336,8 @@ pub fn parse_name(path: &Path) -> Option<(String, u32, u32)> {
 }
 
 pub fn parts(directory: &Path) -> Result<Vec<PathBuf>, CliError> {
-    let entries = std::fs::read_dir(directory).doing(format_args!("reading {}", directory.display()))?;
+    let entries = std::fs::read_dir(directory);
+    let entries = entries.doing(format_args!("reading {} ({OF_FLIGHTS})", directory.display()))?;
     let mut found: Vec<PathBuf> = entries
         .flatten()
         .map(|e| e.path())

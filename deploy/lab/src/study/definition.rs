@@ -120,7 +120,9 @@ pub fn text(name: &str) -> Result<String, CliError> {
             known.join(", ")
         )));
     }
-    std::fs::read_to_string(name).doing(format_args!("reading the study {name}"))
+    std::fs::read_to_string(name).doing(format_args!(
+        "reading the study {name} (alight help study lists some)"
+    ))
 }
 
 pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {

@@ -135,7 +135,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
 
 /// Table of poses. Columns decay separately by degree of freedom, and may have values in different rows.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
-    let doing = format_args!("reading {}", path.display());
+    let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
     if size > MAX_TABLE_BYTES {
         return Err(CliError(format!(

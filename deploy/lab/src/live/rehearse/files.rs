@@ -203,7 +203,7 @@ fn table(path: Option<&Path>, shipped: &str) -> Result<Table, CliError> {
     let Some(path) = path else {
         return shipped.parse().doing("reading the shipped file");
     };
-    let doing = format_args!("reading {}", path.display());
+    let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let text = std::fs::read_to_string(path).doing(doing)?;
     method::check_flight(&text, &path.display().to_string())?;
     text.parse().doing(doing)
