@@ -4,6 +4,8 @@ use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::ops::RangeBounds;
 
+use crate::terminal::WIDTH;
+
 /// Quality of a cell's value, shown as a colour on a page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Quality {
@@ -95,7 +97,8 @@ impl Table {
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
-    /// Text for a terminal: one line per row, columns as wide as their longest cell.
+    /// Text for a terminal: one line per row, columns as wide as their longest cell. Columns beyond the terminal's width
+    /// follow in further blocks, which repeat the columns before the first number.
     pub fn text(&self) -> String {
         let lines: Vec<Vec<String>> = core::iter::once(self.heads.clone())
             .chain(self.rows.iter().map(|r| r.iter().map(Cell::line).collect()))
@@ -106,10 +109,24 @@ impl Table {
                 *width = cell.chars().count().max(*width);
             }
         }
+        let names = self.is_number.iter().take_while(|is| !**is).count().max(1);
+        let named = widths.iter().take(names).map(|width| width + 2).sum::<usize>();
+        let (mut block, mut used) = (0, named);
+        // Block of each column; None: in all.
+        let blocks = widths.iter().enumerate().map(|(k, width)| {
+            let own = width + 2;
+            if k > names && used + own > WIDTH {
+                (block, used) = (block + 1, named);
+            }
+            used += if k < names { 0 } else { own };
+            (k >= names).then_some(block)
+        });
+        let blocks: Vec<Option<usize>> = blocks.collect();
         let mut out = String::new();
-        for line in lines {
+        for (b, line) in (0..=block).flat_map(|b| lines.iter().map(move |line| (b, line))) {
             let mut text = String::new();
-            for ((cell, width), is_number) in line.iter().zip(&widths).zip(&self.is_number) {
+            let columns = line.iter().zip(&widths).zip(&self.is_number).zip(&blocks);
+            for (((cell, width), is_number), _) in columns.filter(|(_, of)| of.is_none_or(|of| of == b)) {
                 let _ = if *is_number {
                     write!(text, "  {cell:>width$}")
                 } else {
@@ -224,6 +241,14 @@ mod tests {
         );
         let html = table.html();
         assert!(html.contains("<td class=\"text\">a&lt;b<td class=\"bad\">0.25<br><small>p95 0.30</small>"));
+    }
+
+    #[test]
+    fn wide_table_in_blocks_of_a_terminal() {
+        let mut table = Table::new(1.., ["sea", &"v".repeat(40), &"w".repeat(40)]);
+        table.row(cells!["calm", 1, 2]);
+        let text = table.text().replace(['v', 'w', ' '], "");
+        assert_eq!(text, "sea\ncalm1\nsea\ncalm2\n");
     }
 
     #[test]

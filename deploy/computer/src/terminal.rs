@@ -191,6 +191,13 @@ pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     }
 }
 
+/// Text in lines of a terminal, the further ones indented.
+pub fn wrapped(text: &str) -> String {
+    let mut out = String::new();
+    wrap(&mut out, 2, WIDTH, text);
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

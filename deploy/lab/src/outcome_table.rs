@@ -2,6 +2,7 @@
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, verdict};
+use alight_computer::terminal::wrapped;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::studies::statistics::{OddsBin, Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
@@ -104,11 +105,6 @@ fn plural(n: u32, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
-    let rate = 100.0 * at_most_95(unsafe_trials, trials);
-    format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
-}
-
 pub fn summary(s: &Summary) -> String {
     let (lo, hi) = wilson(s.successes, s.trials);
     let mut table = Table::new(1.., ["metric", "mean", "sd", "p95", "max"]);
@@ -120,18 +116,22 @@ pub fn summary(s: &Summary) -> String {
     let collisions = s.keep_out_collisions.map_or(String::new(), |n| {
         format!(", {}", plural(n, "keep-out collision"))
     });
-    format!(
-        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {}{}\n{}\n{}",
+    let (flown, percent) = (s.trials, 100.0 * s.successes as f64 / s.trials.max(1) as f64);
+    let landed = format!(
+        "{} of {flown} landed ({percent:.1} %, 95 % interval {:.1} to {:.1} %), {}{collisions}",
         s.successes,
-        s.trials,
-        100.0 * s.successes as f64 / s.trials.max(1) as f64,
         100.0 * lo,
         100.0 * hi,
         plural(s.unsafe_contacts, "unsafe contact"),
-        collisions,
-        unsafe_bound(s.unsafe_trials, s.trials),
-        table.text()
-    )
+    );
+    // One landing may have several such contacts, or none if it toppled or its motors stayed on.
+    let by = match (s.unsafe_trials, s.unsafe_contacts) {
+        (0, _) => String::new(),
+        (_, contacts) => format!(" (by {})", plural(contacts, "contact")),
+    };
+    let (bad, most) = (s.unsafe_trials, 100.0 * at_most_95(s.unsafe_trials, flown));
+    let bound = format!("unsafe: {bad} of {flown} landings{by}; with 95 % confidence at most {most:.1} %");
+    format!("{}\n{}\n{}", wrapped(&landed), wrapped(&bound), table.text())
 }
 
 /// Predicted probabilities of a landing and of an unsafe contact, with the observed frequencies.

@@ -60,7 +60,11 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
         progress.finish_and_clear();
         match run {
             Ok(run) => runs.push(run),
-            Err(None) => return Ok(Exit::Failed),
+            Err(None) => {
+                let text = "none is kept; a smaller --population ends earlier";
+                terminal::note(true, format!("interrupted after {flown:?} landings: {text}"));
+                return Ok(Exit::Failed);
+            }
             Err(Some(error)) => return Err(error),
         }
     }
@@ -94,10 +98,8 @@ fn text(estimate: &SplittingEstimate) -> String {
     } else {
         String::new()
     };
-    format!(
-        "unsafe: {rate}\n{} landings in {runs} runs{plateau}{levels}",
-        estimate.landings
-    )
+    let landings = format!("{} landings in {runs} runs{plateau}{levels}", estimate.landings);
+    format!("unsafe: {rate}\n{}", terminal::wrapped(&landings))
 }
 
 fn percent(p: f64) -> String {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::quantity::seconds;
-use alight_computer::terminal::{self, Form, note};
+use alight_computer::terminal::{self, Form, note, wrapped};
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormRule, Violation};
 use alight_sim::harness::storm::{
@@ -132,7 +132,6 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
             .map(|seed| Storm::drawn(seed, args.faults.into()));
         let batch: Vec<Storm> = drawn.map(|storm| coverage.aim(storm)).collect();
         let flown = in_parallel(args.jobs, "storms", &batch, |storm| fly_one(args, storm))?;
-        let flown: Vec<StormEnd> = flown.into_iter().flatten().collect();
         flown.iter().for_each(|end| coverage.add(end.flight, &end.flown));
         all.extend(flown);
         let over = match args.seconds {
@@ -187,11 +186,8 @@ impl Coverage {
     }
 }
 
-/// Flies one storm and shrinks it if it broke a rule; None once the end is requested.
-fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError> {
-    if end_requested() {
-        return Ok(None);
-    }
+/// Flies one storm and shrinks it if it broke a rule.
+fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     let seed = storm.seed;
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
@@ -215,11 +211,11 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError
     if let Some(broken) = &broken {
         show(args, broken)?;
     }
-    Ok(Some(StormEnd {
+    Ok(StormEnd {
         flight: storm.flight,
         flown,
         broken,
-    }))
+    })
 }
 
 /// Reads a list that real processes can fly, which has to be of a landing.
@@ -235,7 +231,7 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
 }
 
 fn read(path: &Path) -> Result<Storm, CliError> {
-    let doing = format_args!("reading the list {}", path.display());
+    let doing = format_args!("reading the list {} (--save writes them)", path.display());
     let length = std::fs::metadata(path).doing(doing)?.len();
     if length > MAX_LIST_BYTES {
         return Err(CliError(format!(
@@ -358,13 +354,16 @@ impl Summary {
             storms_per_s,
             ..
         } = self;
-        format!(
-            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {crashed} crashed under a fault that excuses it, {} broke a rule\n\
-             {faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
-             begun in {kinds_in_flights_begun} of {kinds_in_flights} pairs of kind and flight, \
-             {states_in_flights_begun} of {states_in_flights} of state and flight; {storms_per_s:.1} storms/s",
+        let ends = format!(
+            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {crashed} crashed under a fault that excuses it, {} broke a rule",
             self.broken.len()
-        )
+        );
+        let begun = format!(
+            "{faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
+             begun in {kinds_in_flights_begun} of {kinds_in_flights} pairs of kind and flight, \
+             {states_in_flights_begun} of {states_in_flights} of state and flight; {storms_per_s:.1} storms/s"
+        );
+        format!("{}\n{}", wrapped(&ends), wrapped(&begun))
     }
 }
 

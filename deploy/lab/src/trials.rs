@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal::{self, note};
+use alight_computer::terminal::{self, note, wrapped};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial::{Watch, fly};
@@ -17,7 +17,7 @@ use super::outcome_table;
 use super::scene::{Scene, stopwatch};
 
 /// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless
-/// standard error is a terminal. Results are in the order of the items.
+/// standard error is a terminal. Results are in the order of the items, of some of them if the end is requested.
 pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
@@ -28,16 +28,17 @@ pub fn in_parallel<T: Sync, R: Send>(
     let progress = ProgressBar::new(items.len() as u64)
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         .with_message(what.to_string());
-    let results = rayon::ThreadPoolBuilder::new()
+    let unless_ended = |item| (!end_requested()).then(|| run(item)).transpose();
+    let results: Result<Vec<Option<R>>, CliError> = rayon::ThreadPoolBuilder::new()
         .num_threads(jobs.map_or(0, usize::from))
         .build()
         .doing("starting the worker threads")?
         .install(|| {
             let items = items.par_iter().progress_with(progress.clone());
-            items.map(run).collect()
+            items.map(unless_ended).collect()
         });
     progress.finish_and_clear();
-    results
+    Ok(results?.into_iter().flatten().collect())
 }
 
 /// Flies one landing without a viewer, with the elapsed time.
@@ -82,23 +83,19 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
         // Beyond its end the recording starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
     };
-    let flown = in_parallel(args.jobs, "landings", &seeds, |seed| {
-        if end_requested() {
-            return Ok(None);
-        }
+    let outcomes = in_parallel(args.jobs, "landings", &seeds, |seed| {
         let mut scenario = scene.scenario.clone();
         if let (Some(start_s), Some(motion)) = (motion_start(*seed), scenario.deck_motion.as_mut()) {
             motion.start_s = start_s;
         }
-        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea).map(Some)
+        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea)
     })?;
-    let outcomes: Vec<Outcome> = flown.into_iter().flatten().collect();
     let interrupted = outcomes.len() < seeds.len();
     if interrupted {
         let (flown, all) = (outcomes.len(), seeds.len());
         note(
             args.form.alone(),
-            format_args!("interrupted after {flown} of {all} landings"),
+            format_args!("interrupted after {flown} of {all} landings; repeated, it begins again"),
         );
     }
     if outcomes.is_empty() {
@@ -112,14 +109,12 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let summary = Summary::of(&outcomes);
     for o in outcomes.iter().filter(|o| !o.success) {
         let start = motion_start(o.seed).map_or_else(String::new, |s| format!(" --motion-start {s}"));
+        let ended = wrapped(&format!("seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));
         note(
             args.form.alone(),
             format_args!(
-                "seed {0}: {1} ({2})\n  replay: alight trial --seed {0} {3}{start} --plot seed-{0}.svg",
-                o.seed,
-                o.outcome.name(),
-                o.reason,
-                scene.flags
+                "{ended}\n  replay: alight trial --seed {0} {1}{start} --plot seed-{0}.svg",
+                o.seed, scene.flags
             ),
         );
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use alight_computer::cells;
 use alight_computer::exit::CliError;
 use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::note;
+use alight_computer::terminal::{note, wrapped};
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
 use alight_sim::studies::paired::{self, COMPARED, Comparison};
 use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
@@ -132,6 +132,10 @@ impl ReportRow {
             planner,
             summary,
         })
+    }
+    fn replay_of_worst(&self) -> Option<String> {
+        let seed = self.worst_seeds.first()?;
+        Some(format!("{} --seed {seed}", self.command.as_ref()?))
     }
     fn seeds(&self) -> String {
         let worst: Vec<String> = self.worst_seeds.iter().map(u64::to_string).collect();
@@ -350,7 +354,7 @@ impl Report {
         let metrics = || SHOWN.iter().filter(|s| full || s.0 != "tangential_speed_mps");
         let mut heads = vec!["scenario", "planner", "landed"];
         heads.extend(full.then_some("95 %"));
-        heads.extend(["descents well", "unsafe", "water", "> 2 m/s"]);
+        heads.extend(["descents well", "unsafe contacts", "water", "> 2 m/s"]);
         heads.extend(metrics().map(|m| m.1));
         let mut table = Table::new(2.., heads);
         for row in &self.rows {
@@ -423,44 +427,38 @@ impl Report {
         }
         table
     }
-    fn extremes(&self) -> Table {
-        let mut table = Table::new(
-            5..,
-            [
-                "scenario",
-                "planner",
-                "worst seeds",
-                "best seed",
-                "replay of the worst",
-            ],
-        );
+    /// Worst and best seeds; the fifth column is the command that replays the worst.
+    fn extremes(&self, columns: usize) -> Table {
+        let heads = [
+            "scenario",
+            "planner",
+            "worst seeds",
+            "best seed",
+            "replay of the worst",
+        ];
+        let mut table = Table::new(3..4, heads.into_iter().take(columns));
         for row in &self.rows {
-            let seed = row.worst_seeds.first().copied().unwrap_or_default();
-            let command = row.command.as_ref().map(|c| format!("{c} --seed {seed}"));
-            table.row(cells![
-                row.scenario,
-                row.planner,
-                row.seeds(),
-                row.best_seed,
-                command.unwrap_or_else(|| "-".into())
-            ]);
+            let replay = row.replay_of_worst().unwrap_or_else(|| "-".into());
+            let cells = cells![row.scenario, row.planner, row.seeds(), row.best_seed, replay];
+            table.row(cells.into_iter().take(columns));
         }
         table
     }
     fn console(&self, title: &str, hash: &str) -> Vec<String> {
         let mut out = vec![
-            format!("{title}, configuration {hash}; mean, in brackets the 95th percentile"),
+            wrapped(&format!("{title}, configuration {hash}; mean (95th percentile)")),
             self.summary(false).text(),
         ];
-        out.extend(self.remarks.iter().cloned());
+        out.extend(self.remarks.iter().map(|text| wrapped(text)));
         let overall = self.differences(|c| c.scenario.is_none());
         if !overall.is_empty() {
             out.push("paired differences, mean and 95 % interval".into());
             out.push(overall.text());
         }
-        out.extend(self.failures.iter().cloned());
+        out.extend(self.failures.iter().map(|text| wrapped(text)));
         if self.rows.len() <= MAX_ROWS_WITH_EXTREMES {
-            out.push(self.extremes().text());
+            out.push(self.extremes(4).text());
+            out.extend(self.rows.iter().filter_map(ReportRow::replay_of_worst));
         }
         out
     }
@@ -497,7 +495,7 @@ impl Report {
             "By the largest fraction of a limit of success. Another seed in the command flies another trial."
                 .into(),
         ));
-        blocks.push(Block::Table(self.extremes()));
+        blocks.push(Block::Table(self.extremes(5)));
         if !self.failures.is_empty() {
             blocks.push(Block::Heading("Failures".into()));
             blocks.push(Block::Lines(self.failures.clone()));

@@ -13,9 +13,11 @@ use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::trial::Watch;
 use alight_sim::studies::statistics::wilson;
+use alight_transport::wake::end_requested;
 use alight_uav::planner::PlannerKind;
 
 use super::rows::StudyRow;
+use super::tasks;
 use crate::args::{Shard, StudyArgs};
 use crate::record::{self, RecordingScene};
 use crate::trials::{fly_seed, in_parallel, seeds};
@@ -72,7 +74,8 @@ fn rows_file(out: &Path) -> PathBuf {
 
 fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     let path = rows_file(dir);
-    let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
+    let doing = format!("reading the rows {} (of a study's --out)", path.display());
+    let reading = |e: csv::Error| CliError::because(&doing, e);
     let mut reader = csv::Reader::from_path(&path).map_err(reading)?;
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
@@ -250,6 +253,8 @@ impl RowsWriter {
 
 /// Flies the missing trials; returns all outcomes in the order of rows and seeds.
 pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, CliError> {
+    // The first call installs the handler of signals.
+    end_if_asked(args, 0, 0);
     let seeds = seeds(args.seed0, args.trials)?;
     let opened = args
         .out
@@ -295,12 +300,30 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
             .collect();
         done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
     }
+    end_if_asked(args, done.len(), wanted.len());
     let place = |o: &Outcome| rows.iter().position(|r| r.is_of(o));
     done.sort_by_key(|o| (place(o), o.seed));
     if let Some(out) = args.out.filter(|_| args.records_failed) {
         record_failed(args, out, rows, &done)?;
     }
     Ok(done)
+}
+
+/// Ends the process if it was asked to, with the landings flown of all, and the way to continue.
+pub fn end_if_asked(args: &GridRun<'_>, flown: usize, all: usize) {
+    if !end_requested() {
+        return;
+    }
+    let rest = match args.out.map(rows_file) {
+        Some(rows) => {
+            let (rows, command) = (rows.display(), tasks::given());
+            format!("{rows} has them; this continues:\n  {command}")
+        }
+        None => "they are lost; --out DIRECTORY keeps them".into(),
+    };
+    let text = format!("interrupted after {flown} of {all} landings: {rest}");
+    note(true, text);
+    std::process::exit(1);
 }
 
 /// Trials of a row between two checks of its interval.

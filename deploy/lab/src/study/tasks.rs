@@ -48,6 +48,12 @@ pub fn commands(
         .collect())
 }
 
+/// Command line of this process.
+pub fn given() -> String {
+    let given = std::env::args_os().map(|a| quoted(&a.to_string_lossy()));
+    given.collect::<Vec<_>>().join(" ")
+}
+
 fn kept(given: &[String]) -> Vec<&str> {
     let mut kept = Vec::new();
     let mut all = given.iter().map(String::as_str);

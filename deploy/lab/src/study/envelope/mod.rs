@@ -10,7 +10,7 @@ use std::path::Path;
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::note;
+use alight_computer::terminal::{note, wrapped};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
@@ -106,15 +106,15 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     note(
         args.form.alone(),
-        format_args!(
+        wrapped(&format!(
             "envelope: {} landings on {boat}, {} in each of {} cells; an interrupted run continues where it stopped",
             scenes.len() * grid.trials as usize,
             grid.trials,
             scenes.len()
-        ),
+        )),
     );
     if let Some(why) = grid.too_few() {
-        note(true, format_args!("warning: {why}"));
+        note(true, wrapped(&format!("warning: {why}")));
     }
     let flights = GridRun {
         study: "# alight envelope\n",
@@ -129,6 +129,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     };
     let outcomes = run::fly_grid(&flights, &scenes)?;
     let holds = hold::needed_n(&scenes, args.seed0, args.jobs)?;
+    run::end_if_asked(&flights, outcomes.len(), outcomes.len());
     let cells = cells(&grid, &outcomes, &holds);
     let hash = run::configuration_hash(&base.nodes);
     let title = format!("Landing envelope of {boat}");
@@ -137,11 +138,14 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     note(
         args.form.alone(),
         format_args!(
-            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}\n\
-             {HOLD_TITLE}\n{}",
-            100.0 * grid.rate,
+            "{}\n{}\n{}\n{}\n{}",
+            wrapped(&format!(
+                "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)",
+                100.0 * grid.rate
+            )),
             limits.text(),
-            bound(&cells),
+            wrapped(&bound(&cells)),
+            wrapped(HOLD_TITLE),
             needed.text()
         ),
     );
