@@ -6,7 +6,7 @@
 //! | onto the deck, m/s | `sqrt(v² + 2 a_b h_f)` | the pilot's, `1.3 u_z` |
 //! | along it, m/s | `v_t + v_l` | the pilot's, `u_xy`, gusts, `t_a m`, half of the turn's `v_t` |
 //! | horizontal thrust, m/s² | that against the wind | a tenth of its limit |
-//! | angle, rad | half of the bank against a strong wind | the pilot's, `sd(tilt)`, gusts, `k_a w_s / g` |
+//! | angle, rad | the bank against a strong wind at the contact | the pilot's, `sd(tilt)`, gusts, `k_a w_s / g` |
 //! | place, m | the present offset that remains | the pilot's, the forecast's, drift without vision, gusts |
 //!
 //! with `u` the unforeseen speeds that the deck gains within the drone's reaction time, and `m` the part of the deck's
@@ -38,13 +38,11 @@ const PLACE_SD_M: f64 = 0.03;
 const ALIGNMENT_S: f64 = 0.1;
 /// Increase of the deck's uncertainty between decision and contact by wave groups, as a factor.
 const CHANGES: f64 = 1.3;
-/// Fraction of the planned bank that remains at the contact, and standard deviation per axis of the
-/// unfinished part of a turn of `w_s / g`: maximum-likelihood fit to 48 landings begun at random moments in
-/// 12 m/s (acceleration 2 to 4.4 m/s²).
-const BANK_LEFT: f64 = 0.5;
-const UNFINISHED: f64 = 0.25;
+/// Standard deviation per axis of the unfinished part of a turn of `w_s / g`: maximum-likelihood fit to 60 landings begun
+/// at random moments in 12 m/s (acceleration 2 to 4.4 m/s²).
+const UNFINISHED: f64 = 0.1;
 /// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle at first
-/// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; landings of [`BANK_LEFT`].
+/// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; 48 landings begun at random moments in 12 m/s.
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
 /// Horizontal thrust per mass at the pilot's largest tilt (0.61 rad), m/s²: a vessel and a wind that need more leave the
 /// drone behind. Its relative standard deviation, by mass and drag.
@@ -96,6 +94,8 @@ pub struct Contact {
     pub blind_s: f64,
     /// Wind over the deck.
     pub wind: WindPush,
+    /// Wind predicted for the contact by what the drone measures now.
+    pub wind_at_contact: WindPush,
     /// Probability that the drone stays on the deck.
     pub stays: f64,
 }
@@ -109,15 +109,16 @@ impl Contact {
         let turns = 0.5 * self.turn_mps;
         let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, self.parted_mps, turns]);
         let strong = beyond_aligned(&wind);
-        let unfinished = UNFINISHED * strong / GRAVITY;
+        let last = self.wind_at_contact;
+        let unfinished = UNFINISHED * beyond_aligned(&last.mean) / GRAVITY;
         let tilt_sd = norm(&[
             TILT_SD_RAD,
             self.tilt_sd_rad,
-            TILT_PER_GUST * gust / GRAVITY,
+            TILT_PER_GUST * last.gust_sd / GRAVITY,
             unfinished,
         ]);
         // The drone banks against the wind that would move an aligned drone too fast.
-        let bank = BANK_LEFT * (wind - wind_during_alignment(&wind)).norm() / GRAVITY;
+        let bank = (last.mean - wind_during_alignment(&last.mean)).norm() / GRAVITY;
         let follows = below((MAX_THRUST_MPS2 - wind.norm()) / (THRUST_SD * MAX_THRUST_MPS2));
         let speed = (self.speed_mps.powi(2) + FIRST_FOOT_M * strong).sqrt();
         Odds {
@@ -153,6 +154,7 @@ mod tests {
             place_sd_m: 0.05,
             blind_s: BLIND_S,
             wind: WindPush::default(),
+            wind_at_contact: WindPush::default(),
             stays: 1.0,
         }
     }
@@ -166,7 +168,12 @@ mod tests {
                 mean: Vector2::new(0.0, push),
                 gust_sd: 0.3 * push,
             };
-            Contact { wind, ..calm() }.odds(&margins)
+            Contact {
+                wind,
+                wind_at_contact: wind,
+                ..calm()
+            }
+            .odds(&margins)
         };
         let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(odds_in_wind);
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);

@@ -20,10 +20,14 @@ const ALIGNED_FRACTION: f64 = 0.6;
 
 /// Speed along the deck at the contact, m/s, per gust of 1 m/s² (landings at random moments in 8 to 14 m/s).
 pub const ALONG_PER_GUST_S: f64 = 0.15;
-/// Tilt at the contact as a fraction of the bank that compensates the gust; same landings.
-pub const TILT_PER_GUST: f64 = 0.25;
+/// Tilt at the contact as a fraction of the bank that compensates the gust.
+pub const TILT_PER_GUST: f64 = 1.0 - ALIGNED_FRACTION;
 /// Displacement of the contact point, m, per gust of 1 m/s²; same landings.
 pub const PLACE_PER_GUST_S2: f64 = 0.15;
+
+/// Correlation time of gusts, s: the acceleration that a drone measured 0.3 to 3 s before 60 contacts in 12 m/s against
+/// its tilt at the contact.
+const GUST_S: f64 = 2.2;
 
 /// Effect of the wind over the deck on a drone that follows the vessel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,6 +44,15 @@ impl WindPush {
         WindPush {
             mean: drone.wind_push.into(),
             gust_sd: drone.gust_sd,
+        }
+    }
+    /// Wind `ahead_s` after the acceleration `now` (NED, m/s²) was measured.
+    #[must_use]
+    pub fn after(&self, now: &Vector2<f64>, ahead_s: f64) -> WindPush {
+        let remains = (-ahead_s / GUST_S).exp();
+        WindPush {
+            mean: self.mean + (now - self.mean) * remains,
+            gust_sd: self.gust_sd * (1.0 - remains * remains).sqrt(),
         }
     }
     /// Effect of the wind on a drone with usual drag above a moving vessel: `wind` is the true wind's
@@ -89,6 +102,15 @@ mod tests {
         assert!((accepted(1.201) - 1.2006).abs() < 1e-9 && (accepted(3.2) - 2.4).abs() < 1e-9);
         let beyond = |d: f64| beyond_aligned(&Vector2::new(0.0, d));
         assert!(beyond(-1.2) == 0.0 && (beyond(-3.2) - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn gust_of_now_that_is_forgotten() {
+        let (mean, now) = (Vector2::new(0.0, 3.0), Vector2::new(1.0, 1.0));
+        let wind = WindPush { mean, gust_sd: 0.8 };
+        let [at_once, late] = [0.0, 30.0].map(|s| wind.after(&now, s));
+        assert!((at_once.mean - now).norm() < 1e-9 && at_once.gust_sd < 1e-9);
+        assert!((late.mean - mean).norm() < 1e-5 && (late.gust_sd - 0.8).abs() < 1e-5);
     }
 
     #[test]

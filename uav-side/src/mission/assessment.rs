@@ -3,8 +3,8 @@
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
 use alight_shared::msg::{
-    CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve, State,
-    WaitingPlace,
+    CameraLight, DeckGrant, DroneState, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode,
+    Solve, State, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -49,6 +49,7 @@ impl MissionNode {
             forecast,
             deck,
             wind: self.wind(),
+            blown: self.drone.get().map(DroneState::disturbance).unwrap_or_default(),
             staying: &s.staying,
             drone,
             plate,

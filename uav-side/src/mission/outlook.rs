@@ -23,7 +23,7 @@ use alight_shared::landing::{
 };
 use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Rotation2, Vector3};
+use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
@@ -44,6 +44,8 @@ pub struct Outlook<'a> {
     pub forecast: &'a DeckForecast,
     pub deck: &'a Deck,
     pub wind: WindPush,
+    /// Measured acceleration by the wind, NED, m/s².
+    pub blown: Vector2<f64>,
     pub staying: &'a Staying,
     pub drone: &'a DroneGeometry,
     pub plate: &'a DeckGeometry,
@@ -102,6 +104,7 @@ impl Outlook<'_> {
             place_sd_m: reacted.position_sd[0].hypot(reacted.position_sd[1]) * FRAC_1_SQRT_2,
             blind_s: BLIND_S + self.deck.vision_age_s.min(self.deck.radio_age_s),
             wind,
+            wind_at_contact: wind.after(&self.blown, left_s),
             stays: self.staying.probability,
         };
         contact.odds(&Margins::on(self.plate, self.drone))
@@ -118,8 +121,6 @@ impl Outlook<'_> {
 mod tests {
     use super::super::tests::with_deck;
     use super::*;
-    use nalgebra::Vector2;
-
     use crate::fixtures::{forecast, header};
     use alight_shared::msg::ReasonCode;
 
@@ -145,6 +146,7 @@ mod tests {
             forecast: &f,
             deck: &deck,
             wind: WindPush::default(),
+            blown: Vector2::zeros(),
             staying: &Staying::default(),
             drone: &DroneGeometry::default(),
             plate: &DeckGeometry::default(),

@@ -340,6 +340,7 @@ impl Advisor {
             place_sd_m: PLACE_SD_M,
             blind_s: BLIND_S,
             wind,
+            wind_at_contact: wind,
             stays: staying.probability,
         };
         // If the motion is not finite the probability is zero.
